@@ -1,0 +1,99 @@
+"""`RobotController`: the paper's adaptive robust controller as a `Model`.
+
+Equation numbers are those of Han et al. 2021.
+"""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from fmu_export.model import DefaultExperiment, Layout, Model, Variable
+
+Array = Any
+
+PARAMETERS = Layout(
+    [
+        Variable(
+            "alpha",
+            "1",
+            "Weight of the robust part, (38); start value: optimum of Table 1, row (1, 1); 0 leaves PD control",
+            start=1.3597630486270763,
+            min=0.0,
+        ),
+        Variable(
+            "beta",
+            "N.m.s/rad",
+            "Weight of the PD part, (38); start value: optimum of Table 1, row (1, 1)",
+            start=1.6619894231768898,
+            min=0.0,
+        ),
+        Variable("S", "s-1", "Diagonal of S: ratio of position to velocity feedback", size=3, start=2.0, min=0.0),
+        Variable("k", "1", "Adaptation constant of (37)", start=12.0, min=1e-12),
+        Variable("psi_start", "1", "Initial estimate psi of the uncertainty bound", size=2, start=0.0),
+    ]
+)
+
+INPUTS = Layout(
+    [
+        Variable("theta_a", "rad", "Measured angle of the active links", size=3),
+        Variable("omega_a", "rad/s", "Measured angular velocity of the active links", size=3),
+        Variable("theta_ref", "rad", "Desired angle of the active links", size=3),
+        Variable("omega_ref", "rad/s", "Desired angular velocity of the active links", size=3),
+    ]
+)
+
+OUTPUTS = Layout(
+    [
+        Variable("tau_a", "N.m", "Control torque on the active joints", size=3),
+        Variable("psi", "1", "Estimate of the uncertainty bound, (90)", size=2),
+    ]
+)
+
+
+def _sliding_error(U: SimpleNamespace, P: SimpleNamespace) -> Array:
+    """s = theta_e' + S theta_e (3,) in rad/s, with theta_e = theta_a - theta_a,d (32)."""
+    return (U.omega_a - U.omega_ref) + P.S * (U.theta_a - U.theta_ref)
+
+
+def _regressor(U: SimpleNamespace) -> Array:
+    """Regressor [|theta_a|^2; |theta_a'|^2] (2,) of the bounding function (89)."""
+    return np.stack([U.theta_a @ U.theta_a, U.omega_a @ U.omega_a])
+
+
+def initial_state(p: Array) -> Array:
+    """Initial psi (2,)."""
+    return PARAMETERS.unpack(p).psi_start
+
+
+def derivatives(t: Any, x: Array, u: Array, p: Array) -> Array:  # noqa: ARG001 -- the law is autonomous
+    """Adaptive law psi' (2,) in 1/s, (37), (90)."""
+    U, P = INPUTS.unpack(u), PARAMETERS.unpack(p)
+    s = _sliding_error(U, P)
+    return np.sqrt(s @ s) / P.k * _regressor(U) - x
+
+
+def output_values(t: Any, x: Array, u: Array, p: Array) -> Array:  # noqa: ARG001
+    """Control torque (38) and psi, (5,)."""
+    U, P = INPUTS.unpack(u), PARAMETERS.unpack(p)
+    s = _sliding_error(U, P)
+    Pi = x @ _regressor(U)  # (89)
+    tau_1 = -s * Pi**2
+    tau_2 = -s
+    return OUTPUTS.pack(tau_a=P.alpha * tau_1 + P.beta * tau_2, psi=x)
+
+
+MODEL = Model(
+    name="RobotController",
+    description="Adaptive robust controller of Han et al. 2021 for a parallel robot with three active joints",
+    parameters=PARAMETERS,
+    inputs=INPUTS,
+    outputs=OUTPUTS,
+    states=("psi",),
+    initial_state=initial_state,
+    derivatives=derivatives,
+    output_values=output_values,
+    default_experiment=DefaultExperiment(stop_time=15.0, step_size=1e-3),
+)

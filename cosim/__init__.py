@@ -1,0 +1,1 @@
+"""Fixed-step co-simulation of FMUs."""

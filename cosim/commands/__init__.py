@@ -1,0 +1,1 @@
+"""The commands of the `cosim` program, one module each."""

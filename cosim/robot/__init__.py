@@ -1,0 +1,1 @@
+"""Everything in `cosim` that knows the robot: trajectory, scenarios, metrics, figures."""

@@ -1,0 +1,1 @@
+"""Export of FMI-free models: one `Model`, many back ends (FMUs, python-control)."""

@@ -1,0 +1,1 @@
+"""The robot: a planar 2-DOF redundantly actuated parallel mechanism as a `Model`."""
