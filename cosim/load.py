@@ -1,0 +1,69 @@
+"""Read, check and unpack FMU files."""
+
+from __future__ import annotations
+
+import hashlib
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import fmpy
+from fmpy.model_description import ModelDescription, read_model_description
+
+from cosim.errors import SetupError
+
+#: An archive that unpacks to more than this is refused: no co-simulation FMU is so large, but zip bombs are.
+MOST_UNPACKED_BYTES = 4 * 1024**3
+
+
+@dataclass(frozen=True)
+class LoadedFMU:
+    """An FMU file and its model description."""
+
+    path: Path
+    sha256: str
+    description: ModelDescription
+
+    def unpack(self, folder: Path) -> None:
+        """Unpack into a folder.
+
+        Raises
+        ------
+        OSError
+            The folder can't be written.
+        """
+        fmpy.extract(self.path, folder)
+
+
+def load(component: str, path: Path) -> LoadedFMU:
+    """Read an FMU file.
+
+    Raises
+    ------
+    SetupError
+        There is no such file, it is no FMU, or not one that this machine can co-simulate.
+    """
+    here = f"component '{component}': {path}"
+    if not path.is_file():
+        raise SetupError(f"{here}: there is no such FMU file; check the path, or build the FMU")
+    try:
+        with zipfile.ZipFile(path) as archive:
+            unpacked = sum(info.file_size for info in archive.infolist())
+        if unpacked > MOST_UNPACKED_BYTES:
+            raise SetupError(f"{here}: unpacks to {unpacked} bytes, more than any FMU needs; not opened")
+        description = read_model_description(str(path), validate=False)
+        platforms = fmpy.supported_platforms(str(path))
+    except SetupError:
+        raise
+    except zipfile.BadZipFile:
+        raise SetupError(f"{here}: not an FMU (not a zip archive)") from None
+    except Exception as error:  # fmpy raises bare exceptions here
+        raise SetupError(f"{here}: not a readable FMU: {' '.join(str(error).split())}") from error
+    if description.fmiVersion is None or description.fmiMajorVersion not in (2, 3):
+        raise SetupError(f"{here}: FMI {description.fmiVersion} is not supported; use FMI 2.0 or 3.0")
+    if description.coSimulation is None:
+        raise SetupError(f"{here}: has no co-simulation interface; export it for co-simulation")
+    if fmpy.platform not in platforms:
+        has = ", ".join(platforms) or "none"
+        raise SetupError(f"{here}: has no binary for {fmpy.platform} (it has: {has}); get one built for this platform")
+    return LoadedFMU(path, hashlib.sha256(path.read_bytes()).hexdigest(), description)

@@ -1,0 +1,127 @@
+"""The variables of an FMU under the names users write: scalars, elements and whole vectors.
+
+FMI 2.0 knows scalars only, of which `tau_a[1]`, `tau_a[2]`, ... make up the vector `tau_a`; FMI 3.0 has arrays, whose
+elements get the same names here. So both versions answer to the same names.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
+
+from fmpy.model_description import BaseUnit, ModelDescription, ModelVariable, Unit
+
+from cosim.errors import SetupError, nearest
+
+_ELEMENT = re.compile(r"(?P<vector>.+)\[\d+(,\d+)*\]$")
+
+#: Kind of a value, by FMI type: values of one kind may be connected.
+KINDS = {
+    "Real": "real",
+    "Float64": "real",
+    "Float32": "real",
+    "Integer": "integer",
+    "Enumeration": "integer",
+    "Boolean": "boolean",
+    **{f"{sign}Int{bits}": "integer" for sign in ("", "U") for bits in (8, 16, 32, 64)},
+}
+
+
+@dataclass(frozen=True)
+class Element:
+    """One scalar value of a variable: the variable itself in FMI 2.0, an element of an array in FMI 3.0."""
+
+    name: str
+    variable: ModelVariable
+    offset: int
+
+    @property
+    def kind(self) -> str:
+        """Kind of the value: real, integer, boolean, or the FMI type of what can't be exchanged."""
+        return KINDS.get(self.variable.type, self.variable.type)
+
+
+class Ports:
+    """Finds the elements of one component's variables by name."""
+
+    def __init__(self, component: str, description: ModelDescription) -> None:
+        self.component = component
+        self.description = description
+        self._elements: dict[str, Element] = {}
+        self._vectors: dict[str, list[Element]] = {}
+        for variable in description.modelVariables:
+            for element in _elements_of(variable):
+                self._elements[element.name] = element
+                match = _ELEMENT.match(element.name)
+                if match:
+                    self._vectors.setdefault(match["vector"], []).append(element)
+
+    def find(self, name: str) -> list[Element]:
+        """Elements of a scalar, an element or a vector.
+
+        Raises
+        ------
+        SetupError
+            No variable has this name; the message offers the nearest one.
+        """
+        if name in self._elements:
+            return [self._elements[name]]
+        if name in self._vectors:
+            return self._vectors[name]
+        hint = nearest(name, [*self._vectors, *self._elements])
+        raise SetupError(f"component '{self.component}' has no variable '{name}'; {hint}")
+
+    def all_elements(self) -> list[Element]:
+        """All elements, in the order of the model description."""
+        return list(self._elements.values())
+
+    def description_of(self, name: str) -> ModelVariable:
+        """The variable with this very name."""
+        return next(e.variable for e in self._elements.values() if e.variable.name == name)
+
+    def of_causality(self, causality: str) -> list[Element]:
+        """All elements of one causality, in the order of the model description."""
+        return [e for e in self._elements.values() if e.variable.causality == causality]
+
+    @cached_property
+    def feedthrough(self) -> dict[str, set[str]]:
+        """For each output the inputs it depends on directly; an undeclared dependency counts as one on all inputs."""
+        inputs = {v.name for v in self.description.modelVariables if v.causality == "input"}
+        return {
+            unknown.variable.name: inputs
+            if unknown.dependencies is None
+            else {d.name for d in unknown.dependencies if d.name in inputs}
+            for unknown in self.description.outputs
+        }
+
+    def unit(self, element: Element) -> Unit | None:
+        """Unit definition of an element, None where the FMU gives no unit."""
+        variable = element.variable
+        name = variable.unit
+        if name is None and variable.declaredType is not None:
+            name = variable.declaredType.unit
+        return next((u for u in self.description.unitDefinitions if u.name == name), None)
+
+
+def same_unit(a: Unit, b: Unit) -> bool:
+    """Whether two units mean the same: equal names, or equal SI exponents, factor and offset."""
+    if a.name == b.name:
+        return True
+    if a.baseUnit is None or b.baseUnit is None:
+        return False
+    return _signature(a.baseUnit) == _signature(b.baseUnit)
+
+
+def _signature(unit: BaseUnit) -> tuple[float, ...]:
+    exponents = (unit.kg, unit.m, unit.s, unit.A, unit.K, unit.mol, unit.cd, unit.rad)
+    return (*(float(e) for e in exponents), float(unit.factor), float(unit.offset))
+
+
+def _elements_of(variable: ModelVariable) -> list[Element]:
+    shape = variable.shape or ()
+    if not shape:
+        return [Element(variable.name, variable, 0)]
+    indices = product(*(range(1, n + 1) for n in shape))
+    return [Element(f"{variable.name}[{','.join(map(str, i))}]", variable, k) for k, i in enumerate(indices)]

@@ -1,0 +1,219 @@
+"""Check a system against the model descriptions of its FMUs, before anything runs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cosim.errors import SetupError, nearest
+from cosim.ports import KINDS, Element, Ports, same_unit
+from cosim.schedule import AlgebraicLoop, Node, levels
+from cosim.system import Component, Connection, Signal, SignalFunction, System
+
+
+@dataclass(frozen=True)
+class Link:
+    """A connection between two scalar values."""
+
+    source_component: str
+    source: Element
+    target_component: str
+    target: Element
+
+
+@dataclass(frozen=True)
+class Drive:
+    """A signal that feeds one or more scalar inputs of a component."""
+
+    component: str
+    targets: tuple[Element, ...]
+    function: SignalFunction
+
+
+@dataclass(frozen=True)
+class StartValue:
+    """Start values of the elements of one name."""
+
+    component: str
+    elements: tuple[Element, ...]
+    values: tuple[Any, ...]
+
+
+@dataclass(frozen=True)
+class ResolvedSystem:
+    """A system whose names stand for elements of FMUs and which has passed all checks.
+
+    `levels` is None where an algebraic loop forbids an order; only the parallel order can run such a system.
+    """
+
+    components: Mapping[str, Component]
+    ports: Mapping[str, Ports]
+    links: tuple[Link, ...]
+    drives: tuple[Drive, ...]
+    starts: tuple[StartValue, ...]
+    levels: Mapping[Node, int] | None
+
+
+def resolve(system: System, ports: Mapping[str, Ports], order: str) -> ResolvedSystem:
+    """Resolve and check all names of a system.
+
+    Raises
+    ------
+    SetupError
+        Wrong names, causalities, types, sizes or units; an input that is fed twice or not at all; an algebraic loop in
+        the sequential order.
+    """
+    links = tuple(link for c in system.connections for link in _links(c, ports))
+    drives = tuple(_drive(s, ports) for s in system.signals)
+    starts = tuple(
+        _start_value(ports[c.name], name, value) for c in system.components.values() for name, value in c.start.items()
+    )
+    _check_feeding(ports, links, drives, starts)
+    return ResolvedSystem(system.components, ports, links, drives, starts, _levels(ports, links, order))
+
+
+def split(path: str, ports: Mapping[str, Ports]) -> tuple[Ports, str]:
+    """Component and variable name of `component.variable`.
+
+    Raises
+    ------
+    SetupError
+        The path has no dot, or no component has this name.
+    """
+    component, dot, name = path.partition(".")
+    if not dot:
+        raise SetupError(f"'{path}' must be written as component.variable")
+    if component not in ports:
+        raise SetupError(f"'{path}': there is no component '{component}'; {nearest(component, ports)}")
+    return ports[component], name
+
+
+def _find(path: str, ports: Mapping[str, Ports], causality: str, role: str) -> tuple[str, list[Element]]:
+    port, name = split(path, ports)
+    elements = port.find(name)
+    for element in elements:
+        actual = element.variable.causality
+        if actual != causality:
+            article = "an" if actual[0] in "aeiou" else "a"
+            raise SetupError(f"'{path}' is {article} {actual} and can't be the {role}, which must be an {causality}")
+        if element.kind not in KINDS.values():
+            raise SetupError(f"'{path}' is of type {element.kind}, whose values can't be exchanged")
+    return port.component, elements
+
+
+def _links(connection: Connection, ports: Mapping[str, Ports]) -> list[Link]:
+    here = f"connection '{connection.source}' -> '{connection.target}'"
+    source_component, sources = _find(connection.source, ports, "output", "source of a connection")
+    target_component, targets = _find(connection.target, ports, "input", "target of a connection")
+    if len(sources) != len(targets):
+        raise SetupError(f"{here}: {len(sources)} values can't feed {len(targets)}; connect elements one by one")
+    for source, target in zip(sources, targets, strict=True):
+        if source.kind != target.kind:
+            raise SetupError(f"{here}: {source.kind} and {target.kind} don't match; connect values of one type")
+        a, b = ports[source_component].unit(source), ports[target_component].unit(target)
+        if a is not None and b is not None and not same_unit(a, b):
+            raise SetupError(f"{here}: units '{a.name}' and '{b.name}' don't match; convert one of them in its FMU")
+    return [Link(source_component, s, target_component, t) for s, t in zip(sources, targets, strict=True)]
+
+
+def _drive(signal: Signal, ports: Mapping[str, Ports]) -> Drive:
+    component, targets = _find(signal.target, ports, "input", "target of a signal")
+    return Drive(component, tuple(targets), signal.function)
+
+
+def _start_value(port: Ports, name: str, value: Any) -> StartValue:
+    elements = port.find(name)
+    here = f"start value of '{port.component}.{name}'"
+    for element in elements:
+        variable = element.variable
+        settable = variable.causality == "input" or variable.initial in ("exact", "approx")
+        if not settable or variable.variability == "constant":
+            raise SetupError(f"{here}: {variable.causality} variables can't be set; set parameters and inputs only")
+    if elements[0].kind == "String":
+        if not isinstance(value, str):
+            raise SetupError(f"{here}: {value!r} is not a text")
+        return StartValue(port.component, tuple(elements), (value,) * len(elements))
+    try:
+        array = np.atleast_1d(np.asarray(value, dtype=float)).ravel()
+    except (TypeError, ValueError):
+        raise SetupError(f"{here}: {value!r} is not a number or a list of numbers") from None
+    if array.size == 1:
+        array = np.full(len(elements), array[0])
+    if array.size != len(elements):
+        raise SetupError(f"{here}: {array.size} values were given for {len(elements)}")
+    for element, number in zip(elements, array, strict=True):
+        _check_number(here, element, float(number))
+    return StartValue(port.component, tuple(elements), tuple(map(float, array)))
+
+
+def _check_number(here: str, element: Element, number: float) -> None:
+    if not math.isfinite(number):
+        raise SetupError(f"{here}: {number} is not a finite number")
+    if element.kind != "real":
+        if not number.is_integer():
+            raise SetupError(f"{here}: {number!r} is not a value of type {element.kind}")
+        return
+    variable = element.variable
+    lower = -math.inf if variable.min is None else float(variable.min)
+    upper = math.inf if variable.max is None else float(variable.max)
+    if not lower <= number <= upper:
+        bounds = f"at least {lower!r}" if upper == math.inf else f"between {lower!r} and {upper!r}"
+        raise SetupError(f"{here}: {number!r} is out of bounds; it must be {bounds}")
+
+
+def _check_feeding(
+    ports: Mapping[str, Ports],
+    links: Iterable[Link],
+    drives: Iterable[Drive],
+    starts: Iterable[StartValue],
+) -> None:
+    """Every input has exactly one connection or signal, or else a start value."""
+    fed: dict[Node, str] = {}
+    feeders = [
+        *((k.target_component, k.target.name, f"'{k.source_component}.{k.source.name}'") for k in links),
+        *((d.component, e.name, "a signal") for d in drives for e in d.targets),
+    ]
+    for component, name, by in feeders:
+        first = fed.setdefault((component, name), by)
+        if first is not by:
+            raise SetupError(f"input '{component}.{name}' is fed twice, by {first} and by {by}; remove one of them")
+    held = {(s.component, e.name) for s in starts for e in s.elements}
+    for component, port in ports.items():
+        missing = [
+            e.name
+            for e in port.of_causality("input")
+            if (component, e.name) not in fed and (component, e.name) not in held
+        ]
+        if missing:
+            names = ", ".join(f"'{component}.{n}'" for n in missing)
+            raise SetupError(
+                f"nothing feeds input {names}; connect it, drive it with a signal, or hold it at a start value"
+            )
+
+
+def _levels(ports: Mapping[str, Ports], links: Iterable[Link], order: str) -> dict[Node, int] | None:
+    feeds: dict[Node, set[Node]] = {}
+    inputs: set[Node] = set()
+    for component, port in ports.items():
+        for output, depends_on in port.feedthrough.items():
+            feeds[component, output] = {(component, name) for name in depends_on}
+        for element in port.of_causality("input"):
+            inputs.add((component, element.variable.name))
+            feeds.setdefault((component, element.variable.name), set())
+    for link in links:
+        target = (link.target_component, link.target.variable.name)
+        feeds[target].add((link.source_component, link.source.variable.name))
+    try:
+        return levels(feeds, inputs)
+    except AlgebraicLoop as loop:
+        if order == "sequential":
+            raise SetupError(
+                f"algebraic loop {loop}: every output in it depends at once on the input before it; "
+                "use order='parallel', which breaks the loop by a delay of one step, "
+                "or FMUs that declare which inputs their outputs depend on"
+            ) from None
+        return None

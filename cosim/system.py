@@ -1,0 +1,99 @@
+"""What is simulated: components (FMUs), connections between them, and input signals."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+from cosim.errors import SetupError
+
+#: A function of time (s) that gives the value of an input: a number, or a sequence for a vector.
+SignalFunction = Callable[[float], Any]
+
+
+@dataclass(frozen=True)
+class Component:
+    """One instance of an FMU; see `System.add`."""
+
+    name: str
+    fmu: Path
+    start: Mapping[str, Any]
+    every: int
+
+
+@dataclass(frozen=True)
+class Connection:
+    """An output of one component that feeds an input of another; both are `component.variable`."""
+
+    source: str
+    target: str
+
+
+@dataclass(frozen=True)
+class Signal:
+    """A function of time that feeds an input, `component.variable`."""
+
+    target: str
+    function: SignalFunction
+
+
+@dataclass
+class System:
+    """Components, connections and input signals, by name; nothing is loaded or checked before `simulate`.
+
+    Examples
+    --------
+    >>> system = System()
+    >>> system.add("plant", "fmus/pythonfmu/RobotPlant.fmu", start={"tau_d": [0, 0, 0], "dm": 0})
+    >>> system.drive("plant.tau_a", lambda t: [0.1, 0.1, 0.1])
+    """
+
+    components: dict[str, Component] = field(default_factory=dict)
+    connections: list[Connection] = field(default_factory=list)
+    signals: list[Signal] = field(default_factory=list)
+
+    def add(
+        self,
+        name: str,
+        fmu: str | PathLike[str],
+        start: Mapping[str, float | int | bool | str | Sequence[float]] | None = None,
+        every: int = 1,
+    ) -> None:
+        """Add a component.
+
+        Parameters
+        ----------
+        name : str
+            Name of the instance; names of variables in results begin with it.
+        fmu : path
+            FMU file (FMI 2.0 or 3.0 co-simulation).
+        start : mapping, optional
+            Start values of parameters and inputs; whole vectors by their common name. An input that has one needs
+            no connection.
+        every : int
+            The component communicates at every so many communication points; its step is that multiple of the
+            communication step.
+
+        Raises
+        ------
+        SetupError
+            The name is taken or malformed, or `every` is not a positive integer.
+        """
+        if not name or "." in name:
+            raise SetupError(f"component name {name!r} must be a non-empty text without a dot")
+        if name in self.components:
+            raise SetupError(f"there are two components named '{name}'; give each its own name")
+        if isinstance(every, bool) or not isinstance(every, int) or every < 1:
+            raise SetupError(f"component '{name}': every = {every!r} must be a positive whole number of steps")
+        self.components[name] = Component(name, Path(fmu), dict(start or {}), every)
+
+    def connect(self, source: str, target: str) -> None:
+        """Connect an output to an input, both `component.variable`; scalars, or whole vectors of equal size."""
+        self.connections.append(Connection(source, target))
+
+    def drive(self, target: str, function: SignalFunction) -> None:
+        """Feed an input from a function of time (s), sampled at the communication points and held in between."""
+        self.signals.append(Signal(target, function))
