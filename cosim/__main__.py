@@ -1,0 +1,40 @@
+"""The program `cosim`."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import traceback
+from collections.abc import Sequence
+
+from cosim.commands import compare, run, tune, validate
+from cosim.errors import CosimError
+from cosim.versions import versions
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the program; returns the exit code: 0 only on success, 130 after Ctrl-C."""
+    parser = argparse.ArgumentParser(
+        prog="cosim", description="Co-simulation of a closed-chain robot and its controller as FMUs."
+    )
+    parser.add_argument("--version", action="version", version=versions()["closed-chain-cosim"])
+    parser.add_argument("--debug", action="store_true", help="show the traceback of an error")
+    subparsers = parser.add_subparsers(required=True, metavar="COMMAND")
+    for command in (run, tune, validate, compare):
+        command.register(subparsers)
+    options = parser.parse_args(arguments)
+    try:
+        return int(options.run(options))
+    except KeyboardInterrupt:
+        print("cosim: interrupted", file=sys.stderr)
+        return 130
+    except (CosimError, ValueError, OSError) as error:
+        if options.debug:
+            traceback.print_exc()
+        else:
+            print(f"cosim: {error}", file=sys.stderr)
+        return 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,176 @@
+"""`cosim run`: couple the FMUs in a scenario, write results, summary and figures."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from tqdm import tqdm
+
+from cosim.errors import CosimError, SimulationError, SimulationInterrupted, nearest
+from cosim.master import simulate
+from cosim.output import check_writable, write_json, write_somewhere
+from cosim.results import Results
+from cosim.robot import fmus
+from cosim.robot.figures import write_figures
+from cosim.robot.metrics import metrics
+from cosim.robot.scenario import Scenario, load_scenario, names
+from cosim.robot.signals import SHAPES
+from cosim.versions import versions
+
+
+SHAPE_NAMES = {kind: name for name, kind in SHAPES.items()}
+
+
+class UsageError(CosimError):
+    """Command-line options that make no sense."""
+
+
+def register(subparsers: Any) -> None:
+    """Add the parser of `cosim run`."""
+    parser = subparsers.add_parser(
+        "run",
+        help="run a scenario of the coupled FMUs",
+        description=f"Couple the FMUs in a scenario. Scenarios: {', '.join(names())}, or a TOML file.",
+    )
+    parser.add_argument("scenario", nargs="?", default="tracking", help="name or path (default %(default)s)")
+    parser.add_argument("--flavour", choices=fmus.FLAVOURS, default="pythonfmu", help="default %(default)s")
+    parser.add_argument("--fmus", type=Path, default=Path("fmus"), metavar="DIR", help="FMU folder (default fmus)")
+    parser.add_argument("--step", type=float, metavar="H", help="communication step in s")
+    parser.add_argument("--stop", type=float, metavar="T", help="stop time in s")
+    parser.add_argument("--order", choices=("sequential", "parallel"), help="order of the value exchange")
+    parser.add_argument(
+        "--coupling",
+        choices=("auto", "hold"),
+        default="auto",
+        help="inputs between communication points: held (auto: the best the FMUs can do, which is hold)",
+    )
+    parser.add_argument("--seed", type=int, help="seed of the random signals")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="folder of the results (default results/<scenario>)")
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="INSTANCE.NAME=VALUE",
+        help="start value of a variable, as controller.alpha=2; may be repeated",
+    )
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run `cosim run`; returns the exit code, raises CosimError with one line on bad input."""
+    scenario = _scenario(args)
+    folder: Path = args.out if args.out is not None else Path("results") / scenario.name
+    check_writable(folder)
+    for path in fmus.build_missing(args.fmus, args.flavour):
+        print(f"built {path}")
+    stale = fmus.newer_sources(args.fmus, args.flavour)
+    if stale:
+        print(f"note: {stale[0].name} has changed since the FMUs were built; rebuild with: python build_fmus.py")
+    system = scenario.system(args.fmus, args.flavour)
+    try:
+        with _progress(scenario.stop_time) as progress:
+            results = simulate(
+                system, scenario.stop_time, scenario.step_size, order=scenario.order, progress=progress
+            )
+    except SimulationError as error:
+        if error.results is None:
+            raise
+        _write(error.results, scenario, folder, error=str(error))
+        raise CosimError(f"{error}; what was recorded is in {folder}") from error
+    except SimulationInterrupted as interrupt:
+        _write(interrupt.results, scenario, folder, error=str(interrupt))
+        print(f"cosim: {interrupt}; what was recorded is in {folder}", file=sys.stderr)
+        return 130
+    summary = _write(results, scenario, folder)
+    print(_table(summary, scenario, folder))
+    return 0
+
+
+def _scenario(args: argparse.Namespace) -> Scenario:
+    """The scenario with the options of the command line."""
+    scenario = load_scenario(args.scenario)
+    given = {"step_size": args.step, "stop_time": args.stop, "order": args.order, "seed": args.seed}
+    scenario = dataclasses.replace(scenario, **{k: v for k, v in given.items() if v is not None})
+    for assignment in args.set:
+        path, equals, text = assignment.partition("=")
+        instance, dot, name = path.partition(".")
+        try:
+            value = float(text)
+        except ValueError:
+            equals = ""
+        if not (equals and dot and name):
+            raise UsageError(f"--set {assignment}: write INSTANCE.NAME=NUMBER, as controller.alpha=2")
+        if instance not in scenario.components:
+            hint = nearest(instance, scenario.components)
+            raise UsageError(f"--set {assignment}: the scenario has no component '{instance}'; {hint}")
+        scenario = scenario.with_start_value(instance, name, value)
+    return scenario
+
+
+@contextmanager
+def _progress(stop_time: float) -> Iterator[Callable[[float], None]]:
+    """A progress bar in simulated seconds, for runs that take more than two seconds."""
+    layout = "{desc} {percentage:3.0f}%|{bar}| {n:.1f}/{total:.1f} s simulated [{elapsed}<{remaining}]"
+    with tqdm(total=stop_time, desc="running", delay=2.0, leave=False, bar_format=layout) as bar:
+
+        def report(time: float) -> None:
+            bar.update(time - bar.n)
+
+        yield report
+
+
+def _write(results: Results, scenario: Scenario, folder: Path, error: str | None = None) -> dict[str, Any]:
+    """Write results, summary and figures; returns the summary."""
+    summary = {
+        "scenario": scenario.name,
+        "title": scenario.title,
+        "seed": scenario.seed,
+        **results.info,
+        "signals": {t: {"shape": SHAPE_NAMES[type(s)], **dataclasses.asdict(s)} for t, s in scenario.signals.items()},
+        "coupling": "hold",
+        "error": error,
+        "metrics": metrics(results, scenario.steady_after) if len(results.time) else None,
+        "versions": versions(),
+    }
+
+    def write(folder: Path) -> None:
+        results.to_csv(folder / "results.csv")
+        write_json(folder / "summary.json", summary)
+        if len(results.time) > 1:
+            write_figures(results, scenario.title, scenario.steady_after, folder)
+
+    write_somewhere(write, folder)
+    return summary
+
+
+def _table(summary: dict[str, Any], scenario: Scenario, folder: Path) -> str:
+    """What the run found, for people."""
+    found = summary["metrics"]
+    lines = [
+        scenario.title,
+        f"{scenario.stop_time:g} s at {scenario.step_size * 1e3:g} ms, {scenario.order} order: "
+        f"loop {summary['loop_time_s']:.2f} s",
+    ]
+    if found["tracking"]:
+        steady = f"steady max (t >= {scenario.steady_after:g} s)"
+        lines.append(f"\n{'tracking error':<16}{'max':>12}{'rms':>12}{'accumulated':>16}{steady:>28}")
+        for name, e in found["tracking"].items():
+            unit = "mm" if name in "xy" else "mrad"
+            last = "-" if e["steady_max"] is None else f"{e['steady_max'] * 1e3:.4g} {unit}"
+            lines.append(
+                f"{name:<16}{e['max'] * 1e3:>7.4g} {unit:<4}{e['rms'] * 1e3:>7.4g} {unit:<4}"
+                f"{e['accumulated'] * 1e3:>9.4g} {unit + ' s':<6}{last:>28}"
+            )
+    effort = found["control_effort"]
+    lines += [
+        f"\nlargest torque {effort['max']:.4g} N.m, integral of its square {effort['integral']:.4g} N2.m2.s, "
+        f"largest closure error {found['closure_error_max']:.2g} m",
+        f"results, summary and figures: {folder}",
+    ]
+    return "\n".join(lines)

@@ -1,0 +1,31 @@
+"""`cosim validate`: check FMU files with fmpy's validator, one line a finding."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from fmpy.validation import validate_fmu
+
+
+def register(subparsers: Any) -> None:
+    """Add the parser of `cosim validate`."""
+    parser = subparsers.add_parser(
+        "validate", help="check FMU files", description="Check FMU files; prints one line a finding, exits 1 on any."
+    )
+    parser.add_argument("fmu", nargs="+", type=Path, help="FMU file")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run `cosim validate`; returns 0 when nothing was found, else 1."""
+    found = False
+    for path in args.fmu:
+        problems = validate_fmu(str(path)) if path.is_file() else ["there is no such file"]
+        for problem in problems:
+            print(f"{path}: {' '.join(problem.split())}")
+        found = found or bool(problems)
+        if not problems:
+            print(f"{path}: ok")
+    return int(found)

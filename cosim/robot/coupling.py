@@ -1,0 +1,12 @@
+"""Which outputs of robot, controller and trajectory feed which inputs; used by FMUs and by python-control alike."""
+
+from __future__ import annotations
+
+#: (source, target) as `instance.variable`, whole vectors.
+CONNECTIONS = (
+    ("plant.theta_a", "controller.theta_a"),
+    ("plant.omega_a", "controller.omega_a"),
+    ("trajectory.theta_ref", "controller.theta_ref"),
+    ("trajectory.omega_ref", "controller.omega_ref"),
+    ("controller.tau_a", "plant.tau_a"),
+)

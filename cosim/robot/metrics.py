@@ -1,0 +1,71 @@
+"""Numbers that say how good a run was."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy.integrate import trapezoid
+
+from cosim.results import Results
+
+#: Tracking error name -> actual and desired variable.
+_PAIRS = {
+    "x": ("plant.x_E", "trajectory.x_ref"),
+    "y": ("plant.y_E", "trajectory.y_ref"),
+    **{f"theta_a[{i}]": (f"plant.theta_a[{i}]", f"trajectory.theta_ref[{i}]") for i in (1, 2, 3)},
+}
+
+
+def tracking_errors(results: Results) -> dict[str, np.ndarray]:
+    """Errors actual - desired (n,) of x and y (m) and of the active joints (rad, (32)); empty without a trajectory."""
+    return {
+        name: results[actual] - results[desired]
+        for name, (actual, desired) in _PAIRS.items()
+        if actual in results and desired in results
+    }
+
+
+def metrics(results: Results, steady_after: float) -> dict[str, Any]:
+    """Summarise a run.
+
+    Parameters
+    ----------
+    results : Results
+        Of a scenario of the robot.
+    steady_after : float
+        From this time (s) on errors count as steady.
+
+    Returns
+    -------
+    dict
+        `tracking`: for x, y (m) and each joint (rad) `max`, `rms` and `accumulated` (integral of the absolute error,
+        as Figs. 13-17 of the paper) over the run, `steady_max` and `steady_rms` from `steady_after` on (None for a
+        shorter run); `control_effort`: `max` (N m) and `integral` of |tau_a|^2 (N^2 m^2 s); `closure_error_max` (m).
+    """
+    time = results.time
+    steady = time >= steady_after
+    tracking = {
+        name: {
+            "max": float(np.abs(error).max()),
+            "rms": _rms(error),
+            "accumulated": float(trapezoid(np.abs(error), time)),
+            "steady_max": float(np.abs(error[steady]).max()) if steady.any() else None,
+            "steady_rms": _rms(error[steady]) if steady.any() else None,
+        }
+        for name, error in tracking_errors(results).items()
+    }
+    tau_a = results["plant.tau_a"]
+    return {
+        "tracking": tracking,
+        "control_effort": {
+            "max": float(np.abs(tau_a).max()),
+            "integral": float(trapezoid((tau_a**2).sum(axis=1), time)),
+        },
+        "closure_error_max": float(results["plant.closure_error"].max()),
+        "steady_after": steady_after,
+    }
+
+
+def _rms(error: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(error**2)))

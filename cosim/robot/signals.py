@@ -1,0 +1,93 @@
+"""Input signals that scenarios name: functions of time described by a few numbers.
+
+A random signal is random once: its seed fixes it, and it is a function of time like any other, so that runs with
+different steps, and runs without a step, get the same disturbance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+#: Value of a signal at a time (s): (size,).
+SignalFunction = Callable[[float], np.ndarray]
+
+
+@dataclass(frozen=True)
+class Sine:
+    """amplitude * sin(2 pi frequency t + phase), the same for all elements.
+
+    Parameters
+    ----------
+    amplitude : float
+        In the unit of the input.
+    frequency : float
+        In Hz.
+    phase : float
+        In rad.
+    """
+
+    amplitude: float
+    frequency: float
+    phase: float = 0.0
+
+    def function(self, size: int, seed: int, target: str) -> SignalFunction:  # noqa: ARG002 -- nothing random
+        """The signal for an input of some size."""
+
+        def value(t: float) -> np.ndarray:
+            return np.full(size, self.amplitude * np.sin(2.0 * np.pi * self.frequency * t + self.phase))
+
+        return value
+
+
+@dataclass(frozen=True)
+class Multisine:
+    """A random disturbance: from `start_time` on, a sum of sines with random frequencies and phases.
+
+    The usual random-phase multisine of system identification (Pintelon and Schoukens, System Identification, 2012,
+    section 5.2.2), with frequencies drawn as well so that it does not repeat. Smooth after it sets in, band-limited,
+    and of a given size.
+
+    Parameters
+    ----------
+    rms : float
+        Root mean square of each element, in the unit of the input.
+    lowest, highest : float
+        Band of the frequencies (Hz).
+    components : int
+        Number of sines for each element.
+    start_time : float
+        When it sets in (s); it is zero before.
+    """
+
+    rms: float
+    lowest: float
+    highest: float
+    components: int = 20
+    start_time: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.lowest <= self.highest:
+            raise ValueError(f"the band [{self.lowest!r}, {self.highest!r}] Hz must not be negative and must ascend")
+        if self.components < 1:
+            raise ValueError(f"components = {self.components!r} must be 1 or more")
+
+    def function(self, size: int, seed: int, target: str) -> SignalFunction:
+        """The signal for an input of some size; each target gets its own, the same for the same seed."""
+        random = np.random.default_rng([seed, *target.encode()])
+        frequencies = random.uniform(self.lowest, self.highest, (size, self.components))
+        phases = random.uniform(0.0, 2.0 * np.pi, (size, self.components))
+        amplitude = self.rms * np.sqrt(2.0 / self.components)
+
+        def value(t: float) -> np.ndarray:
+            if t < self.start_time:
+                return np.zeros(size)
+            return amplitude * np.sin(2.0 * np.pi * frequencies * (t - self.start_time) + phases).sum(axis=1)
+
+        return value
+
+
+#: Signal classes by the `shape` that scenarios write.
+SHAPES: dict[str, type[Sine] | type[Multisine]] = {"sine": Sine, "multisine": Multisine}

@@ -1,0 +1,76 @@
+"""A `Model` as a python-control system: for linearisation, margins and as an oracle without FMUs and steps."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import control
+import numpy as np
+
+from fmu_export.model import Array, Layout, Model
+
+
+def to_control(
+    model: Model,
+    name: str | None = None,
+    parameters: Mapping[str, float | Sequence[float]] | None = None,
+) -> control.NonlinearIOSystem:
+    """Wrap a model as a continuous-time system.
+
+    Parameters
+    ----------
+    model : Model
+        Any model; its functions are called as they are.
+    name : str, optional
+        Name of the system; the model's by default.
+    parameters : mapping, optional
+        Values of parameters, scalars or vectors by their declared names; the others keep their start values.
+
+    Returns
+    -------
+    control.NonlinearIOSystem
+        Signals have the names of the model's variables, `theta_a[1]` and so on. python-control's `params`, which all
+        parts of an interconnected system share, override scalar parameters by name.
+
+    Raises
+    ------
+    ValueError
+        `parameters` has an unknown name or a value of the wrong size.
+    """
+    defaults = parameter_array(model.parameters, parameters or {})
+    names = model.parameters.names
+
+    def p(params: Mapping[str, Any]) -> Array:
+        if not params:
+            return defaults
+        return np.array([params.get(n, default) for n, default in zip(names, defaults, strict=True)])
+
+    return control.NonlinearIOSystem(
+        lambda t, x, u, params: model.derivatives(t, x, u, p(params)),
+        lambda t, x, u, params: model.output_values(t, x, u, p(params)),
+        inputs=list(model.inputs.names),
+        outputs=list(model.outputs.names),
+        states=list(model.state_layout.names),
+        name=name or model.name,
+    )
+
+
+def parameter_array(parameters: Layout, values: Mapping[str, float | Sequence[float]]) -> np.ndarray:
+    """Parameters (n_p,) with the given values and start values for the others.
+
+    Raises
+    ------
+    ValueError
+        A name is no parameter, or a value has the wrong size.
+    """
+    p = parameters.starts.copy()
+    view = vars(parameters.unpack(np.arange(len(parameters))))
+    for name, value in values.items():
+        if name not in view:
+            raise ValueError(f"there is no parameter '{name}'; known are {', '.join(view)}")
+        try:
+            p[view[name]] = value
+        except (TypeError, ValueError):
+            raise ValueError(f"parameter '{name}': {value!r} does not fit its {np.size(view[name])} values") from None
+    return p
