@@ -177,9 +177,7 @@ class PointTable(_PiecewiseLinear):
         _require_finite("points", **{f"point {i + 1}": v for i, v in enumerate(self.points)})
         for first, second in pairwise(self.points):
             if first >= second:
-                raise MembershipError(
-                    f"points membership: v = {second!r} after {first!r}; points must increase"
-                )
+                raise MembershipError(f"points membership: v = {second!r} after {first!r}; points must increase")
         for v, weight in zip(self.points, self.weights, strict=True):
             if not 0 <= weight <= 1:
                 raise MembershipError(f"points membership: weight {weight!r} at v = {v!r} must be in [0, 1]")
@@ -286,14 +284,10 @@ def membership_from_text(text: str) -> Membership:
     if name == "points":
         pairs = [field.split("=") for field in fields]
         if any(len(pair) != 2 for pair in pairs):
-            raise MembershipError(
-                f"membership {text!r}: write every point as v=w, as in points:0=0,0.25=1,0.5=0"
-            )
+            raise MembershipError(f"membership {text!r}: write every point as v=w, as in points:0=0,0.25=1,0.5=0")
         return PointTable(*(tuple(_number(pair[i], text) for pair in pairs) for i in (0, 1)))
     if name not in _FORMS:
-        raise MembershipError(
-            f"unknown membership {name!r} in {text!r}; known: {', '.join([*_FORMS, 'points'])}"
-        )
+        raise MembershipError(f"unknown membership {name!r} in {text!r}; known: {', '.join([*_FORMS, 'points'])}")
     forms = _FORMS[name]
     if len(fields) not in forms:
         counts = " or ".join(str(count) for count in sorted(forms))
@@ -327,8 +321,7 @@ def _require_ascending(name: str, **numbers: float) -> None:
     for (first, low), (second, high) in pairwise(numbers.items()):
         if low > high:
             raise MembershipError(
-                f"{name} membership: {first} = {low!r} is above {second} = {high!r}; "
-                f"give {' <= '.join(numbers)}"
+                f"{name} membership: {first} = {low!r} is above {second} = {high!r}; give {' <= '.join(numbers)}"
             )
 
 

@@ -54,7 +54,7 @@ OUTPUTS = Layout(
 
 
 def _sliding_error(U: SimpleNamespace, P: SimpleNamespace) -> Array:
-    """s = theta_e' + S theta_e (3,) in rad/s, with theta_e = theta_a - theta_a,d (32)."""
+    """Error s = theta_e' + S theta_e (3,) in rad/s, with theta_e = theta_a - theta_a,d (32)."""
     return (U.omega_a - U.omega_ref) + P.S * (U.theta_a - U.theta_ref)
 
 

@@ -21,7 +21,7 @@ POWER_OF_ALPHA = np.array([0, -2, -2, -1, -1, 0, 0, 2, 0])
 POWER_OF_BETA = np.array([0, -3, -2, -2, -1, -1, 1, 0, 2])
 
 
-class NoMinimum(ValueError):  # noqa: N818 -- the name is the finding
+class NoMinimum(ValueError):
     """J has no minimum over alpha, beta > 0; the message names cause and remedy."""
 
 
@@ -67,15 +67,11 @@ class PerformanceIndex:
         for name in (f.name for f in fields(self)):
             value = getattr(self, name)
             if not (np.isfinite(value) and value >= 0):
-                raise ValueError(
-                    f"performance index: {name} = {value!r} must be a finite number, 0 or greater"
-                )
+                raise ValueError(f"performance index: {name} = {value!r} must be a finite number, 0 or greater")
         if self.k == 0:
             raise ValueError("performance index: k = 0 must be greater than 0")
         if not 0 < self.lambda_3 <= 1:
-            raise ValueError(
-                f"performance index: lambda_3 = {self.lambda_3!r} must be in (0, 1]: give min(S_ii, 1)"
-            )
+            raise ValueError(f"performance index: lambda_3 = {self.lambda_3!r} must be in (0, 1]: give min(S_ii, 1)")
         if not self.D4 > self.D2**2:
             raise ValueError(
                 f"performance index: D4 = {self.D4!r} must be greater than D2^2 = {self.D2**2!r}; "
@@ -161,9 +157,7 @@ class OptimalGains:
     @property
     def is_unique_minimum(self) -> bool:
         """Whether the numbers prove the global minimum over all alpha, beta > 0."""
-        return (
-            self.relative_gradient < 1e-12 and self.hessian_eigenvalues[0] > 0 and self.convexity_margin > 0
-        )
+        return self.relative_gradient < 1e-12 and self.hessian_eigenvalues[0] > 0 and self.convexity_margin > 0
 
 
 def optimal_gains(index: PerformanceIndex, start: tuple[float, float] = (1.0, 1.0)) -> OptimalGains:
@@ -193,9 +187,7 @@ def optimal_gains(index: PerformanceIndex, start: tuple[float, float] = (1.0, 1.
     try:
         with np.errstate(divide="raise", over="raise", invalid="raise"):
             if reason := reason_for_no_minimum(index.rho):
-                raise NoMinimum(
-                    f"no optimal gains for mu = {index.mu!r}, nu = {index.nu!r}: {reason}; give nu > 0"
-                )
+                raise NoMinimum(f"no optimal gains for mu = {index.mu!r}, nu = {index.nu!r}: {reason}; give nu > 0")
             gains = _certificate(index, *np.exp(_newton(index, _descend(index, np.log(start)))).tolist())
     except (ArithmeticError, np.linalg.LinAlgError):
         gains = None
@@ -206,9 +198,7 @@ def optimal_gains(index: PerformanceIndex, start: tuple[float, float] = (1.0, 1.
     return gains
 
 
-def lyapunov_constants(
-    M: ArrayLike, theta_e: ArrayLike, omega_e: ArrayLike, S: ArrayLike
-) -> tuple[float, float]:
+def lyapunov_constants(M: ArrayLike, theta_e: ArrayLike, omega_e: ArrayLike, S: ArrayLike) -> tuple[float, float]:
     """s_a and s_b in V0 = s_a + s_b beta, the start value of the tracking part of (42).
 
     The part of psi, k |psi|^2 / 2, is left out of V0, as in the paper's numbers.
@@ -237,9 +227,7 @@ def lyapunov_constants(
     for name, array in arrays.items():
         shape = (3, 3) if name == "M" else (3,)
         if array.shape != shape or not np.all(np.isfinite(array)):
-            raise ValueError(
-                f"Lyapunov constants: {name} of shape {array.shape} must be finite and of shape {shape}"
-            )
+            raise ValueError(f"Lyapunov constants: {name} of shape {array.shape} must be finite and of shape {shape}")
     mass, error, rate, gain = arrays.values()
     s = rate + gain * error
     return float(s @ mass @ s / 2), float(error @ (gain * error))

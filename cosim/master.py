@@ -154,7 +154,7 @@ def _instances(resolved: ResolvedSystem, fmus: Mapping[str, LoadedFMU]) -> Itera
     with ExitStack() as stack:
         folders: dict[str, Path] = {}
         instances: dict[str, Instance] = {}
-        for name, fmu in fmus.items():
+        for fmu in fmus.values():
             if fmu.sha256 not in folders:
                 # an FMU whose library is still in use can't be removed on Windows; that must not hide the results
                 folder = Path(stack.enter_context(TemporaryDirectory(prefix="cosim_", ignore_cleanup_errors=True)))
@@ -202,13 +202,13 @@ class _Run:
     def initialize(self, start_time: float) -> None:
         """Set start values and run all FMUs through their initialisation mode."""
         for component, instance in self._instances.items():
-            with _failing(component, start_time, instance):
+            with _Failing(component, start_time, instance):
                 self._set_start_values(component, instance)
                 instance.enter_initialization_mode(start_time)
         for operation in self._exchange.at_start:
             self._perform(operation, start_time)
         for component, instance in self._instances.items():
-            with _failing(component, start_time, instance):
+            with _Failing(component, start_time, instance):
                 instance.exit_initialization_mode()
 
     def _set_start_values(self, component: str, instance: Instance) -> None:
@@ -231,7 +231,7 @@ class _Run:
             Batch(instance, variables, values).set()
 
     def _perform(self, operation: Operation, time: float) -> None:
-        with _failing(operation.component, time, self._instances[operation.component]):
+        with _Failing(operation.component, time, self._instances[operation.component]):
             operation.run(time)
 
     def loop(self, start_time: float, step_size: float, steps: int, results: Results, began: float) -> Results:
@@ -274,11 +274,11 @@ class _Run:
         for component in components:
             if i % component.every == 0:
                 instance = self._instances[component.name]
-                with _failing(component.name, time, instance):
+                with _Failing(component.name, time, instance):
                     instance.do_step(time, component.every * step_size)
 
 
-class _failing:
+class _Failing:
     """Context that turns a failed call into the error of a component at a time; a class, for it is entered often."""
 
     __slots__ = ("component", "instance", "time")
@@ -292,5 +292,3 @@ class _failing:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
         if isinstance(error, CallFailed):
             raise SimulationError(self.component, self.time, str(error), self.instance.log()) from error
-
-

@@ -42,7 +42,7 @@ def model_description(model: Model, interface: Interface, guid: str, options: di
         variableNamingConvention="structured",
         numberOfEventIndicators="0",
     )
-    ET.SubElement(root, "CoSimulation", modelIdentifier=model.name, **options)
+    ET.SubElement(root, "CoSimulation", {"modelIdentifier": model.name, **options})
     _unit_definitions(root, interface.variables)
     categories = ET.SubElement(root, "LogCategories")
     for name in ("logStatusWarning", "logStatusDiscard", "logStatusError", "logStatusFatal", "logAll"):

@@ -131,7 +131,7 @@ def _interface_source(model: Model, interface: Interface) -> str:
 
 
 def _binaries(name: str) -> dict[str, bytes]:
-    """pythonfmu's binaries of all platforms it has, renamed to the model identifier."""
+    """Binaries of all platforms that pythonfmu has, renamed to the model identifier."""
     spec = find_spec("pythonfmu")
     assert spec is not None
     assert spec.origin is not None

@@ -169,7 +169,8 @@ class Fmi2Slave:
         n = max(1, ceil(h / max_step - 1e-6))  # a step that is longer by rounding only stays one step
         if n > MOST_INTERNAL_STEPS:
             raise SlaveError(
-                f"communication step {h!r} s needs {n} internal steps; make it shorter, or max_step ({max_step!r} s) longer"
+                f"communication step {h!r} s needs {n} internal steps; "
+                f"make it shorter, or max_step ({max_step!r} s) longer"
             )
         return n
 

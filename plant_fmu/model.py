@@ -144,9 +144,6 @@ MODEL = Model(
             )
             for i in range(3)
         ),
-        *(
-            Requirement(_INDEFINITE.format(what), _inertia_margin(i))
-            for i, what in enumerate(("X", "Y", "X Y - Z^2"))
-        ),
+        *(Requirement(_INDEFINITE.format(what), _inertia_margin(i)) for i, what in enumerate(("X", "Y", "X Y - Z^2"))),
     ),
 )

@@ -23,7 +23,6 @@ from cosim.robot.scenario import Scenario, load_scenario, names
 from cosim.robot.signals import SHAPES
 from cosim.versions import versions
 
-
 SHAPE_NAMES = {kind: name for name, kind in SHAPES.items()}
 
 
@@ -75,9 +74,7 @@ def run(args: argparse.Namespace) -> int:
     system = scenario.system(args.fmus, args.flavour)
     try:
         with _progress(scenario.stop_time) as progress:
-            results = simulate(
-                system, scenario.stop_time, scenario.step_size, order=scenario.order, progress=progress
-            )
+            results = simulate(system, scenario.stop_time, scenario.step_size, order=scenario.order, progress=progress)
     except SimulationError as error:
         if error.results is None:
             raise

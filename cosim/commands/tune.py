@@ -33,9 +33,7 @@ def register(subparsers: Any) -> None:
         metavar="S_ii",
         help="diagonal of S: one number or three (default 2)",
     )
-    parser.add_argument(
-        "--s-a", type=float, help="constant part of V0 = s_a + s_b beta (default: the paper's)"
-    )
+    parser.add_argument("--s-a", type=float, help="constant part of V0 = s_a + s_b beta (default: the paper's)")
     parser.add_argument("--s-b", type=float, help="part of V0 that grows with beta (default: the paper's)")
     parser.add_argument(
         "--from-plant", action="store_true", help="compute s_a and s_b from the robot and its start state"
@@ -55,18 +53,14 @@ def register(subparsers: Any) -> None:
     )
     parser.add_argument("--table", action="store_true", help="all (mu, nu) of the paper's Table 1")
     parser.add_argument("--json", action="store_true", help="machine-readable output, floats that round-trip")
-    parser.add_argument(
-        "--write", type=Path, metavar="FMU", help="write alpha and beta into this controller FMU"
-    )
+    parser.add_argument("--write", type=Path, metavar="FMU", help="write alpha and beta into this controller FMU")
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
     """Run `cosim tune`; returns the exit code, raises ValueError or OSError with one line on bad input."""
     if args.table and not (args.mu is args.nu is args.write is None):
-        raise ValueError(
-            "--table takes mu and nu from the paper: leave out --mu, --nu and --write, or --table"
-        )
+        raise ValueError("--table takes mu and nu from the paper: leave out --mu, --nu and --write, or --table")
     S = _diagonal(args.S)
     s_a, s_b = _lyapunov_constants(args, S)
     D2, D4 = psi_moments(membership_from_text(args.membership), shared=not args.independent)
@@ -97,9 +91,7 @@ def _diagonal(numbers: list[float]) -> np.ndarray:
     if len(numbers) not in (1, 3):
         raise ValueError(f"--S has {len(numbers)} numbers; give one for all joints, or three")
     if not all(np.isfinite(number) and number > 0 for number in numbers):
-        raise ValueError(
-            f"--S {' '.join(map(repr, numbers))}: every S_ii must be a finite number greater than 0"
-        )
+        raise ValueError(f"--S {' '.join(map(repr, numbers))}: every S_ii must be a finite number greater than 0")
     return np.array(numbers * 3 if len(numbers) == 1 else numbers)
 
 
@@ -154,9 +146,7 @@ def _block(index: PerformanceIndex, gains: OptimalGains, S: np.ndarray) -> str:
     )
 
 
-def _record(
-    index: PerformanceIndex, gains: OptimalGains, S: np.ndarray, args: argparse.Namespace
-) -> dict[str, Any]:
+def _record(index: PerformanceIndex, gains: OptimalGains, S: np.ndarray, args: argparse.Namespace) -> dict[str, Any]:
     return {
         "alpha": gains.alpha,
         "beta": gains.beta,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import control
@@ -115,10 +116,11 @@ def solve(
     edges = [times[0], *inside, times[-1]]
     states = np.empty((len(times), len(x)))
     states[0] = x
-    for begin, end in zip(edges, edges[1:], strict=False):
-        # the value at the end of a piece is the limit from the left
-        def rate(t: float, state: np.ndarray, end: float = end) -> np.ndarray:
-            return system.dynamics(t, state, disturbance(min(t, np.nextafter(end, begin))))
+    for begin, end in pairwise(edges):
+        before_end = np.nextafter(end, begin)  # at a jump, the piece before it needs the limit from the left
+
+        def rate(t: float, state: np.ndarray, latest: float = before_end) -> np.ndarray:
+            return system.dynamics(t, state, disturbance(min(t, latest)))
 
         wanted = (times > begin) & (times <= end)
         t_eval = np.unique(np.append(times[wanted], end))

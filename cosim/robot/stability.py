@@ -50,9 +50,7 @@ class LinearLoop:
 
     def poles(self) -> np.ndarray:
         """Poles (n, 6) of the continuous closed loop in 1/s."""
-        return np.linalg.eigvals(
-            _sequential(self, self.plant_A, self.plant_B, self.controller_A, self.controller_B)
-        )
+        return np.linalg.eigvals(_sequential(self, self.plant_A, self.plant_B, self.controller_A, self.controller_B))
 
     def step_matrices(self, step: float, order: Order) -> np.ndarray:
         """Transition matrices (n, m, m) of the sampled closed loop over one communication step (s).
