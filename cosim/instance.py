@@ -7,10 +7,12 @@ prepared once, for setting up these costs more than the call itself.
 from __future__ import annotations
 
 import ctypes
+import itertools
 from collections import deque
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
+from weakref import WeakValueDictionary
 
 import fmpy.fmi2 as fmi2
 import fmpy.fmi3 as fmi3
@@ -41,6 +43,23 @@ _STATUS = ("ok", "warning", "discard", "error", "fatal", "pending")
 
 #: Log messages kept of one instance; the last ones explain a failure.
 _MOST_MESSAGES = 100
+
+
+#: Instances by the number that their FMUs pass to the logger.
+_instances: WeakValueDictionary[int, Instance] = WeakValueDictionary()
+_numbers = itertools.count(1)
+
+
+def _dispatch_fmi2(environment: int | None, name: bytes, status: int, category: bytes, message: bytes) -> None:
+    instance = None if environment is None else _instances.get(environment)
+    if instance is None:  # an FMU that other code in this process has instantiated through fmpy
+        fmi2.printLogMessage(environment, name, status, category, message)
+    else:
+        instance.keep(status, message)
+
+
+#: One logger for all FMI 2.0 instances: fmpy's proxy, which formats the printf arguments, knows one per process.
+_LOGGER = fmi2.fmi2CallbackLoggerTYPE(_dispatch_fmi2)
 
 
 class CallFailed(Exception):
@@ -120,7 +139,9 @@ class Instance:
             slave = fmi2.FMU2Slave(**arguments)
             # the callbacks must live as long as the instance; fmpy keeps them
             callbacks = fmi2.fmi2CallbackFunctions()
-            callbacks.logger = fmi2.fmi2CallbackLoggerTYPE(self._log_fmi2)
+            callbacks.logger = _LOGGER
+            callbacks.componentEnvironment = number = next(_numbers)
+            _instances[number] = self
             callbacks.allocateMemory = fmi2.defaultCallbacks.allocateMemory
             callbacks.freeMemory = fmi2.defaultCallbacks.freeMemory
             fmi2.addLoggerProxy(ctypes.byref(callbacks))
@@ -137,13 +158,11 @@ class Instance:
 
     # Logging
 
-    def _log_fmi2(self, _environment: Any, _name: bytes, status: int, _category: bytes, message: bytes) -> None:
-        self._keep(status, message)
-
     def _log_fmi3(self, _environment: Any, status: int, _category: bytes, message: bytes) -> None:
-        self._keep(status, message)
+        self.keep(status, message)
 
-    def _keep(self, status: int, message: bytes | None) -> None:
+    def keep(self, status: int, message: bytes | None) -> None:
+        """Keep a message of the FMU that is not just information."""
         if status > fmi2.fmi2OK and message:
             self._messages.append(" ".join(message.decode("utf-8", "replace").split()))
 

@@ -6,16 +6,18 @@ from pathlib import Path
 
 import pytest
 
-from controller_fmu.model import MODEL as CONTROLLER
-from cosim.robot.trajectory import MODEL as TRAJECTORY
-from fmu_export.pythonfmu_backend import build_pythonfmu
-from plant_fmu.model import MODEL as PLANT
+from cosim.robot.fmus import build
 
 
 @pytest.fixture(scope="session")
-def fmus(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Folder with RobotPlant.fmu, RobotController.fmu and RobotTrajectory.fmu (pythonfmu flavour)."""
+def robot_fmus(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of built FMUs, laid out as `build_fmus.py` does: <folder>/pythonfmu/RobotPlant.fmu and so on."""
     folder = tmp_path_factory.mktemp("fmus")
-    for model in (PLANT, CONTROLLER, TRAJECTORY):
-        build_pythonfmu(model, folder)
+    build(folder, "pythonfmu")
     return folder
+
+
+@pytest.fixture(scope="session")
+def fmus(robot_fmus: Path) -> Path:
+    """Folder with RobotPlant.fmu, RobotController.fmu and RobotTrajectory.fmu of the pythonfmu flavour."""
+    return robot_fmus / "pythonfmu"
