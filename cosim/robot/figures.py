@@ -64,7 +64,8 @@ def _lines(axes: Axes, time: np.ndarray, columns: np.ndarray, labels: list[str])
     for i, label in enumerate(labels):
         axes.plot(time, columns[:, i], color=_COLOURS[i], linestyle=_DASHES[i], linewidth=1.2, label=label)
     axes.grid(alpha=0.3)
-    axes.legend(loc="upper right", ncols=len(labels), fontsize=8)
+    # above the axes, where it hides no curve
+    axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=len(labels), fontsize=8, frameon=False)
 
 
 def _path(figure: Figure, results: Results, _steady_after: float) -> None:
@@ -95,8 +96,8 @@ def _tracking_errors(figure: Figure, results: Results, steady_after: float) -> N
         row[0].set(ylabel=unit, xlabel="Time (s)")
         if columns == 2:
             _lines(row[1], results.time[steady], values[steady], labels)
-            row[1].set(xlabel="Time (s)", title=f"steady part, from {steady_after:g} s")
-            row[1].title.set_fontsize(9)
+            row[1].set(xlabel="Time (s)")
+            row[1].set_title(f"steady part, from {steady_after:g} s", fontsize=9, loc="right")
 
 
 def _torques(figure: Figure, results: Results, _steady_after: float) -> None:
