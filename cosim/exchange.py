@@ -10,11 +10,12 @@ sequential
 parallel
     All outputs are read, then all inputs are set. An output with direct feedthrough still belongs to the inputs of the
     step before: one step more of delay for each FMU with direct feedthrough on the way.
+
+At the start both exchange level by level, so that the first point has no delay in either.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -22,7 +23,7 @@ from typing import Literal
 import numpy as np
 
 from cosim.instance import Batch, CallFailed, Instance
-from cosim.ports import Element
+from cosim.ports import Element, fits, variables_of
 from cosim.resolve import Drive, ResolvedSystem
 
 Order = Literal["sequential", "parallel"]
@@ -90,13 +91,12 @@ class Exchange:
         ]
         # arrays of which only some elements are fed keep the start values of the others
         start_values = [self._get(part) for parts in (*sets.values(), *constants.values()) for part in parts]
-        self.at_start = [*start_values, *samples, *by_level]
-        if order == "sequential":
-            self.at_point = [*samples, *by_level]
-        else:
-            all_gets = [operation for operations in get_operations.values() for operation in operations]
-            all_sets = [operation for operations in set_operations.values() for operation in operations]
-            self.at_point = [*samples, *all_gets, *all_sets]
+        all_gets = [operation for operations in get_operations.values() for operation in operations]
+        all_sets = [operation for operations in set_operations.values() for operation in operations]
+        simultaneous = [*all_gets, *all_sets]
+        # around an algebraic loop the start values of the inputs are the first ones
+        self.at_start = [*start_values, *samples, *(simultaneous if system.levels is None else by_level)]
+        self.at_point = [*samples, *(by_level if order == "sequential" else simultaneous)]
 
     def _is_constant(self, key: tuple[str, str]) -> bool:
         """Whether a variable that nothing feeds keeps its value during the run."""
@@ -132,15 +132,28 @@ class Exchange:
 
     def _batch(self, part: int) -> tuple[str, Batch]:
         component, elements, first = self._parts[part]
-        variables = list({e.variable.name: e.variable for e in elements}.values())
-        return component, Batch(self._instances[component], variables, self.values[first : first + len(elements)])
+        return component, Batch(
+            self._instances[component], variables_of(elements), self.values[first : first + len(elements)]
+        )
 
     def _operation(self, component: str, run: Callable[[float], None]) -> Operation:
         return Operation(component, self._system.components[component].every, run)
 
     def _get(self, part: int) -> Operation:
         component, batch = self._batch(part)
-        return self._operation(component, lambda _: batch.get())
+        _, elements, first = self._parts[part]
+        sources = {k.source.name for k in self._system.links if k.source_component == component}
+        fed = [(e.name, first + i) for i, e in enumerate(elements) if e.name in sources]
+        positions = np.array([position for _, position in fed], dtype=int)
+        values = self.values
+
+        def run(_: float) -> None:
+            batch.get()
+            if not np.isfinite(values[positions]).all():
+                wrong = ", ".join(f"'{name}' is {values[position]}" for name, position in fed)
+                raise CallFailed(f"not all outputs are finite: {wrong}")
+
+        return self._operation(component, run)
 
     def _set(self, part: int) -> Operation:
         component, batch = self._batch(part)
@@ -180,8 +193,15 @@ def sample(drive: Drive, time: float, name: str) -> np.ndarray:
         value = np.atleast_1d(np.asarray(drive.function(time), dtype=float))
     except Exception as error:
         raise CallFailed(f"the signal that feeds '{name}' failed: {type(error).__name__}: {error}") from error
-    if value.shape not in ((1,), (len(drive.targets),)):
+    if value.ndim != 1:
+        raise CallFailed(f"the signal that feeds '{name}' gives an array of shape {value.shape}; make it flat")
+    if value.size not in (1, len(drive.targets)):
         raise CallFailed(f"the signal that feeds '{name}' gives {value.size} values, not {len(drive.targets)}")
-    if not math.isfinite(value.sum()):
+    if not np.isfinite(value).all():
         raise CallFailed(f"the signal that feeds '{name}' gives {value.tolist()}, which is not finite")
+    first = drive.targets[0]
+    if first.kind != "real" and not all(fits(first, v) for v in value.tolist()):
+        raise CallFailed(
+            f"the signal that feeds '{name}' gives {value.tolist()}, no value of type {first.variable.type}"
+        )
     return value

@@ -10,6 +10,7 @@ import ctypes
 import itertools
 from collections import deque
 from collections.abc import Sequence
+from contextlib import chdir
 from pathlib import Path
 from typing import Any
 from weakref import WeakValueDictionary
@@ -128,7 +129,8 @@ class Instance:
             "instanceName": name,
         }
         try:
-            self.fmu: Any = self._instantiate(arguments)
+            with chdir(folder):  # fmpy changes it, and leaves it changed when a library can't be loaded
+                self.fmu: Any = self._instantiate(arguments)
         except CallFailed:
             raise
         except Exception as error:  # fmpy raises bare exceptions here
@@ -231,6 +233,10 @@ class Instance:
         if flags[2]:
             raise CallFailed(f"fmi3DoStep returned early, at t = {last_time.value!r} s")
 
+    def terminate(self) -> None:
+        """Tell the FMU that the run is over."""
+        self.call(getattr(self.fmu, f"fmi{self.version}Terminate"))
+
     def close(self) -> None:
-        """Free the instance and unload its library; never raises."""
+        """Free the instance and unload its library."""
         self.fmu.freeInstance()

@@ -20,7 +20,9 @@ class DeferredInterrupt:
 
     def __enter__(self) -> DeferredInterrupt:
         # only the main thread may install handlers, and only it gets interrupts
-        if threading.current_thread() is threading.main_thread():
+        # and where Ctrl-C is ignored, as in background jobs, it stays so
+        main = threading.current_thread() is threading.main_thread()
+        if main and signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
             self._previous = signal.signal(signal.SIGINT, self._request)
         return self
 

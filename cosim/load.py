@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -32,7 +33,12 @@ class LoadedFMU:
         OSError
             The folder can't be written.
         """
-        fmpy.extract(self.path, folder)
+        try:
+            fmpy.extract(self.path, folder)
+        except OSError:
+            raise
+        except Exception as error:  # fmpy raises bare exceptions here
+            raise SetupError(f"{self.path}: can't be unpacked: {error}") from error
 
 
 def load(component: str, path: Path) -> LoadedFMU:
@@ -47,12 +53,13 @@ def load(component: str, path: Path) -> LoadedFMU:
     if not path.is_file():
         raise SetupError(f"{here}: there is no such FMU file; check the path, or build the FMU")
     try:
-        with zipfile.ZipFile(path) as archive:
+        data = path.read_bytes()
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
             unpacked = sum(info.file_size for info in archive.infolist())
         if unpacked > MOST_UNPACKED_BYTES:
             raise SetupError(f"{here}: unpacks to {unpacked} bytes, more than any FMU needs; not opened")
-        description = read_model_description(str(path), validate=False)
-        platforms = fmpy.supported_platforms(str(path))
+        description = read_model_description(io.BytesIO(data), validate=False)
+        platforms = fmpy.supported_platforms(io.BytesIO(data))
     except SetupError:
         raise
     except zipfile.BadZipFile:
@@ -66,4 +73,4 @@ def load(component: str, path: Path) -> LoadedFMU:
     if fmpy.platform not in platforms:
         has = ", ".join(platforms) or "none"
         raise SetupError(f"{here}: has no binary for {fmpy.platform} (it has: {has}); get one built for this platform")
-    return LoadedFMU(path, hashlib.sha256(path.read_bytes()).hexdigest(), description)
+    return LoadedFMU(path, hashlib.sha256(data).hexdigest(), description)

@@ -16,7 +16,7 @@ from cosim.exchange import Exchange, Operation, Order, sample
 from cosim.instance import Batch, CallFailed, Instance
 from cosim.interrupts import DeferredInterrupt
 from cosim.load import LoadedFMU, load
-from cosim.ports import KINDS, Element, Ports
+from cosim.ports import KINDS, Element, Ports, variables_of
 from cosim.resolve import ResolvedSystem, resolve, split
 from cosim.results import Results
 from cosim.system import Component, System
@@ -26,6 +26,10 @@ _CHUNK = 100
 
 #: By how many steps the stop time may miss a whole number of them, for rounding.
 _STEP_TOLERANCE = 1e-6
+
+
+#: More steps than this is taken for a mistake.
+_MOST_STEPS = 1e10
 
 
 def simulate(
@@ -95,7 +99,7 @@ def simulate(
                 "start_time": start_time,
                 "order": order,
                 "fmus": {name: {"path": str(f.path), "sha256": f.sha256} for name, f in fmus.items()},
-                "parameters": _parameters(ports, instances),
+                "parameters": _parameters(ports, instances, start_time),
             },
         )
         return run.loop(start_time, step_size, steps, results, began)
@@ -110,6 +114,10 @@ def _number_of_steps(start_time: float, stop_time: float, step_size: float) -> i
     if stop_time <= start_time:
         raise SetupError(f"stop time {stop_time!r} s must be later than the start time {start_time!r} s")
     exact = (stop_time - start_time) / step_size
+    if exact > _MOST_STEPS:
+        raise SetupError(f"{exact:.3g} steps of {step_size!r} s are too many; make the step longer")
+    if start_time + step_size == start_time or stop_time - step_size == stop_time:
+        raise SetupError(f"a step of {step_size!r} s is too short to be told apart at t = {stop_time!r} s")
     steps = round(exact)
     if steps < 1 or abs(exact - steps) > _STEP_TOLERANCE:
         lower, upper = (start_time + n * step_size for n in (math.floor(exact), math.ceil(exact)))
@@ -130,6 +138,8 @@ def _recorded(record: Sequence[str] | None, ports: Mapping[str, Ports]) -> list[
             for element in port.of_causality(causality)
             if element.kind in KINDS.values()
         ]
+    if isinstance(record, str):
+        raise SetupError(f"record = {record!r} must be a list of names: [{record!r}]")
     chosen: dict[tuple[str, str], tuple[str, Element]] = {}
     for path in record:
         port, name = split(path, ports)
@@ -154,11 +164,14 @@ def _instances(resolved: ResolvedSystem, fmus: Mapping[str, LoadedFMU]) -> Itera
     with ExitStack() as stack:
         folders: dict[str, Path] = {}
         instances: dict[str, Instance] = {}
-        for fmu in fmus.values():
+        for name, fmu in fmus.items():
             if fmu.sha256 not in folders:
                 # an FMU whose library is still in use can't be removed on Windows; that must not hide the results
                 folder = Path(stack.enter_context(TemporaryDirectory(prefix="cosim_", ignore_cleanup_errors=True)))
-                fmu.unpack(folder)
+                try:
+                    fmu.unpack(folder)
+                except SetupError as error:
+                    raise SetupError(f"component '{name}': {error}") from error
                 folders[fmu.sha256] = folder
         for name, fmu in fmus.items():
             try:
@@ -169,15 +182,15 @@ def _instances(resolved: ResolvedSystem, fmus: Mapping[str, LoadedFMU]) -> Itera
         yield {name: instances[name] for name in resolved.components}
 
 
-def _parameters(ports: Mapping[str, Ports], instances: Mapping[str, Instance]) -> dict[str, float]:
+def _parameters(ports: Mapping[str, Ports], instances: Mapping[str, Instance], time: float) -> dict[str, float]:
     """Values of all real parameters, as the FMUs report them."""
     values: dict[str, float] = {}
     for component, port in ports.items():
         elements = [e for e in port.of_causality("parameter") if e.variable.type in ("Real", "Float64")]
         if elements:
             buffer = np.zeros(len(elements))
-            variables = list({e.variable.name: e.variable for e in elements}.values())
-            Batch(instances[component], variables, buffer).get()
+            with _Failing(component, time, instances[component]):
+                Batch(instances[component], variables_of(elements), buffer).get()
             values.update({f"{component}.{e.name}": v for e, v in zip(elements, buffer.tolist(), strict=True)})
     return values
 
@@ -205,6 +218,7 @@ class _Run:
             with _Failing(component, start_time, instance):
                 self._set_start_values(component, instance)
                 instance.enter_initialization_mode(start_time)
+                self._set_start_elements(component, instance)
         for operation in self._exchange.at_start:
             self._perform(operation, start_time)
         for component, instance in self._instances.items():
@@ -220,15 +234,20 @@ class _Run:
                 instance.set_strings(variable, start.values[0])
                 continue
             values = np.array(start.values)
-            if len(start.elements) == 1 and variable.shape:  # one element of an array: keep the others
-                whole = np.zeros(math.prod(variable.shape))
-                batch = Batch(instance, [variable], whole)
-                batch.get()
-                whole[start.elements[0].offset] = values[0]
-                batch.set()
+            if len(start.elements) == 1 and variable.shape:
                 continue
-            variables = list({e.variable.name: e.variable for e in start.elements}.values())
-            Batch(instance, variables, values).set()
+            Batch(instance, variables_of(start.elements), values).set()
+
+    def _set_start_elements(self, component: str, instance: Instance) -> None:
+        """Set single elements of arrays and keep the others, which can't be read before the initialisation mode."""
+        for start in self._resolved.starts:
+            element = start.elements[0]
+            if start.component == component and len(start.elements) == 1 and element.variable.shape:
+                whole = np.zeros(math.prod(element.variable.shape))
+                batch = Batch(instance, [element.variable], whole)
+                batch.get()
+                whole[element.offset] = start.values[0]
+                batch.set()
 
     def _perform(self, operation: Operation, time: float) -> None:
         with _Failing(operation.component, time, self._instances[operation.component]):
@@ -253,6 +272,7 @@ class _Run:
         try:
             for i, time in enumerate(times.tolist()):
                 if self._interrupt.requested:
+                    self._terminate(time)
                     raise SimulationInterrupted(time, finish("interrupted"))
                 for operation in exchange.at_point:
                     if i % operation.every == 0:
@@ -263,12 +283,20 @@ class _Run:
                     self._progress(time)
                 if i < steps:
                     self._step(components, i, time, step_size)
+            self._terminate(times[-1])
         except SimulationError as error:
             error.results = finish("failed")
             raise
+        if self._interrupt.requested:
+            raise SimulationInterrupted(times[-1], finish("interrupted"))
         if self._progress is not None:
             self._progress(times[-1])
         return finish("completed")
+
+    def _terminate(self, time: float) -> None:
+        for component, instance in self._instances.items():
+            with _Failing(component, time, instance):
+                instance.terminate()
 
     def _step(self, components: Sequence[Component], i: int, time: float, step_size: float) -> None:
         for component in components:

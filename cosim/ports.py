@@ -7,6 +7,7 @@ elements get the same names here. So both versions answer to the same names.
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
@@ -26,6 +27,15 @@ KINDS = {
     "Enumeration": "integer",
     "Boolean": "boolean",
     **{f"{sign}Int{bits}": "integer" for sign in ("", "U") for bits in (8, 16, 32, 64)},
+}
+
+
+#: Smallest and largest value of the integer types.
+_RANGES = {
+    "Integer": (-(2**31), 2**31 - 1),
+    "Enumeration": (-(2**31), 2**31 - 1),
+    **{f"Int{bits}": (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1) for bits in (8, 16, 32, 64)},
+    **{f"UInt{bits}": (0, 2**bits - 1) for bits in (8, 16, 32, 64)},
 }
 
 
@@ -50,6 +60,7 @@ class Ports:
         self.component = component
         self.description = description
         self._elements: dict[str, Element] = {}
+        self._variables = {v.name: v for v in description.modelVariables}
         self._vectors: dict[str, list[Element]] = {}
         for variable in description.modelVariables:
             for element in _elements_of(variable):
@@ -57,6 +68,8 @@ class Ports:
                 match = _ELEMENT.match(element.name)
                 if match:
                     self._vectors.setdefault(match["vector"], []).append(element)
+        for elements in self._vectors.values():
+            elements.sort(key=lambda e: indices(e.name))
 
     def find(self, name: str) -> list[Element]:
         """Elements of a scalar, an element or a vector.
@@ -79,7 +92,7 @@ class Ports:
 
     def description_of(self, name: str) -> ModelVariable:
         """The variable with this very name."""
-        return next(e.variable for e in self._elements.values() if e.variable.name == name)
+        return self._variables[name]
 
     def of_causality(self, causality: str) -> list[Element]:
         """All elements of one causality, in the order of the model description."""
@@ -105,6 +118,21 @@ class Ports:
         return next((u for u in self.description.unitDefinitions if u.name == name), None)
 
 
+def variables_of(elements: Iterable[Element]) -> list[ModelVariable]:
+    """The variables that elements belong to, each once, in order."""
+    return list({e.variable.name: e.variable for e in elements}.values())
+
+
+def fits(element: Element, number: float) -> bool:
+    """Whether the type of an element can hold a finite number."""
+    if element.kind == "boolean":
+        return number in (0.0, 1.0)
+    if element.kind == "integer":
+        lower, upper = _RANGES[element.variable.type]
+        return number.is_integer() and lower <= number <= upper
+    return True
+
+
 def same_unit(a: Unit, b: Unit) -> bool:
     """Whether two units mean the same: equal names, or equal SI exponents, factor and offset."""
     if a.name == b.name:
@@ -119,9 +147,14 @@ def _signature(unit: BaseUnit) -> tuple[float, ...]:
     return (*(float(e) for e in exponents), float(unit.factor), float(unit.offset))
 
 
+def indices(name: str) -> tuple[int, ...]:
+    """Indices of an element `vector[1,2]`."""
+    return tuple(int(i) for i in name[name.rindex("[") + 1 : -1].split(","))
+
+
 def _elements_of(variable: ModelVariable) -> list[Element]:
     shape = variable.shape or ()
     if not shape:
         return [Element(variable.name, variable, 0)]
-    indices = product(*(range(1, n + 1) for n in shape))
-    return [Element(f"{variable.name}[{','.join(map(str, i))}]", variable, k) for k, i in enumerate(indices)]
+    all_indices = product(*(range(1, n + 1) for n in shape))
+    return [Element(f"{variable.name}[{','.join(map(str, i))}]", variable, k) for k, i in enumerate(all_indices)]

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from cosim.errors import SetupError, nearest
-from cosim.ports import KINDS, Element, Ports, same_unit
+from cosim.ports import KINDS, Element, Ports, fits, same_unit
 from cosim.schedule import AlgebraicLoop, Node, levels
 from cosim.system import Component, Connection, Signal, SignalFunction, System
 
@@ -73,6 +73,7 @@ def resolve(system: System, ports: Mapping[str, Ports], order: str) -> ResolvedS
         _start_value(ports[c.name], name, value) for c in system.components.values() for name, value in c.start.items()
     )
     _check_feeding(ports, links, drives, starts)
+    _check_instances(system, ports)
     return ResolvedSystem(system.components, ports, links, drives, starts, _levels(ports, links, order))
 
 
@@ -153,10 +154,8 @@ def _start_value(port: Ports, name: str, value: Any) -> StartValue:
 def _check_number(here: str, element: Element, number: float) -> None:
     if not math.isfinite(number):
         raise SetupError(f"{here}: {number} is not a finite number")
-    if element.kind != "real":
-        if not number.is_integer():
-            raise SetupError(f"{here}: {number!r} is not a value of type {element.kind}")
-        return
+    if not fits(element, number):
+        raise SetupError(f"{here}: {number!r} is not a value of type {element.variable.type}")
     variable = element.variable
     lower = -math.inf if variable.min is None else float(variable.min)
     upper = math.inf if variable.max is None else float(variable.max)
@@ -178,9 +177,10 @@ def _check_feeding(
         *((d.component, e.name, "a signal") for d in drives for e in d.targets),
     ]
     for component, name, by in feeders:
-        first = fed.setdefault((component, name), by)
-        if first is not by:
+        if (component, name) in fed:
+            first = fed[component, name]
             raise SetupError(f"input '{component}.{name}' is fed twice, by {first} and by {by}; remove one of them")
+        fed[component, name] = by
     held = {(s.component, e.name) for s in starts for e in s.elements}
     for component, port in ports.items():
         missing = [
@@ -192,6 +192,19 @@ def _check_feeding(
             names = ", ".join(f"'{component}.{n}'" for n in missing)
             raise SetupError(
                 f"nothing feeds input {names}; connect it, drive it with a signal, or hold it at a start value"
+            )
+
+
+def _check_instances(system: System, ports: Mapping[str, Ports]) -> None:
+    """FMUs that allow one instance in a process have one."""
+    first: dict[str, str] = {}
+    for name, port in ports.items():
+        token = port.description.instantiationToken
+        other = first.setdefault(token, name)
+        if other != name and port.description.coSimulation.canBeInstantiatedOnlyOncePerProcess:
+            raise SetupError(
+                f"components '{other}' and '{name}': {system.components[name].fmu} can be instantiated only once in a "
+                "process; use one of them"
             )
 
 

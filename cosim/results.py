@@ -61,6 +61,7 @@ class Results:
             return self.values[:, self.names.index(name)]
         elements = re.compile(re.escape(name) + r"\[\d+(,\d+)*\]")
         columns = [i for i, n in enumerate(self.names) if elements.fullmatch(n)]
+        columns.sort(key=lambda i: [int(k) for k in re.findall(r"\d+", self.names[i][len(name) :])])
         if not columns:
             raise ResultsError(f"nothing was recorded as '{name}'; {nearest(name, self.names)}")
         return self.values[:, columns]
@@ -98,7 +99,7 @@ class Results:
             The file is missing or not such a table; the message names the line.
         """
         try:
-            with Path(path).open(encoding="utf-8", newline="") as stream:
+            with Path(path).open(encoding="utf-8-sig", newline="") as stream:
                 rows = csv.reader(stream)
                 header = next(rows, None)
                 if not header or header[0] != TIME:

@@ -75,7 +75,7 @@ class System:
             no connection.
         every : int
             The component communicates at every so many communication points; its step is that multiple of the
-            communication step.
+            communication step. Its last step may end after the stop time.
 
         Raises
         ------

@@ -157,7 +157,7 @@ class Fmi2Slave:
         if x:
             for i in range(n):
                 x = step(time + i * (h / n), x, u, p, h / n)
-            if not isfinite(sum(x)):
+            if not all(map(isfinite, x)):
                 raise SlaveError("the state is no longer finite; reduce the step or the inputs")
         self._x, self._time = x, time + h
         self._outputs_valid = False
@@ -198,7 +198,7 @@ class Fmi2Slave:
 
     def _check_step(self) -> None:
         inputs = self._inputs
-        if not isfinite(sum(inputs)):
+        if not all(map(isfinite, inputs)):
             names = self.interface.NAMES[self._n_p : self._n_pu]
             wrong = ", ".join(f"'{n}' is {v}" for n, v in zip(names, inputs, strict=True) if not isfinite(v))
             raise SlaveError(f"input {wrong}; set a finite number")
