@@ -17,7 +17,6 @@ from cosim.master import simulate
 from cosim.output import check_writable, write_json, write_somewhere
 from cosim.results import Results
 from cosim.robot import fmus
-from cosim.robot.figures import write_figures
 from cosim.robot.metrics import metrics
 from cosim.robot.scenario import Scenario, load_scenario, names
 from cosim.robot.signals import SHAPES
@@ -135,6 +134,9 @@ def _write(results: Results, scenario: Scenario, folder: Path, error: str | None
         "metrics": metrics(results, scenario.steady_after) if len(results.time) else None,
         "versions": versions(),
     }
+
+    # matplotlib takes longer to import than most runs
+    from cosim.robot.figures import write_figures
 
     def write(folder: Path) -> None:
         results.to_csv(folder / "results.csv")

@@ -5,12 +5,12 @@ from __future__ import annotations
 import argparse
 import json
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from controller_fmu.membership import membership_from_text, psi_moments
-from controller_fmu.optimal_gains import OptimalGains, PerformanceIndex, optimal_gains
+if TYPE_CHECKING:
+    from controller_fmu.optimal_gains import OptimalGains, PerformanceIndex
 
 TABLE_1_WEIGHTS = ((1.0, 1.0), (5.0, 1.0), (10.0, 1.0), (1.0, 10.0), (1.0, 5.0))
 
@@ -59,6 +59,10 @@ def register(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run `cosim tune`; returns the exit code, raises ValueError or OSError with one line on bad input."""
+    # SciPy takes a while to import, and other commands don't need it
+    from controller_fmu.membership import membership_from_text, psi_moments
+    from controller_fmu.optimal_gains import PerformanceIndex, optimal_gains
+
     if args.table and not (args.mu is args.nu is args.write is None):
         raise ValueError("--table takes mu and nu from the paper: leave out --mu, --nu and --write, or --table")
     S = _diagonal(args.S)
@@ -103,6 +107,8 @@ def _lyapunov_constants(args: argparse.Namespace, S: np.ndarray) -> tuple[float,
         from cosim.robot.start import lyapunov_start_constants
 
         return lyapunov_start_constants(S)
+    from controller_fmu.optimal_gains import PerformanceIndex
+
     return (
         PerformanceIndex.s_a if args.s_a is None else args.s_a,
         PerformanceIndex.s_b if args.s_b is None else args.s_b,

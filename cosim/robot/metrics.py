@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from scipy.integrate import trapezoid
 
 from cosim.results import Results
 
@@ -49,7 +48,7 @@ def metrics(results: Results, steady_after: float) -> dict[str, Any]:
         name: {
             "max": float(np.abs(error).max()),
             "rms": _rms(error),
-            "accumulated": float(trapezoid(np.abs(error), time)),
+            "accumulated": float(np.trapezoid(np.abs(error), time)),
             "steady_max": float(np.abs(error[steady]).max()) if steady.any() else None,
             "steady_rms": _rms(error[steady]) if steady.any() else None,
         }
@@ -60,7 +59,7 @@ def metrics(results: Results, steady_after: float) -> dict[str, Any]:
         "tracking": tracking,
         "control_effort": {
             "max": float(np.abs(tau_a).max()),
-            "integral": float(trapezoid((tau_a**2).sum(axis=1), time)),
+            "integral": float(np.trapezoid((tau_a**2).sum(axis=1), time)),
         },
         "closure_error_max": float(results["plant.closure_error"].max()),
         "steady_after": steady_after,
