@@ -55,6 +55,7 @@ def replacing(path: Path) -> Iterator[BinaryIO]:
     OSError
         The file can't be written; an older one at `path` is unchanged and the temporary one is gone.
     """
+    path = path.resolve()  # a symbolic link stays one
     descriptor, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
     temporary = Path(name)
     try:

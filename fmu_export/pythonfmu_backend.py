@@ -9,14 +9,14 @@ imported checkout can stand in for the archive's.
 from __future__ import annotations
 
 import hashlib
-from importlib.metadata import distribution, version
-from importlib.util import find_spec
+from importlib.metadata import version
 from pathlib import Path
 
 from fmu_export.archive import write_archive
 from fmu_export.description_fmi2 import model_description
 from fmu_export.interface import Interface, interface_of
 from fmu_export.model import Model
+from fmu_export.pythonfmu_binary import binaries, licence
 from fmu_export.start_values import MEMBER, start_values_text
 from fmu_export.straight_line import python_source
 from fmu_export.trace import TracedModel, trace
@@ -70,7 +70,7 @@ def build_pythonfmu(model: Model, folder: Path) -> Path:
     # without its guid the description holds nothing that depends on the fingerprint
     unstamped = _description(model, interface, guid="")
     modules = _modules(traced, interface)
-    digest = hashlib.sha256(unstamped)
+    digest = hashlib.sha256(unstamped + _ENTRY.encode())
     for name in sorted(modules):
         digest.update(name.encode() + modules[name])
     fingerprint = digest.hexdigest()
@@ -86,8 +86,8 @@ def build_pythonfmu(model: Model, folder: Path) -> Path:
             f"resources/{entry}.py": _ENTRY.format(name=model.name, package=package).encode(),
             **{f"resources/{package}/{name}": source for name, source in modules.items()},
             MEMBER: start_values_text(interface),
-            **_binaries(model.name),
-            "documentation/licenses/pythonfmu.txt": _pythonfmu_licence(),
+            **binaries(model.name),
+            "documentation/licenses/pythonfmu.txt": licence(),
         },
     )
     return path
@@ -128,23 +128,3 @@ def _interface_source(model: Model, interface: Interface) -> str:
         f"START_REQUIREMENTS = {tuple(r.message for r in model.requirements if r.at == 'start')!r}\n"
         f"STEP_REQUIREMENTS = {tuple(r.message for r in model.requirements if r.at == 'step')!r}\n"
     )
-
-
-def _binaries(name: str) -> dict[str, bytes]:
-    """Binaries of all platforms that pythonfmu has, renamed to the model identifier."""
-    spec = find_spec("pythonfmu")
-    assert spec is not None
-    assert spec.origin is not None
-    folder = Path(spec.origin).parent / "resources" / "binaries"
-    return {
-        f"binaries/{file.parent.name}/{name}{file.suffix}": file.read_bytes()
-        for file in sorted(folder.glob("*/*"))
-        if file.suffix in (".so", ".dll", ".dylib")
-    }
-
-
-def _pythonfmu_licence() -> bytes:
-    """The licence of the binary, which must go where it goes."""
-    files = distribution("pythonfmu").files or []
-    licence = next(f for f in files if f.name == "LICENSE")
-    return Path(str(licence.locate())).read_bytes()

@@ -10,6 +10,7 @@ from __future__ import annotations
 import ctypes
 import json
 import sys
+import zlib
 from collections import namedtuple
 from functools import wraps
 from math import ceil, inf, isfinite, nan
@@ -114,6 +115,7 @@ class Fmi2Slave:
         if not isfinite(start_time):
             raise SlaveError(f"start time {start_time} is not a finite number")
         self._time = start_time
+        self._outputs_valid = False
 
     @_guarded
     def enter_initialization_mode(self) -> None:
@@ -126,7 +128,7 @@ class Fmi2Slave:
         """Check all values and compute the initial state."""
         self._check_parameters()
         self._x = self.equations.initial_state(self._parameters)
-        self._check_step()
+        self._check_step(self._time)
         self._initialized = True
         self._outputs_valid = False
 
@@ -138,7 +140,7 @@ class Fmi2Slave:
         try:
             self._integrate(time, h)
         except BaseException as error:  # also Ctrl-C, which a Python host delivers here
-            self._log(f"step from t = {time!r} s: {error or type(error).__name__}")
+            self._log(f"step from t = {time!r} s: {str(error) or type(error).__name__}")
             return False
         return True
 
@@ -149,8 +151,7 @@ class Fmi2Slave:
             raise SlaveError("the instance is not initialised; leave the initialisation mode first")
         if not (isfinite(time) and isfinite(h) and h > 0.0):
             raise SlaveError(f"communication step {h!r} s is not a positive finite number")
-        self._time = time
-        self._check_step()
+        self._check_step(time)
         x, u, p = self._x, self._inputs, self._parameters
         n = self._internal_steps(h)
         step = self.equations.step
@@ -166,13 +167,13 @@ class Fmi2Slave:
         if not self._x:
             return 1
         max_step = self._values[self._n_p - 1]
-        n = max(1, ceil(h / max_step - 1e-6))  # a step that is longer by rounding only stays one step
+        n = h / max_step
         if n > MOST_INTERNAL_STEPS:
             raise SlaveError(
-                f"communication step {h!r} s needs {n} internal steps; "
+                f"communication step {h!r} s needs {n:.4g} internal steps; "
                 f"make it shorter, or max_step ({max_step!r} s) longer"
             )
-        return n
+        return max(1, ceil(n - 1e-6))  # a step that is longer by rounding only stays one step
 
     # Checks
 
@@ -196,13 +197,13 @@ class Fmi2Slave:
                 raise SlaveError(f"parameter '{name}' is {value!r}; it must be {bounds}")
         self._require(self.equations.start_margins(self._parameters), self.interface.START_REQUIREMENTS)
 
-    def _check_step(self) -> None:
+    def _check_step(self, time: float) -> None:
         inputs = self._inputs
         if not all(map(isfinite, inputs)):
             names = self.interface.NAMES[self._n_p : self._n_pu]
             wrong = ", ".join(f"'{n}' is {v}" for n, v in zip(names, inputs, strict=True) if not isfinite(v))
             raise SlaveError(f"input {wrong}; set a finite number")
-        margins = self.equations.step_margins(self._time, self._x, inputs, self._parameters)
+        margins = self.equations.step_margins(time, self._x, inputs, self._parameters)
         self._require(margins, self.interface.STEP_REQUIREMENTS)
 
     @staticmethod
@@ -242,7 +243,7 @@ class Fmi2Slave:
                 self._x = self.equations.initial_state(self._parameters)
             outputs = self.equations.outputs(self._time, self._x, self._inputs, self._parameters)
         except Exception as error:
-            self._log(f"outputs at t = {self._time!r} s: {error}")
+            self._log(f"outputs at t = {self._time!r} s: {str(error) or type(error).__name__}")
             outputs = [nan] * (len(self._values) - self._n_pu)
         self._values[self._n_pu :] = outputs
         self._outputs_valid = True
@@ -316,13 +317,15 @@ class Fmi2Slave:
 
     @staticmethod
     def _fmu_state_to_bytes(state: dict[str, Any]) -> bytes:
-        return json.dumps(state).encode()
+        text = json.dumps(state).encode()
+        return b"%08x" % zlib.crc32(text) + text
 
     @staticmethod
     def _fmu_state_from_bytes(data: bytes) -> dict[str, Any]:
         """Read a state; damaged bytes give a state that `_set_fmu_state` refuses, for here a raise can't be guarded."""
+        checksum, text = data[:8], data[8:]
         try:
-            state = json.loads(data)
-        except ValueError:
+            state = json.loads(text) if checksum == b"%08x" % zlib.crc32(text) else {}
+        except (ValueError, RecursionError):
             return {}
         return state if isinstance(state, dict) else {}

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import re
 import zipfile
+import zlib
 from collections.abc import Mapping
 from os import PathLike
 from pathlib import Path
@@ -52,19 +53,25 @@ def write_start_values(fmu: str | PathLike[str], values: Mapping[str, float]) ->
     try:
         with zipfile.ZipFile(path) as archive:
             description, text = archive.read(DESCRIPTION), archive.read(MEMBER)
-    except zipfile.BadZipFile:
-        raise StartValueError(f"{path}: not an FMU (not a zip archive)") from None
+    except (zipfile.BadZipFile, zlib.error):
+        raise StartValueError(f"{path}: not an FMU (not a zip archive, or a damaged one)") from None
     except KeyError as error:
         raise StartValueError(
             f"{path}: no member {error.args[0]!r}; only FMUs that build_fmus.py wrote keep start values as data"
         ) from None
-    starts = _from_text(text)
-    xml = description.decode("utf-8")
+    try:
+        starts, xml = _from_text(text), description.decode("utf-8")
+        ET.fromstring(description)
+    except (ValueError, ET.ParseError) as error:
+        raise StartValueError(f"{path}: start values can't be read: {error}") from None
     for name, value in values.items():
         _check(path, description, starts, name, value)
         starts[name] = float(value)
         xml = _replace_start(xml, name, float(value))
-    replace_members(path, {DESCRIPTION: xml.encode("utf-8"), MEMBER: _to_text(starts)})
+    try:
+        replace_members(path, {DESCRIPTION: xml.encode("utf-8"), MEMBER: _to_text(starts)})
+    except (zipfile.BadZipFile, zlib.error) as error:
+        raise StartValueError(f"{path}: a damaged archive: {error}") from None
 
 
 def _to_text(values: Mapping[str, float]) -> bytes:

@@ -18,8 +18,8 @@ _TEMPLATES = {
     ca.OP_SQ: "{0} * {0}",
     ca.OP_TWICE: "2.0 * {0}",
     ca.OP_SQRT: "sqrt({0})",
-    ca.OP_POW: "{0} ** {1}",
-    ca.OP_CONSTPOW: "{0} ** {1}",
+    ca.OP_POW: "pow({0}, {1})",
+    ca.OP_CONSTPOW: "pow({0}, {1})",
     ca.OP_EXP: "exp({0})",
     ca.OP_LOG: "log({0})",
     ca.OP_SIN: "sin({0})",
@@ -36,7 +36,7 @@ _TEMPLATES = {
 
 HEADER = (
     '"""Equations, generated from the model by tracing; do not edit."""\n\n'
-    "from math import acos, asin, atan, atan2, cos, exp, fabs, hypot, log, sin, sqrt, tan, tanh\n"
+    "from math import acos, asin, atan, atan2, cos, exp, fabs, hypot, inf, log, nan, pow, sin, sqrt, tan, tanh\n"
 )
 
 
