@@ -3,7 +3,8 @@
 >>> from cosim import System, simulate
 """
 
-from cosim.errors import CosimError, SetupError, SimulationError, SimulationInterrupted
+from cosim.errors import CosimError, SetupError
+from cosim.failures import SimulationError, SimulationInterrupted
 from cosim.master import simulate
 from cosim.results import Results
 from cosim.system import System

@@ -4,10 +4,6 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from cosim.results import Results
 
 
 class CosimError(Exception):
@@ -16,39 +12,6 @@ class CosimError(Exception):
 
 class SetupError(CosimError):
     """A system can't be simulated as described; found before anything runs."""
-
-
-class SimulationError(CosimError):
-    """A run ended before its stop time.
-
-    Attributes
-    ----------
-    component : str
-        Name of the component that failed.
-    time : float
-        Communication point (s) at which it failed.
-    log : str
-        What the FMU said, empty if nothing.
-    results : Results or None
-        What had been recorded; None when the run failed before its first communication point.
-    """
-
-    def __init__(self, component: str, time: float, what: str, log: str) -> None:
-        message = f"{component} failed at t = {time:.9g} s: {what}"
-        super().__init__(f"{message}: {log}" if log else message)
-        self.component = component
-        self.time = time
-        self.log = log
-        self.results: Results | None = None
-
-
-class SimulationInterrupted(KeyboardInterrupt):
-    """Ctrl-C ended a run; `results` holds what had been recorded."""
-
-    def __init__(self, time: float, results: Results) -> None:
-        super().__init__(f"interrupted at t = {time:.9g} s")
-        self.time = time
-        self.results = results
 
 
 def nearest(name: str, known: Iterable[str]) -> str:

@@ -12,7 +12,8 @@ from typing import Any
 
 from tqdm import tqdm
 
-from cosim.errors import CosimError, SimulationError, SimulationInterrupted, nearest
+from cosim.errors import CosimError, nearest
+from cosim.failures import SimulationError, SimulationInterrupted
 from cosim.master import simulate
 from cosim.output import check_writable, write_json, write_somewhere
 from cosim.results import Results
