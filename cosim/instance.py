@@ -121,6 +121,7 @@ class Instance:
     def __init__(self, name: str, folder: Path, description: ModelDescription) -> None:
         self.name = name
         self.version = description.fmiMajorVersion
+        self._corrupted = False
         self._messages: deque[str] = deque(maxlen=_MOST_MESSAGES)
         arguments = {
             "guid": description.guid,
@@ -187,6 +188,7 @@ class Instance:
         try:
             function(self.fmu.component, *arguments)
         except FMICallException as error:
+            self._corrupted = error.status == fmi2.fmi2Fatal
             status = _STATUS[error.status] if error.status < len(_STATUS) else error.status
             raise CallFailed(f"{error.function} returned {status}") from error
 
@@ -238,5 +240,9 @@ class Instance:
         self.call(getattr(self.fmu, f"fmi{self.version}Terminate"))
 
     def close(self) -> None:
-        """Free the instance and unload its library."""
-        self.fmu.freeInstance()
+        """Free the instance and unload its library.
+
+        After a fatal error both standards forbid any further call, and some FMUs crash on it: the instance is left.
+        """
+        if not self._corrupted:
+            self.fmu.freeInstance()
