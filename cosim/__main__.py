@@ -28,11 +28,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("cosim: interrupted", file=sys.stderr)
         return 130
-    except (CosimError, ValueError, OSError) as error:
+    except (CosimError, ValueError, OSError, MemoryError) as error:
         if options.debug:
             traceback.print_exc()
         else:
-            print(f"cosim: {error}", file=sys.stderr)
+            print(f"cosim: {' '.join(str(error).split())}", file=sys.stderr)
         return 1
 
 

@@ -30,13 +30,13 @@ class LoadedFMU:
 
         Raises
         ------
-        OSError
-            The folder can't be written.
+        SetupError
+            The folder can't be written, or the archive can't be read.
         """
         try:
             fmpy.extract(self.path, folder)
-        except OSError:
-            raise
+        except OSError as error:
+            raise SetupError(f"{self.path}: can't be unpacked into {folder}: {error}; free some space") from error
         except Exception as error:  # fmpy raises bare exceptions here
             raise SetupError(f"{self.path}: can't be unpacked: {error}") from error
 

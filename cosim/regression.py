@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+import sys
 import tomllib
 from dataclasses import dataclass
 from os import PathLike
@@ -53,18 +53,25 @@ class Tolerances:
                     f"{path}: unknown key '{key}'; {nearest(key, ('absolute', 'relative', 'signals'))}"
                 )
         default = _pair(path, "tolerances", {k: v for k, v in data.items() if k != "signals"}, (0.0, 1e-9))
-        signals = {name: _pair(path, name, table, default) for name, table in data.get("signals", {}).items()}
+        tables = data.get("signals", {})
+        if not isinstance(tables, dict):
+            raise ToleranceError(f"{path}: signals = {tables!r} must be a table")
+        signals = {name: _pair(path, name, table, default) for name, table in tables.items()}
         return cls(*default, signals)
 
 
 def _pair(path: Any, name: str, table: Any, default: tuple[float, float]) -> tuple[float, float]:
-    if not isinstance(table, dict) or not table.keys() <= {"absolute", "relative"}:
+    if not isinstance(table, dict):
         raise ToleranceError(f"{path}: {name} must hold 'absolute', 'relative' or both")
-    pair = (table.get("absolute", default[0]), table.get("relative", default[1]))
-    for value in pair:
-        if not (isinstance(value, int | float) and math.isfinite(value) and value >= 0):
-            raise ToleranceError(f"{path}: {name}: tolerance {value!r} must be a number, 0 or greater")
-    return float(pair[0]), float(pair[1])
+    for key in table:
+        if key not in ("absolute", "relative"):
+            raise ToleranceError(f"{path}: {name} has an unknown key '{key}'; {nearest(key, ('absolute', 'relative'))}")
+    pair = {"absolute": default[0], "relative": default[1]} | table
+    for key, value in pair.items():
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        if not (number and 0 <= value <= sys.float_info.max):
+            raise ToleranceError(f"{path}: {name}: {key} = {value!r} must be a finite number, 0 or greater")
+    return float(pair["absolute"]), float(pair["relative"])
 
 
 def compare(result: Results, reference: Results, tolerances: Tolerances | None = None) -> list[str]:
@@ -79,7 +86,14 @@ def compare(result: Results, reference: Results, tolerances: Tolerances | None =
         By default 1e-9 of each reference signal's range.
     """
     tolerances = tolerances or Tolerances()
-    findings = _compare_times(result, reference)
+    findings = [
+        f"there is a tolerance for '{name}', which the reference lacks; {nearest(name, reference.names)}"
+        for name in tolerances.signals or {}
+        if name not in reference.names
+    ]
+    findings = findings or _compare_times(result, reference)
+    if not findings and not (reference.names and len(reference.time)):
+        findings.append("the reference holds nothing to compare")
     if findings:
         return findings
     for i, name in enumerate(reference.names):
@@ -96,7 +110,8 @@ def _compare_times(result: Results, reference: Results) -> list[str]:
         return [f"the result has {n} rows, the reference {m}; run both with the same step and duration"]
     if n and not np.allclose(result.time, reference.time, rtol=1e-12, atol=1e-12):
         i = int(np.argmax(~np.isclose(result.time, reference.time, rtol=1e-12, atol=1e-12)))
-        return [f"row {i + 1}: time {result.time[i]!r} s in the result, {reference.time[i]!r} s in the reference"]
+        found, expected = result.time[i].item(), reference.time[i].item()
+        return [f"row {i + 1}: time {found!r} s in the result, {expected!r} s in the reference"]
     return []
 
 
@@ -107,7 +122,8 @@ def _compare_signal(
         return []
     spread = float(np.ptp(reference)) if np.isfinite(reference).all() else 0.0
     allowed = max(tolerance[0], tolerance[1] * spread)
-    difference = np.abs(value - reference)
+    with np.errstate(invalid="ignore"):  # inf - inf
+        difference = np.abs(value - reference)
     # NaN is never within a tolerance, except where the reference has it too
     outside = ~((difference <= allowed) | (np.isnan(value) & np.isnan(reference)) | (value == reference))
     if not outside.any():

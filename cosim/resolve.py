@@ -140,8 +140,10 @@ def _start_value(port: Ports, name: str, value: Any) -> StartValue:
         return StartValue(port.component, tuple(elements), (value,) * len(elements))
     try:
         array = np.atleast_1d(np.asarray(value, dtype=float)).ravel()
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise SetupError(f"{here}: {value!r} is not a number or a list of numbers") from None
+    if elements[0].kind == "real" and np.asarray(value).dtype == bool:
+        raise SetupError(f"{here}: {value!r} is not a number or a list of numbers")
     if array.size == 1:
         array = np.full(len(elements), array[0])
     if array.size != len(elements):

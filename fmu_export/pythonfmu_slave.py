@@ -243,10 +243,20 @@ class Fmi2Slave:
                 self._x = self.equations.initial_state(self._parameters)
             outputs = self.equations.outputs(self._time, self._x, self._inputs, self._parameters)
         except Exception as error:
-            self._log(f"outputs at t = {self._time!r} s: {str(error) or type(error).__name__}")
+            self._log(f"outputs at t = {self._time!r} s: {self._reason(error)}")
             outputs = [nan] * (len(self._values) - self._n_pu)
         self._values[self._n_pu :] = outputs
         self._outputs_valid = True
+
+    def _reason(self, error: Exception) -> str:
+        """Why the equations failed: the requirement that does not hold says more than a mathematical error."""
+        try:
+            self._check_step(self._time)
+        except SlaveError as requirement:
+            return str(requirement)
+        except Exception:
+            pass
+        return str(error) or type(error).__name__
 
     @_guarded
     def set_real(self, references: list[int], values: list[float]) -> None:

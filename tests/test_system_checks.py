@@ -275,7 +275,7 @@ def test_wrong_start_values(tiny, model, start, parts):
     refused(system, *parts)
 
 
-@pytest.mark.parametrize("K", [-10.0, 10.0, 3, True])
+@pytest.mark.parametrize("K", [-10.0, 10.0, 3])
 def test_bounds_are_inclusive_and_whole_numbers_will_do(tiny, K):
     system = System()
     system.add("c", tiny / "Gain.fmu", start={"u": 1.0, "K": K})

@@ -12,10 +12,10 @@ from typing import Any
 
 from tqdm import tqdm
 
-from cosim.errors import CosimError, nearest
+from cosim.errors import CosimError, SetupError, nearest
 from cosim.failures import SimulationError, SimulationInterrupted
 from cosim.master import simulate
-from cosim.output import check_writable, write_json, write_somewhere
+from cosim.output import OutputError, check_writable, write_json, write_somewhere
 from cosim.results import Results
 from cosim.robot import fmus
 from cosim.robot.metrics import metrics
@@ -75,14 +75,15 @@ def run(args: argparse.Namespace) -> int:
     try:
         with _progress(scenario.stop_time) as progress:
             results = simulate(system, scenario.stop_time, scenario.step_size, order=scenario.order, progress=progress)
+    except SetupError as error:
+        raise UsageError(f"{args.scenario}: {error}") from error
     except SimulationError as error:
         if error.results is None:
             raise
-        _write(error.results, scenario, folder, error=str(error))
-        raise CosimError(f"{error}; what was recorded is in {folder}") from error
+        raise CosimError(f"{error}; {_rescue(error.results, scenario, folder, str(error))}") from error
     except SimulationInterrupted as interrupt:
-        _write(interrupt.results, scenario, folder, error=str(interrupt))
-        print(f"cosim: {interrupt}; what was recorded is in {folder}", file=sys.stderr)
+        where = _rescue(interrupt.results, scenario, folder, str(interrupt))
+        print(f"cosim: {interrupt}; {where}", file=sys.stderr)
         return 130
     summary = _write(results, scenario, folder)
     print(_table(summary, scenario, folder))
@@ -92,6 +93,8 @@ def run(args: argparse.Namespace) -> int:
 def _scenario(args: argparse.Namespace) -> Scenario:
     """The scenario with the options of the command line."""
     scenario = load_scenario(args.scenario)
+    if args.seed is not None and args.seed < 0:
+        raise UsageError(f"--seed {args.seed}: must be 0 or greater")
     given = {"step_size": args.step, "stop_time": args.stop, "order": args.order, "seed": args.seed}
     scenario = dataclasses.replace(scenario, **{k: v for k, v in given.items() if v is not None})
     for assignment in args.set:
@@ -120,6 +123,15 @@ def _progress(stop_time: float) -> Iterator[Callable[[float], None]]:
             bar.update(time - bar.n)
 
         yield report
+
+
+def _rescue(results: Results, scenario: Scenario, folder: Path, error: str) -> str:
+    """Write what a run had recorded when it ended early; says where, or why not."""
+    try:
+        _write(results, scenario, folder, error)
+    except OutputError as second:
+        return str(second)
+    return f"what was recorded is in {folder}"
 
 
 def _write(results: Results, scenario: Scenario, folder: Path, error: str | None = None) -> dict[str, Any]:
@@ -159,18 +171,19 @@ def _table(summary: dict[str, Any], scenario: Scenario, folder: Path) -> str:
     ]
     if found["tracking"]:
         steady = f"steady max (t >= {scenario.steady_after:g} s)"
-        lines.append(f"\n{'tracking error':<16}{'max':>12}{'rms':>12}{'accumulated':>16}{steady:>28}")
+        lines.append(f"\n{'tracking error':<16}{'max':>14}{'rms':>14}{'accumulated':>16}{steady:>28}")
         for name, e in found["tracking"].items():
             unit = "mm" if name in "xy" else "mrad"
             last = "-" if e["steady_max"] is None else f"{e['steady_max'] * 1e3:.4g} {unit}"
             lines.append(
-                f"{name:<16}{e['max'] * 1e3:>7.4g} {unit:<4}{e['rms'] * 1e3:>7.4g} {unit:<4}"
+                f"{name:<16}{e['max'] * 1e3:>9.4g} {unit:<4}{e['rms'] * 1e3:>9.4g} {unit:<4}"
                 f"{e['accumulated'] * 1e3:>9.4g} {unit + ' s':<6}{last:>28}"
             )
     effort = found["control_effort"]
-    lines += [
-        f"\nlargest torque {effort['max']:.4g} N.m, integral of its square {effort['integral']:.4g} N2.m2.s, "
-        f"largest closure error {found['closure_error_max']:.2g} m",
-        f"results, summary and figures: {folder}",
-    ]
+    if effort is not None:
+        lines += [
+            f"\nlargest torque {effort['max']:.4g} N.m, integral of its square {effort['integral']:.4g} N2.m2.s",
+            f"largest closure error {found['closure_error_max']:.2g} m",
+        ]
+    lines.append(f"results, summary and figures: {folder}")
     return "\n".join(lines)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -18,11 +19,20 @@ def register(subparsers: Any) -> None:
     parser.set_defaults(run=run)
 
 
+def _problems(path: Path) -> list[str]:
+    if not path.is_file():
+        return ["there is no such file"]
+    try:
+        return list(validate_fmu(str(path)))
+    except zipfile.BadZipFile:
+        return ["not an FMU (not a zip archive)"]
+
+
 def run(args: argparse.Namespace) -> int:
     """Run `cosim validate`; returns 0 when nothing was found, else 1."""
     found = False
     for path in args.fmu:
-        problems = validate_fmu(str(path)) if path.is_file() else ["there is no such file"]
+        problems = _problems(path)
         for problem in problems:
             print(f"{path}: {' '.join(problem.split())}")
         found = found or bool(problems)

@@ -44,7 +44,7 @@ def write_figures(results: Results, title: str, steady_after: float, folder: Pat
     thinned = Results(results.time[::every], results.names, results.values[::every], results.info)
     drawings: dict[str, tuple[bool, Callable[[Figure, Results, float], None]]] = {
         "path": ("plant.x_E" in results, _path),
-        "tracking_errors": ("trajectory.x_ref" in results, _tracking_errors),
+        "tracking_errors": ("trajectory.x_ref" in results and "plant.x_E" in results, _tracking_errors),
         "torques": ("plant.tau_a" in results, _torques),
         "psi": ("controller.psi" in results, _psi),
         "closure_error": ("plant.closure_error" in results, _closure_error),
@@ -53,7 +53,7 @@ def write_figures(results: Results, title: str, steady_after: float, folder: Pat
     for name, (recorded, draw) in drawings.items():
         if recorded:
             figure = Figure(figsize=(9.0, 6.0), layout="constrained", dpi=150)
-            figure.suptitle(title, fontsize=10)
+            figure.suptitle(title, fontsize=10, parse_math=False)
             draw(figure, thinned, steady_after)
             written.append(folder / f"{name}.png")
             figure.savefig(written[-1])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 
 from cosim.errors import CosimError, nearest
@@ -20,7 +21,7 @@ def fmu_path(folder: Path, flavour: str, instance: str) -> Path:
     return folder / flavour / f"{MODELS[instance].name}.fmu"
 
 
-def build(folder: Path, flavour: str) -> list[Path]:
+def build(folder: Path, flavour: str, instances: Iterable[str] = tuple(MODELS)) -> list[Path]:
     """Build all FMUs of a flavour into `<folder>/<flavour>`.
 
     Raises
@@ -34,7 +35,7 @@ def build(folder: Path, flavour: str) -> list[Path]:
     from fmu_export.pythonfmu_backend import build_pythonfmu
 
     try:
-        return [build_pythonfmu(model, folder / flavour) for model in MODELS.values()]
+        return [build_pythonfmu(model, folder / flavour) for model in map(MODELS.__getitem__, instances)]
     except OSError as error:
         raise BuildError(
             f"can't write the FMUs into {folder / flavour}: {error}; choose another folder with --fmus"
@@ -49,9 +50,8 @@ def build_missing(folder: Path, flavour: str) -> list[Path]:
     BuildError
         As `build`.
     """
-    if flavour in FLAVOURS and all(fmu_path(folder, flavour, i).is_file() for i in MODELS):
-        return []
-    return build(folder, flavour)
+    missing = [i for i in MODELS if not fmu_path(folder, flavour, i).is_file()]
+    return build(folder, flavour, missing) if missing else []
 
 
 def newer_sources(folder: Path, flavour: str) -> list[Path]:

@@ -54,16 +54,24 @@ def metrics(results: Results, steady_after: float) -> dict[str, Any]:
         }
         for name, error in tracking_errors(results).items()
     }
+    if "plant.tau_a" not in results:
+        return {"tracking": tracking, "control_effort": None, "closure_error_max": None, "steady_after": steady_after}
     tau_a = results["plant.tau_a"]
     return {
         "tracking": tracking,
         "control_effort": {
             "max": float(np.abs(tau_a).max()),
-            "integral": float(np.trapezoid((tau_a**2).sum(axis=1), time)),
+            "integral": _integral_of_squares(tau_a, time),
         },
         "closure_error_max": float(results["plant.closure_error"].max()),
         "steady_after": steady_after,
     }
+
+
+def _integral_of_squares(tau_a: np.ndarray, time: np.ndarray) -> float | None:
+    with np.errstate(over="ignore"):  # torques of a run that failed
+        integral = float(np.trapezoid((tau_a**2).sum(axis=1), time))
+    return integral if np.isfinite(integral) else None
 
 
 def _rms(error: np.ndarray) -> float:

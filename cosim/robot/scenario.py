@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-import math
+import sys
 import tomllib
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import Any, get_args, get_type_hints
 
 from cosim.errors import CosimError, nearest
 from cosim.exchange import Order
@@ -117,7 +117,7 @@ def load_scenario(name_or_path: str) -> Scenario:
         raise ScenarioError(f"there is no scenario '{name_or_path}'; {nearest(name_or_path, names())} (or a TOML file)")
     try:
         data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
         raise ScenarioError(f"{path}: can't be read as TOML: {error}") from error
     try:
         return _scenario(path.stem, data)
@@ -134,8 +134,10 @@ def _scenario(name: str, data: Mapping[str, Any]) -> Scenario:
     if not isinstance(components, list) or not components:
         raise ScenarioError(f"components = {components!r} must be a list of names")
     for component in components:
-        if component not in MODELS:
-            raise ScenarioError(f"components: there is no '{component}'; {nearest(str(component), MODELS)}")
+        if not isinstance(component, str) or component not in MODELS:
+            raise ScenarioError(f"components: there is no {component!r}; {nearest(str(component), MODELS)}")
+    if len(set(components)) < len(components):
+        raise ScenarioError(f"components = {components!r} names one twice")
     run = _table(data, "run")
     _check_keys("[run]", run, _RUN)
     start = _table(data, "start")
@@ -144,14 +146,19 @@ def _scenario(name: str, data: Mapping[str, Any]) -> Scenario:
         if not isinstance(values, Mapping):
             raise ScenarioError(f"[start] {component} must be a table of start values")
     signals = {target: _signal(target, spec) for target, spec in _table(data, "signals").items()}
-    return Scenario(
-        name=name,
-        title=title,
-        components=tuple(components),
-        start=start,
-        signals=signals,
-        **{key: _value(f"[run] {key}", value, _RUN[key]) for key, value in run.items()},
-    )
+    for target in signals:
+        if target.partition(".")[0] not in components:
+            raise ScenarioError(
+                f'[signals."{target}"]: its component does not take part; known are {", ".join(components)}'
+            )
+    values = {key: _value(f"[run] {key}", value, _RUN[key]) for key, value in run.items()}
+    if values.get("order", "sequential") not in get_args(Order):
+        raise ScenarioError(
+            f"[run] order = {values['order']!r} is unknown; {nearest(values['order'], get_args(Order))}"
+        )
+    if values.get("seed", 0) < 0:
+        raise ScenarioError(f"[run] seed = {values['seed']!r} must be 0 or greater")
+    return Scenario(name=name, title=title, components=tuple(components), start=start, signals=signals, **values)
 
 
 def _table(data: Mapping[str, Any], key: str) -> Mapping[str, Any]:
@@ -171,8 +178,10 @@ def _signal(target: str, spec: Any) -> Sine | Multisine:
     where = f'[signals."{target}"]'
     if not isinstance(spec, Mapping):
         raise ScenarioError(f"{where} must be a table")
-    shape = spec.get("shape")
-    if shape not in SHAPES:
+    if "shape" not in spec:
+        raise ScenarioError(f"{where} lacks shape; known are {', '.join(SHAPES)}")
+    shape = spec["shape"]
+    if not isinstance(shape, str) or shape not in SHAPES:
         raise ScenarioError(f"{where} shape = {shape!r} is unknown; {nearest(str(shape), SHAPES)}")
     try:
         _size(target)
@@ -198,6 +207,6 @@ def _value(where: str, value: Any, kind: type) -> Any:
     if not right:
         what = {float: "a number", int: "a whole number", str: "a text"}[kind]
         raise ScenarioError(f"{where} = {value!r} must be {what}")
-    if kind is float and not math.isfinite(value):
+    if kind is float and not abs(value) <= sys.float_info.max:
         raise ScenarioError(f"{where} = {value!r} must be finite")
     return kind(value)

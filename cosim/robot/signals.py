@@ -15,6 +15,10 @@ import numpy as np
 SignalFunction = Callable[[float], np.ndarray]
 
 
+#: More sines than this would cost more than the FMUs.
+_MOST_COMPONENTS = 10_000
+
+
 @dataclass(frozen=True)
 class Sine:
     """amplitude * sin(2 pi frequency t + phase), the same for all elements.
@@ -69,10 +73,12 @@ class Multisine:
     start_time: float = 0.0
 
     def __post_init__(self) -> None:
+        if self.rms < 0.0:
+            raise ValueError(f"rms = {self.rms!r} must not be negative")
         if not 0.0 <= self.lowest <= self.highest:
             raise ValueError(f"the band [{self.lowest!r}, {self.highest!r}] Hz must not be negative and must ascend")
-        if self.components < 1:
-            raise ValueError(f"components = {self.components!r} must be 1 or more")
+        if not 1 <= self.components <= _MOST_COMPONENTS:
+            raise ValueError(f"components = {self.components!r} must be between 1 and {_MOST_COMPONENTS}")
 
     def function(self, size: int, seed: int, target: str) -> SignalFunction:
         """The signal for an input of some size; each target gets its own, the same for the same seed."""
