@@ -9,7 +9,7 @@ CHECKS = (
     ("ruff", "check", "."),
     ("ruff", "format", "--check", "."),
     ("mypy",),
-    ("pytest", "-n", "2", "--dist", "loadfile", "--cov", "--cov-report=term"),
+    ("pytest", "-n", "2", "--dist", "loadgroup", "--cov", "--cov-report=term"),
 )
 
 

@@ -16,6 +16,9 @@ from fmu_export.trace import trace
 from plant_fmu.kinematics import chain_ends
 from plant_fmu.model import MODEL, PARAMETERS
 
+# one worker for all of them: they share a run
+pytestmark = pytest.mark.xdist_group("open loop")
+
 P = PARAMETERS.unpack(PARAMETERS.starts)
 
 
