@@ -60,12 +60,12 @@ def write_figures(results: Results, title: str, steady_after: float, folder: Pat
     return written
 
 
-def _lines(axes: Axes, time: np.ndarray, columns: np.ndarray, labels: list[str]) -> None:
+def _lines(axes: Axes, time: np.ndarray, columns: np.ndarray, labels: list[str], legend: bool = True) -> None:
     for i, label in enumerate(labels):
         axes.plot(time, columns[:, i], color=_COLOURS[i], linestyle=_DASHES[i], linewidth=1.2, label=label)
     axes.grid(alpha=0.3)
-    # above the axes, where it hides no curve
-    axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=len(labels), fontsize=8, frameon=False)
+    if legend:  # above the axes, where it hides no curve
+        axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=len(labels), fontsize=8, frameon=False)
 
 
 def _path(figure: Figure, results: Results, _steady_after: float) -> None:
@@ -95,9 +95,9 @@ def _tracking_errors(figure: Figure, results: Results, steady_after: float) -> N
         _lines(row[0], results.time, values, labels)
         row[0].set(ylabel=unit, xlabel="Time (s)")
         if columns == 2:
-            _lines(row[1], results.time[steady], values[steady], labels)
+            _lines(row[1], results.time[steady], values[steady], labels, legend=False)
             row[1].set(xlabel="Time (s)")
-            row[1].set_title(f"steady part, from {steady_after:g} s", fontsize=9, loc="right")
+            row[1].set_title(f"steady part, from {steady_after:g} s", fontsize=9)
 
 
 def _torques(figure: Figure, results: Results, _steady_after: float) -> None:
