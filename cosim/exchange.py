@@ -150,8 +150,8 @@ class Exchange:
         def run(_: float) -> None:
             batch.get()
             if not np.isfinite(values[positions]).all():
-                wrong = ", ".join(f"'{name}' is {values[position]}" for name, position in fed)
-                raise CallFailed(f"not all outputs are finite: {wrong}")
+                wrong = [f"'{name}'" for name, position in fed if not np.isfinite(values[position])]
+                raise CallFailed(f"{len(wrong)} outputs are not finite, the first is {wrong[0]}")
 
         return self._operation(component, run)
 

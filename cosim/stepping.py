@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
+from cosim.errors import SetupError
 from cosim.exchange import Exchange, Operation
 from cosim.failures import Failing, SimulationError, SimulationInterrupted
 from cosim.instance import Batch, Instance
@@ -81,8 +82,7 @@ class Run:
 
     def loop(self, start_time: float, step_size: float, steps: int, results: Results, began: float) -> Results:
         """Step to the end; the results are cut to the recorded rows however the loop ends."""
-        times = start_time + step_size * np.arange(steps + 1)
-        rows = np.empty((steps + 1, len(self._exchange.recorded_positions)))
+        times, rows = self._allocate(steps)
         recorded = 0
         loop_began = clock.perf_counter()
 
@@ -96,7 +96,8 @@ class Run:
         components = list(self._resolved.components.values())
         exchange, values, positions = self._exchange, self._exchange.values, self._exchange.recorded_positions
         try:
-            for i, time in enumerate(times.tolist()):
+            for i in range(steps + 1):
+                time = times[i] = start_time + i * step_size
                 if self._interrupt.requested:
                     self._terminate(time)
                     raise SimulationInterrupted(time, finish("interrupted"))
@@ -109,15 +110,27 @@ class Run:
                     self._progress(time)
                 if i < steps:
                     self._step(components, i, time, step_size)
-            self._terminate(times[-1])
+            self._terminate(time)
         except SimulationError as error:
             error.results = finish("failed")
             raise
         if self._interrupt.requested:
-            raise SimulationInterrupted(times[-1], finish("interrupted"))
+            raise SimulationInterrupted(time, finish("interrupted"))
         if self._progress is not None:
-            self._progress(times[-1])
+            self._progress(time)
         return finish("completed")
+
+    def _allocate(self, steps: int) -> tuple[np.ndarray, np.ndarray]:
+        """Room for the times and for the recorded values of all communication points."""
+        columns = len(self._exchange.recorded_positions)
+        try:
+            return np.empty(steps + 1), np.empty((steps + 1, columns))
+        except MemoryError:
+            size = 8 * (steps + 1) * (columns + 1) / 1e9
+            raise SetupError(
+                f"{columns} values at {steps + 1} communication points need {size:.3g} GB of memory; "
+                "make the step longer, or record less"
+            ) from None
 
     def _terminate(self, time: float) -> None:
         for component, instance in self._instances.items():

@@ -600,3 +600,9 @@ def test_a_broken_fmu_is_one_line(here, no_figures, capsys, damage):
 def test_the_contract_names_three_flavours(here):
     assert set(FLAVOURS) <= {"pythonfmu", "fmi2", "fmi3"}
     assert "pythonfmu" in FLAVOURS
+
+
+@pytest.mark.parametrize("path", ["plant.dm", "plant.tau_d[1]", "plant.tau_a", "controller.theta_a[2]"])
+def test_a_start_value_of_a_fed_input_is_refused(here, capsys, path):
+    assert main(["run", "--stop", "0.01", "--set", f"{path}=0.1"]) == 1
+    assert f"'{path}' is fed by a connection or a signal" in capsys.readouterr().err

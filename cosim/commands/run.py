@@ -21,6 +21,7 @@ from cosim.robot import fmus
 from cosim.robot.metrics import metrics
 from cosim.robot.scenario import Scenario, load_scenario, names
 from cosim.robot.signals import SHAPES
+from cosim.system import System
 from cosim.versions import versions
 
 SHAPE_NAMES = {kind: name for name, kind in SHAPES.items()}
@@ -72,6 +73,7 @@ def run(args: argparse.Namespace) -> int:
     if stale:
         print(f"note: {stale[0].name} has changed since the FMUs were built; rebuild with: python build_fmus.py")
     system = scenario.system(args.fmus, args.flavour)
+    _check_overrides(args.set, system)
     try:
         with _progress(scenario.stop_time) as progress:
             results = simulate(system, scenario.stop_time, scenario.step_size, order=scenario.order, progress=progress)
@@ -111,6 +113,17 @@ def _scenario(args: argparse.Namespace) -> Scenario:
             raise UsageError(f"--set {assignment}: the scenario has no component '{instance}'; {hint}")
         scenario = scenario.with_start_value(instance, name, value)
     return scenario
+
+
+def _check_overrides(assignments: list[str], system: System) -> None:
+    """A start value of an input that something feeds would have no effect, and no one would notice."""
+    fed = {c.target for c in system.connections} | {s.target for s in system.signals}
+    for assignment in assignments:
+        path = assignment.partition("=")[0]
+        if {path, path.partition("[")[0]} & fed:
+            raise UsageError(
+                f"--set {assignment}: '{path}' is fed by a connection or a signal; change the scenario's TOML"
+            )
 
 
 @contextmanager
