@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import hashlib
 import json
 import math
 import os
+import pty
 import resource
 import shutil
 import signal
 import subprocess
 import sys
-import time
+import termios
 from pathlib import Path
 
 import matplotlib.image
@@ -285,6 +287,9 @@ def test_a_run_over_2_s_shows_its_progress(here, no_figures, capsys, monkeypatch
     clock = iter(range(0, 100000, 3))  # each look at the clock is 3 s after the one before
     monkeypatch.setattr("tqdm.std.time", lambda: float(next(clock)))
     assert main(["run", "--stop", "0.3"]) == 0
+    assert "s simulated" not in capsys.readouterr().err  # no terminal, no bar
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    assert main(["run", "--stop", "0.3"]) == 0
     assert "s simulated" in capsys.readouterr().err
 
 
@@ -414,28 +419,35 @@ def test_torques_whose_squares_are_beyond_floats_leave_a_valid_summary(here, cap
     assert summary_of("results/mine")["status"] == "failed"  # and it is JSON, which knows no Infinity
 
 
+def read_to_the_end(terminal: int) -> bytes:
+    read = b""
+    with contextlib.suppress(OSError):  # how a terminal says that its other end is closed
+        while chunk := os.read(terminal, 4096):
+            read += chunk
+    return read
+
+
 def test_ctrl_c_half_way_keeps_what_was_recorded(here):
     command = [sys.executable, "-m", "cosim", "run", "--stop", "600"]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    terminal, child_end = pty.openpty()  # the bar, which tells when the run is under way, needs a terminal
+    termios.tcsetwinsize(terminal, (24, 100))
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=child_end)
+    os.close(child_end)
     try:
         err = b""
-        began = time.monotonic()
-        os.set_blocking(process.stderr.fileno(), False)
-        while b"s simulated" not in err and time.monotonic() - began < 60.0:
-            err += process.stderr.read() or b""
-            assert process.poll() is None, err
-            time.sleep(0.02)
-        assert b"s simulated" in err  # the bar of a run that takes more than 2 s
+        while b"s simulated" not in err:
+            err += os.read(terminal, 4096)  # fails when the child has ended
         process.send_signal(signal.SIGINT)
-        os.set_blocking(process.stderr.fileno(), True)
-        out, rest = process.communicate(timeout=60)
+        rest = read_to_the_end(terminal)
+        out = process.communicate(timeout=60)[0]
     finally:
         process.kill()
         process.wait()
+        os.close(terminal)
     assert process.returncode == 130
     assert out == b""
     assert b"Traceback" not in rest
-    last = rest.decode().replace("\r", "\n").splitlines()[-1]
+    last = rest.decode().strip().replace("\r", "\n").splitlines()[-1]
     assert last.startswith("cosim: interrupted at t = ")
     assert last.endswith("; what was recorded is in results/tracking")
     stopped = float(last.split("t = ")[1].split(" s")[0])

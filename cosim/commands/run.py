@@ -130,7 +130,8 @@ def _check_overrides(assignments: list[str], system: System) -> None:
 def _progress(stop_time: float) -> Iterator[Callable[[float], None]]:
     """A progress bar in simulated seconds, for runs that take more than two seconds."""
     layout = "{desc} {percentage:3.0f}%|{bar}| {n:.1f}/{total:.1f} s simulated [{elapsed}<{remaining}]"
-    with tqdm(total=stop_time, desc="running", delay=2.0, leave=False, bar_format=layout) as bar:
+    no_terminal = None  # tqdm's word for: no bar where there is no terminal to draw it on
+    with tqdm(total=stop_time, desc="running", delay=2.0, leave=False, bar_format=layout, disable=no_terminal) as bar:
 
         def report(time: float) -> None:
             bar.update(time - bar.n)
