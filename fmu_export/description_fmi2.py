@@ -2,17 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from xml.etree import ElementTree as ET
 
-from fmu_export.interface import Interface, ScalarVariable
+from fmu_export.description_common import (
+    VARIABILITY,
+    add_default_experiment,
+    add_log_categories,
+    add_units,
+    to_bytes,
+    type_attributes,
+)
+from fmu_export.interface import Interface, ScalarVariable, StateDerivative
 from fmu_export.model import Model
-from fmu_export.units import unit
 from fmu_export.version import DISTRIBUTION, package_version
 
 
-def model_description(model: Model, interface: Interface, guid: str, options: dict[str, str], tool: str) -> bytes:
-    """Write the model description of a co-simulation FMU.
+def model_description(
+    model: Model, interface: Interface, guid: str, interfaces: Mapping[str, Mapping[str, str]], tool: str
+) -> bytes:
+    """Write the model description of an FMU.
 
     Parameters
     ----------
@@ -20,8 +29,9 @@ def model_description(model: Model, interface: Interface, guid: str, options: di
         The model and its flat variables; value references are the positions in `interface.variables`.
     guid : str
         Fingerprint that ties the description to the code.
-    options : dict
-        Attributes of the CoSimulation element besides the model identifier.
+    interfaces : mapping
+        "ModelExchange", "CoSimulation" or both -> attributes of that element besides the model identifier. With model
+        exchange, the derivatives of the states are variables too.
     tool : str
         What executes the model, named behind the distribution in generationTool.
 
@@ -42,71 +52,75 @@ def model_description(model: Model, interface: Interface, guid: str, options: di
         variableNamingConvention="structured",
         numberOfEventIndicators="0",
     )
-    ET.SubElement(root, "CoSimulation", {"modelIdentifier": model.name, **options})
-    _unit_definitions(root, interface.variables)
-    categories = ET.SubElement(root, "LogCategories")
-    for name in ("logStatusWarning", "logStatusDiscard", "logStatusError", "logStatusFatal", "logAll"):
-        ET.SubElement(categories, "Category", name=name)
-    experiment = model.default_experiment
-    ET.SubElement(
-        root,
-        "DefaultExperiment",
-        startTime=repr(experiment.start_time),
-        stopTime=repr(experiment.stop_time),
-        stepSize=repr(experiment.step_size),
-    )
+    for kind in ("ModelExchange", "CoSimulation"):
+        if kind in interfaces:
+            ET.SubElement(root, kind, {"modelIdentifier": model.name, **interfaces[kind]})
+    derivatives = interface.derivatives if "ModelExchange" in interfaces else ()
+    add_units(root, [*(v.unit for v in interface.variables), *(d.unit for d in derivatives)])
+    add_log_categories(root)
+    add_default_experiment(root, model)
     variables = ET.SubElement(root, "ModelVariables")
     for reference, v in enumerate(interface.variables):
         _scalar_variable(variables, v, reference)
-    _model_structure(root, interface)
-    ET.indent(root)
-    return ET.tostring(root, encoding="utf-8", xml_declaration=True) + b"\n"
-
-
-def _unit_definitions(root: ET.Element, variables: Sequence[ScalarVariable]) -> None:
-    definitions = ET.SubElement(root, "UnitDefinitions")
-    for name in dict.fromkeys(v.unit for v in variables):
-        element = ET.SubElement(definitions, "Unit", name=name)
-        ET.SubElement(element, "BaseUnit", {k: str(n) for k, n in unit(name).exponents.items()})
-        for display, factor in unit(name).display.items():
-            ET.SubElement(element, "DisplayUnit", name=display, factor=repr(factor))
+    for reference, d in enumerate(derivatives, start=len(interface.variables)):
+        _state_derivative(variables, d, reference, interface.variables[d.state].description)
+    _model_structure(root, interface, derivatives)
+    return to_bytes(root)
 
 
 def _scalar_variable(parent: ET.Element, v: ScalarVariable, reference: int) -> None:
-    variability = {"parameter": "fixed", "input": "continuous", "output": "continuous"}[v.causality]
     attributes = {
         "name": v.name,
         "valueReference": str(reference),
         "description": v.description,
         "causality": v.causality,
-        "variability": variability,
+        "variability": VARIABILITY[v.causality],
     }
     if v.causality != "input":  # FMI 2.0, table on page 51: "initial" must not be given for inputs
         attributes["initial"] = "exact" if v.causality == "parameter" else "calculated"
-    real = {"unit": v.unit}
-    display = next(iter(unit(v.unit).display), None)
-    if display is not None:
-        real["displayUnit"] = display
-    for name, value in (("min", v.min), ("max", v.max), ("start", v.start)):
-        if value is not None:
-            real[name] = repr(value)
-    ET.SubElement(ET.SubElement(parent, "ScalarVariable", attributes), "Real", real)
+    ET.SubElement(ET.SubElement(parent, "ScalarVariable", attributes), "Real", type_attributes(v))
 
 
-def _model_structure(root: ET.Element, interface: Interface) -> None:
-    """Outputs and InitialUnknowns with their dependencies; indices count from 1."""
+def _state_derivative(parent: ET.Element, d: StateDerivative, reference: int, state: str) -> None:
+    element = ET.SubElement(
+        parent,
+        "ScalarVariable",
+        name=d.name,
+        valueReference=str(reference),
+        description=f"Time derivative of: {state}",
+        causality="local",
+        variability="continuous",
+        initial="calculated",
+    )
+    ET.SubElement(element, "Real", unit=d.unit, derivative=str(d.state + 1))
+
+
+def _model_structure(root: ET.Element, interface: Interface, derivatives: Sequence[StateDerivative]) -> None:
+    """Outputs, state derivatives and initial unknowns with their dependencies; indices count from 1.
+
+    States are knowns in model exchange only.
+    """
     structure = ET.SubElement(root, "ModelStructure")
     first_output = interface.n_parameters + interface.n_inputs
-    for tag, rows in (
-        ("Outputs", interface.dependencies),
-        ("InitialUnknowns", interface.initial_dependencies),
-    ):
-        parent = ET.SubElement(structure, tag)
-        for i, row in enumerate(rows):
-            ET.SubElement(
-                parent,
-                "Unknown",
-                index=str(first_output + i + 1),
-                dependencies=" ".join(str(j + 1) for j in row),
-                dependenciesKind=" ".join("dependent" for _ in row),
-            )
+    first_derivative = len(interface.variables)
+    outputs = interface.dependencies
+    if derivatives:
+        outputs = tuple((*u, *x) for u, x in zip(outputs, interface.state_dependencies, strict=True))
+    _unknowns(structure, "Outputs", enumerate(outputs, start=first_output))
+    if derivatives:
+        _unknowns(structure, "Derivatives", enumerate((d.dependencies for d in derivatives), start=first_derivative))
+    initial = [*interface.initial_dependencies, *(d.initial_dependencies for d in derivatives)]
+    _unknowns(structure, "InitialUnknowns", enumerate(initial, start=first_output))
+
+
+def _unknowns(structure: ET.Element, tag: str, rows: Iterable[tuple[int, Iterable[int]]]) -> None:
+    parent = ET.SubElement(structure, tag)
+    for position, row in rows:
+        knowns = sorted(row)
+        ET.SubElement(
+            parent,
+            "Unknown",
+            index=str(position + 1),
+            dependencies=" ".join(str(j + 1) for j in knowns),
+            dependenciesKind=" ".join("dependent" for _ in knowns),
+        )

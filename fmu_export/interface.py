@@ -7,6 +7,7 @@ from typing import Literal
 
 from fmu_export.model import Layout, Variable
 from fmu_export.trace import TracedModel
+from fmu_export.units import rate_unit
 
 #: Every model with states integrates with steps no longer than this; it is numerics, so no model declares it.
 MAX_STEP = Variable("max_step", "s", "Largest step of the internal Runge-Kutta method", start=1e-3, min=1e-9)
@@ -26,11 +27,26 @@ class ScalarVariable:
 
 
 @dataclass(frozen=True)
+class StateDerivative:
+    """The derivative of a state, for importers that integrate themselves (model exchange).
+
+    Its value reference follows those of `Interface.variables`.
+    """
+
+    name: str
+    unit: str
+    state: int  # position of the state in `Interface.variables`
+    dependencies: tuple[int, ...]  # positions of the states and inputs it depends on directly
+    initial_dependencies: tuple[int, ...]  # positions of parameters and inputs
+
+
+@dataclass(frozen=True)
 class Interface:
     """The scalar variables of a model, parameters first, then inputs, then outputs.
 
     `dependencies` and `initial_dependencies` hold for each output (in order) the positions of the variables its value
-    depends on directly: inputs during the simulation, parameters and inputs at initialisation.
+    depends on directly: inputs during the simulation, parameters and inputs at initialisation; `state_dependencies`
+    those of the states.
     """
 
     variables: tuple[ScalarVariable, ...]
@@ -38,6 +54,13 @@ class Interface:
     n_inputs: int
     dependencies: tuple[tuple[int, ...], ...]
     initial_dependencies: tuple[tuple[int, ...], ...]
+    state_dependencies: tuple[tuple[int, ...], ...]
+    derivatives: tuple[StateDerivative, ...]
+
+    @property
+    def states(self) -> tuple[int, ...]:
+        """Positions of the states in `variables`, in the order of the state vector."""
+        return tuple(d.state for d in self.derivatives)
 
     @property
     def n_outputs(self) -> int:
@@ -56,6 +79,8 @@ def interface_of(traced: TracedModel) -> Interface:
         *_flatten(model.outputs, "output"),
     )
     first_input = len(parameters)
+    first_output = first_input + len(model.inputs)
+    states = [first_output + model.outputs.names.index(name) for name in model.state_layout.names]
     on_parameters, on_inputs = traced.initial_output_dependencies()
     return Interface(
         variables=variables,
@@ -64,6 +89,17 @@ def interface_of(traced: TracedModel) -> Interface:
         dependencies=tuple(tuple(first_input + i for i in row) for row in traced.output_dependencies()),
         initial_dependencies=tuple(
             (*ps, *(first_input + i for i in us)) for ps, us in zip(on_parameters, on_inputs, strict=True)
+        ),
+        state_dependencies=tuple(tuple(states[i] for i in row) for row in traced.output_state_dependencies()),
+        derivatives=tuple(
+            StateDerivative(
+                name=f"der({variables[state].name})",
+                unit=rate_unit(variables[state].unit),
+                state=state,
+                dependencies=(*(states[j] for j in xs), *(first_input + i for i in us)),
+                initial_dependencies=(*ps, *(first_input + i for i in us)),
+            )
+            for state, xs, us, ps in zip(states, *traced.derivative_dependencies(), strict=True)
         ),
     )
 

@@ -94,7 +94,7 @@ def build_pythonfmu(model: Model, folder: Path) -> Path:
 
 
 def _description(model: Model, interface: Interface, guid: str) -> bytes:
-    return model_description(model, interface, guid, _OPTIONS, f"PythonFMU {version('pythonfmu')}")
+    return model_description(model, interface, guid, {"CoSimulation": _OPTIONS}, f"PythonFMU {version('pythonfmu')}")
 
 
 def _guid(fingerprint: str) -> str:

@@ -7,10 +7,14 @@ from typing import Any
 from fmu_export.model import Array, ModelFunction
 
 
-def rk4_step(derivatives: ModelFunction, t: Any, x: Array, u: Array, p: Array, h: Any) -> Array:
-    """State (n_x,) at t + h with the inputs held (Kutta 1901; Hairer, Norsett, Wanner, table II.1.2)."""
+def rk4_step(derivatives: ModelFunction, t: Any, x: Array, u: Array, p: Array, h: Any, u_rate: Any = 0.0) -> Array:
+    """State (n_x,) at t + h (Kutta 1901; Hairer, Norsett, Wanner, table II.1.2).
+
+    The inputs are u at t and change at `u_rate` per second: 0 holds them.
+    """
+    u_half, u_end = u + h / 2.0 * u_rate, u + h * u_rate
     k1 = derivatives(t, x, u, p)
-    k2 = derivatives(t + h / 2.0, x + h / 2.0 * k1, u, p)
-    k3 = derivatives(t + h / 2.0, x + h / 2.0 * k2, u, p)
-    k4 = derivatives(t + h, x + h * k3, u, p)
+    k2 = derivatives(t + h / 2.0, x + h / 2.0 * k1, u_half, p)
+    k3 = derivatives(t + h / 2.0, x + h / 2.0 * k2, u_half, p)
+    k4 = derivatives(t + h, x + h * k3, u_end, p)
     return x + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import casadi as ca
 
@@ -53,26 +53,39 @@ def python_source(functions: Sequence[tuple[ca.Function, Sequence[str]]]) -> str
 
 def _function_source(f: ca.Function, argument_names: Sequence[str]) -> str:
     lines = [f"def {f.name()}({', '.join(argument_names)}):"]
-    results = ["0.0"] * f.numel_out(0)
+    lines += [f"    {target} = {expression}" for target, expression in statements(f, argument_names, _TEMPLATES, repr)]
+    lines.append(f"    return [{', '.join(f'y{i}' for i in range(f.numel_out(0)))}]")
+    return "\n".join(lines) + "\n"
+
+
+def statements(
+    f: ca.Function, argument_names: Sequence[str], templates: Mapping[int, str], literal: Callable[[float], str]
+) -> list[tuple[str, str]]:
+    """The instructions of a traced function as assignments (target, expression), in C and Python alike.
+
+    Results are assigned to `y0`, `y1`, ...; of the arguments `t` and `h` are scalars, the others arrays.
+
+    Raises
+    ------
+    NotImplementedError
+        The function uses an operation that has no template.
+    """
+    assignments = dict.fromkeys(range(f.numel_out(0)), "0.0")
+    lines = []
     for k in range(f.n_instructions()):
         operation, operands, targets = f.instruction_id(k), f.instruction_input(k), f.instruction_output(k)
         if operation == ca.OP_CONST:
-            lines.append(f"    w{targets[0]} = {f.instruction_constant(k)!r}")
+            lines.append((f"w{targets[0]}", literal(f.instruction_constant(k))))
         elif operation == ca.OP_INPUT:
-            argument, index = operands
-            name = argument_names[argument]
-            scalar = f.numel_in(argument) == 1 and name in ("t", "h")
-            lines.append(f"    w{targets[0]} = {name}" + ("" if scalar else f"[{index}]"))
+            name, index = argument_names[operands[0]], operands[1]
+            lines.append((f"w{targets[0]}", name if name in ("t", "h") else f"{name}[{index}]"))
         elif operation == ca.OP_OUTPUT:
-            name = f"y{targets[1]}"
-            lines.append(f"    {name} = w{operands[0]}")
-            results[targets[1]] = name
-        elif operation in _TEMPLATES:
-            expression = _TEMPLATES[operation].format(*(f"w{i}" for i in operands))
-            lines.append(f"    w{targets[0]} = {expression}")
+            del assignments[targets[1]]
+            lines.append((f"y{targets[1]}", f"w{operands[0]}"))
+        elif operation in templates:
+            lines.append((f"w{targets[0]}", templates[operation].format(*(f"w{i}" for i in operands))))
         else:
             raise NotImplementedError(
                 f"{f.name()}: CasADi operation {operation} has no Python template; add it to _TEMPLATES"
             )
-    lines.append(f"    return [{', '.join(results)}]")
-    return "\n".join(lines) + "\n"
+    return [*((f"y{i}", zero) for i, zero in assignments.items()), *lines]

@@ -22,7 +22,9 @@ class TracedModel:
     """The expression graphs of a model, as CasADi functions of flat arguments.
 
     Each function has one output (n,). Arguments: `initial_state` (p), `derivatives`, `outputs` and
-    `step_margins` (t, x, u, p), `step` (t, x, u, p, h) and `start_margins` (p).
+    `step_margins` (t, x, u, p), `step` (t, x, u, p, h), `linear_step` (t, x, u, p, h, u_rate) and `start_margins` (p).
+    Directional derivatives by CasADi's forward mode: `initial_state_direction` (p, dp), `derivatives_direction` and
+    `outputs_direction` (t, x, u, p, dx, du, dp).
     """
 
     model: Model
@@ -32,6 +34,10 @@ class TracedModel:
     step: ca.Function
     start_margins: ca.Function
     step_margins: ca.Function
+    linear_step: ca.Function
+    initial_state_direction: ca.Function
+    derivatives_direction: ca.Function
+    outputs_direction: ca.Function
 
     @property
     def functions(self) -> tuple[ca.Function, ...]:
@@ -43,11 +49,27 @@ class TracedModel:
             self.step,
             self.start_margins,
             self.step_margins,
+            self.linear_step,
+            self.initial_state_direction,
+            self.derivatives_direction,
+            self.outputs_direction,
         )
 
     def output_dependencies(self) -> list[list[int]]:
         """For each output the inputs it depends on directly (indices)."""
         return _rows(self.outputs.jac_sparsity(0, 2))
+
+    def output_state_dependencies(self) -> list[list[int]]:
+        """For each output the states it depends on directly (indices)."""
+        return _rows(self.outputs.jac_sparsity(0, 1))
+
+    def derivative_dependencies(self) -> tuple[list[list[int]], list[list[int]], list[list[int]]]:
+        """For each state derivative the states, the inputs, and at the start the parameters it depends on."""
+        t, u, p = _symbols("t", 1), _symbols("u", len(self.model.inputs)), _symbols("p", len(self.model.parameters))
+        rate = self.derivatives(t, self.initial_state(p), u, p)
+        initial = ca.Function("initial_derivatives", [p, u, t], [rate])
+        on_states, on_inputs = self.derivatives.jac_sparsity(0, 1), self.derivatives.jac_sparsity(0, 2)
+        return _rows(on_states), _rows(on_inputs), _rows(initial.jac_sparsity(0, 0))
 
     def initial_output_dependencies(self) -> tuple[list[list[int]], list[list[int]]]:
         """For each output the parameters, and the inputs, that its initial value depends on (indices)."""
@@ -68,9 +90,10 @@ def trace(model: Model) -> TracedModel:
     n_x, n_u, n_p = len(model.state_layout), len(model.inputs), len(model.parameters)
     t, x, u, p, h = (_symbols(*s) for s in (("t", 1), ("x", n_x), ("u", n_u), ("p", n_p), ("h", 1)))
     T, X, U, P, H = _scalar(t), _vector(x), _vector(u), _vector(p), _scalar(h)
+    u_rate, dx, du, dp = (_symbols(*s) for s in (("u_rate", n_u), ("dx", n_x), ("du", n_u), ("dp", n_p)))
 
     def function(name: str, arguments: list[ca.SX], value: Array, length: int) -> ca.Function:
-        column = ca.vec(ca.SX(value)) if np.size(value) else ca.SX(0, 1)
+        column = _column(value)
         if column.numel() != length:
             raise ValueError(f"{model.name}: {name} returns {column.numel()} values, {length} are declared")
         return ca.Function(name, arguments, [ca.densify(ca.cse(column))])
@@ -81,6 +104,12 @@ def trace(model: Model) -> TracedModel:
             return np.zeros(0), 0
         return np.stack([r.margin(T, X, U, P) for r in requirements]), len(requirements)
 
+    def direction(name: str, value: Array, arguments: list[ca.SX], seeds: list[ca.SX]) -> ca.Function:
+        """The derivative of a value along the direction that the seeds of (x, u, p) or of (p) give."""
+        column, along = _column(value), [s for s in (x, u, p) if len(seeds) == 3] or [p]
+        change = sum((ca.jtimes(column, symbol, seed) for symbol, seed in zip(along, seeds, strict=True)), ca.SX(0))
+        return ca.Function(name, [*arguments, *seeds], [ca.densify(ca.cse(change + ca.SX(*column.shape)))])
+
     with _numpy_mode():
         return TracedModel(
             model=model,
@@ -90,7 +119,24 @@ def trace(model: Model) -> TracedModel:
             step=function("step", [t, x, u, p, h], rk4_step(model.derivatives, T, X, U, P, H), n_x),
             start_margins=function("start_margins", [p], *margins("start")),
             step_margins=function("step_margins", [t, x, u, p], *margins("step")),
+            linear_step=function(
+                "linear_step",
+                [t, x, u, p, h, u_rate],
+                rk4_step(model.derivatives, T, X, U, P, H, _vector(u_rate)),
+                n_x,
+            ),
+            initial_state_direction=direction("initial_state_direction", model.initial_state(P), [p], [dp]),
+            derivatives_direction=direction(
+                "derivatives_direction", model.derivatives(T, X, U, P), [t, x, u, p], [dx, du, dp]
+            ),
+            outputs_direction=direction(
+                "outputs_direction", model.output_values(T, X, U, P), [t, x, u, p], [dx, du, dp]
+            ),
         )
+
+
+def _column(value: Array) -> ca.SX:
+    return ca.vec(ca.SX(value)) if np.size(value) else ca.SX(0, 1)
 
 
 def _symbols(name: str, n: int) -> ca.SX:

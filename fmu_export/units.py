@@ -34,8 +34,26 @@ UNITS = {
         Unit("N.m.s/rad", {"kg": 1, "m": 2, "s": -1, "rad": -1}),
         Unit("rad", {"rad": 1}, {"deg": _DEGREES}),
         Unit("rad/s", {"rad": 1, "s": -1}, {"deg/s": _DEGREES}),
+        Unit("rad/s2", {"rad": 1, "s": -2}, {"deg/s2": _DEGREES}),
     )
 }
+
+
+#: Unit of the time derivative of a quantity, by its unit.
+_RATES = {"1": "s-1", "rad": "rad/s", "rad/s": "rad/s2"}
+
+
+def rate_unit(name: str) -> str:
+    """Unit of the time derivative of a quantity in a unit.
+
+    Raises
+    ------
+    ValueError
+        It is not defined here.
+    """
+    if name not in _RATES:
+        raise ValueError(f"the unit of a rate of '{name}' is not defined; add it to fmu_export/units.py")
+    return _RATES[name]
 
 
 def unit(name: str) -> Unit:

@@ -1,0 +1,302 @@
+#include "core.h"
+
+#include <math.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* More internal steps than this in one communication step is taken for a mistake, not for work to do. */
+#define MOST_INTERNAL_STEPS 1000000.0
+
+#define PARAMETERS(core) ((core)->state.values)
+#define INPUTS(core) ((core)->state.values + N_P)
+#define OUTPUTS(core) ((core)->state.values + N_PU)
+#define DERIVATIVES(core) ((core)->state.values + N_VARIABLES)
+
+Core *core_new(const char *resources, int model_exchange, CoreLogger *logger, void *environment) {
+    Core *core = calloc(1, sizeof *core);
+    if (!core) return NULL;
+    core->resources = malloc(strlen(resources) + 1);
+    if (!core->resources) {
+        free(core);
+        return NULL;
+    }
+    strcpy(core->resources, resources);
+    core->model_exchange = model_exchange;
+    core->logger = logger;
+    core->environment = environment;
+    if (core_reset(core) != CORE_OK) {
+        core_free(core);
+        return NULL;
+    }
+    return core;
+}
+
+void core_free(Core *core) {
+    free(core->resources);
+    free(core);
+}
+
+CoreStatus core_fail(Core *core, CoreStatus status, const char *format, ...) {
+    char message[1024];
+    va_list arguments;
+    va_start(arguments, format);
+    vsnprintf(message, sizeof message, format, arguments);
+    va_end(arguments);
+    core->logger(core->environment, status, message);
+    return status;
+}
+
+int core_allowed(Core *core, int phases, const char *function) {
+    if (core->state.phase & phases) return 1;
+    core_fail(core, CORE_ERROR, "%s can't be called in this state; see the state machine of the FMI standard", function);
+    return 0;
+}
+
+/* Start values */
+
+static CoreStatus read_start_values(Core *core) {
+    char path[4096], line[256];
+    int found[N_PU + 1] = {0};
+    if (snprintf(path, sizeof path, "%s/start_values.txt", core->resources) >= (int)sizeof path)
+        return core_fail(core, CORE_ERROR, "the path of the resources is too long: %.100s...", core->resources);
+    FILE *file = fopen(path, "r");
+    if (!file) return core_fail(core, CORE_ERROR, "start values can't be read: %s is missing or unreadable", path);
+    CoreStatus status = CORE_OK;
+    while (status == CORE_OK && fgets(line, sizeof line, file)) {
+        char *separator = strstr(line, " = "), *end = NULL;
+        double value = separator ? strtod(separator + 3, &end) : 0.0;
+        if (!separator || end == separator + 3 || !isfinite(value)) {
+            line[strcspn(line, "\r\n")] = '\0';
+            status = core_fail(core, CORE_ERROR, "start values can't be read: '%s' in %s is no 'name = number'", line, path);
+            break;
+        }
+        *separator = '\0';
+        for (int i = 0; i < N_PU; i++)
+            if (!strcmp(line, model_names[i])) {
+                core->state.values[i] = value;
+                found[i] = 1;
+            }
+    }
+    fclose(file);
+    for (int i = 0; status == CORE_OK && i < N_PU; i++)
+        if (!found[i]) status = core_fail(core, CORE_ERROR, "start values can't be read: '%s' is missing in %s", model_names[i], path);
+    return status;
+}
+
+CoreStatus core_reset(Core *core) {
+    memset(&core->state, 0, sizeof core->state);
+    core->state.phase = INSTANTIATED;
+    return read_start_values(core);
+}
+
+/* Checks */
+
+static CoreStatus check_parameters(Core *core) {
+    double margins[N_START_REQUIREMENTS + 1];
+    for (int i = 0; i < N_P; i++) {
+        double value = PARAMETERS(core)[i], lower = model_limits[i][0], upper = model_limits[i][1];
+        if (!(lower <= value && value <= upper))
+            return core_fail(core, CORE_ERROR, "parameter '%s' is %.17g; it must be between %.17g and %.17g", model_names[i], value, lower, upper);
+    }
+    model_start_margins(PARAMETERS(core), margins);
+    for (int i = 0; i < N_START_REQUIREMENTS; i++)
+        if (!(margins[i] > 0.0)) return core_fail(core, CORE_ERROR, "%s", model_start_requirements[i]);
+    return CORE_OK;
+}
+
+static CoreStatus check_step(Core *core, double time, CoreStatus status) {
+    double margins[N_STEP_REQUIREMENTS + 1];
+    model_step_margins(time, core->state.x, INPUTS(core), PARAMETERS(core), margins);
+    for (int i = 0; i < N_STEP_REQUIREMENTS; i++)
+        if (!(margins[i] > 0.0)) return core_fail(core, status, "t = %.9g s: %s", time, model_step_requirements[i]);
+    return CORE_OK;
+}
+
+static int all_finite(const double values[], int n) {
+    for (int i = 0; i < n; i++)
+        if (!isfinite(values[i])) return 0;
+    return 1;
+}
+
+/* Life cycle */
+
+CoreStatus core_start_at(Core *core, double time) {
+    if (!isfinite(time)) return core_fail(core, CORE_ERROR, "start time %g is not a finite number", time);
+    core->state.time = time;
+    core->state.outputs_valid = 0;
+    return CORE_OK;
+}
+
+static CoreStatus compute_initial_state(Core *core) {
+    CoreStatus status = check_parameters(core);
+    if (status != CORE_OK) return status;
+    model_initial_state(PARAMETERS(core), core->state.x);
+    return check_step(core, core->state.time, CORE_ERROR);
+}
+
+CoreStatus core_exit_initialization(Core *core) {
+    CoreStatus status = compute_initial_state(core);
+    if (status != CORE_OK) return status;
+    core->state.phase = core->model_exchange ? EVENT : STEP;
+    core->state.outputs_valid = 0;
+    return CORE_OK;
+}
+
+/* Values */
+
+static const char *name_of(size_t reference) { return model_names[reference]; }
+
+CoreStatus core_set(Core *core, size_t reference, double value) {
+    int initialized = !(core->state.phase & (INSTANTIATED | INITIALIZATION));
+    if (reference >= N_PU) {
+        if (reference >= N_VALUES) return core_fail(core, CORE_ERROR, "no variable has the value reference %lu", (unsigned long)reference);
+        return core_fail(core, CORE_ERROR, "'%s' is computed and can't be set", name_of(reference));
+    }
+    if (reference < N_P && initialized)
+        return core_fail(core, CORE_ERROR, "parameter '%s' is fixed after the initialisation; reset the instance to change it", name_of(reference));
+    if (!isfinite(value)) return core_fail(core, CORE_ERROR, "'%s' can't be %g; set a finite number", name_of(reference), value);
+    core->state.values[reference] = value;
+    if (reference >= N_P) core->state.u_rate[reference - N_P] = 0.0;
+    core->state.outputs_valid = 0;
+    return CORE_OK;
+}
+
+CoreStatus core_set_input_rate(Core *core, size_t reference, double rate) {
+    if (reference < N_P || reference >= N_PU)
+        return core_fail(core, CORE_ERROR, "value reference %lu is no input and has no derivative to set", (unsigned long)reference);
+    if (!isfinite(rate)) return core_fail(core, CORE_ERROR, "the derivative of '%s' can't be %g", name_of(reference), rate);
+    core->state.u_rate[reference - N_P] = rate;
+    return CORE_OK;
+}
+
+static CoreStatus compute_outputs(Core *core) {
+    CoreState *s = &core->state;
+    if (s->phase & (INSTANTIATED | INITIALIZATION)) {
+        CoreStatus status = compute_initial_state(core);
+        if (status != CORE_OK) return status;
+    }
+    model_outputs(s->time, s->x, INPUTS(core), PARAMETERS(core), OUTPUTS(core));
+    model_derivatives(s->time, s->x, INPUTS(core), PARAMETERS(core), DERIVATIVES(core));
+    if (!all_finite(OUTPUTS(core), N_Y + N_X))
+        return core_fail(core, CORE_ERROR, "outputs at t = %.9g s are not finite; check the inputs", s->time);
+    s->outputs_valid = 1;
+    return CORE_OK;
+}
+
+CoreStatus core_get(Core *core, size_t reference, double *value) {
+    if (reference == TIME) {
+        *value = core->state.time;
+        return CORE_OK;
+    }
+    if (reference >= N_VALUES) return core_fail(core, CORE_ERROR, "no variable has the value reference %lu", (unsigned long)reference);
+    if (reference >= N_PU && !core->state.outputs_valid) {
+        CoreStatus status = compute_outputs(core);
+        if (status != CORE_OK) return status;
+    }
+    *value = core->state.values[reference];
+    return CORE_OK;
+}
+
+/* Co-simulation */
+
+CoreStatus core_do_step(Core *core, double time, double step) {
+    CoreState *s = &core->state;
+    double u[N_U + 1], x[N_X + 1], next[N_X + 1];
+    if (!isfinite(time) || !(step > 0.0 && isfinite(step)))
+        return core_fail(core, CORE_ERROR, "communication step %g s at %g s is not positive and finite", step, time);
+    CoreStatus status = check_step(core, time, CORE_DISCARD);
+    if (status != CORE_OK) return status;
+#if N_X > 0
+    double max_step = PARAMETERS(core)[N_P - 1], exact = step / max_step;
+    if (exact > MOST_INTERNAL_STEPS)
+        return core_fail(core, CORE_DISCARD, "communication step %g s needs %.4g internal steps; make it shorter, or max_step (%g s) longer", step, exact, max_step);
+    int n = (int)fmax(1.0, ceil(exact - 1e-6)); /* a step that is longer by rounding only stays one step */
+    double h = step / n;
+    memcpy(x, s->x, sizeof x);
+    for (int i = 0; i < n; i++) {
+        for (int j = 0; j < N_U; j++) u[j] = INPUTS(core)[j] + i * h * s->u_rate[j];
+        model_linear_step(time + i * h, x, u, PARAMETERS(core), h, s->u_rate, next);
+        memcpy(x, next, N_X * sizeof *x);
+    }
+    if (!all_finite(x, N_X))
+        return core_fail(core, CORE_DISCARD, "step from t = %.9g s: the state is no longer finite; reduce the step or the inputs", time);
+    memcpy(s->x, x, N_X * sizeof *x);
+#else
+    (void)u, (void)x, (void)next;
+#endif
+    for (int j = 0; j < N_U; j++) { /* where linear inputs have arrived */
+        INPUTS(core)[j] += step * s->u_rate[j];
+        s->u_rate[j] = 0.0;
+    }
+    s->time = time + step;
+    s->outputs_valid = 0;
+    return CORE_OK;
+}
+
+/* Model exchange */
+
+CoreStatus core_set_time(Core *core, double time) {
+    if (!isfinite(time)) return core_fail(core, CORE_ERROR, "time %g is not a finite number", time);
+    core->state.time = time;
+    core->state.outputs_valid = 0;
+    return CORE_OK;
+}
+
+CoreStatus core_set_states(Core *core, const double x[]) {
+    if (!all_finite(x, N_X)) return core_fail(core, CORE_ERROR, "continuous states at t = %.9g s are not finite", core->state.time);
+    memcpy(core->state.x, x, N_X * sizeof *x);
+    core->state.outputs_valid = 0;
+    return CORE_OK;
+}
+
+CoreStatus core_get_derivatives(Core *core, double derivatives[]) {
+    CoreStatus status = check_step(core, core->state.time, CORE_DISCARD);
+    if (status != CORE_OK) return status;
+    model_derivatives(core->state.time, core->state.x, INPUTS(core), PARAMETERS(core), derivatives);
+    if (!all_finite(derivatives, N_X))
+        return core_fail(core, CORE_DISCARD, "derivatives at t = %.9g s are not finite", core->state.time);
+    return CORE_OK;
+}
+
+/* Directional derivatives */
+
+CoreStatus core_direction(Core *core, const unsigned unknowns[], size_t n, const double change[], double result[]) {
+    CoreState *s = &core->state;
+    double dx[N_X + 1] = {0}, dy[N_Y + 1], dd[N_X + 1];
+    const double *dp = change, *du = change + N_P;
+    if (s->phase & (INSTANTIATED | INITIALIZATION)) {
+        CoreStatus status = compute_initial_state(core);
+        if (status != CORE_OK) return status;
+        model_initial_state_direction(PARAMETERS(core), dp, dx);
+    } else {
+        for (int i = 0; i < N_X; i++) dx[i] = change[N_PU + model_state_outputs[i]];
+    }
+    model_outputs_direction(s->time, s->x, INPUTS(core), PARAMETERS(core), dx, du, dp, dy);
+    model_derivatives_direction(s->time, s->x, INPUTS(core), PARAMETERS(core), dx, du, dp, dd);
+    for (size_t i = 0; i < n; i++) {
+        if (unknowns[i] < N_PU || unknowns[i] >= N_VALUES)
+            return core_fail(core, CORE_ERROR, "value reference %lu is no unknown: give outputs or state derivatives", (unsigned long)unknowns[i]);
+        result[i] = unknowns[i] < N_VARIABLES ? dy[unknowns[i] - N_PU] : dd[unknowns[i] - N_VARIABLES];
+    }
+    return CORE_OK;
+}
+
+/* FMU states */
+
+static const char GUID[] = MODEL_GUID;
+
+size_t core_serialized_size(void) { return sizeof GUID + sizeof(CoreState); }
+
+void core_serialize(const CoreState *state, char bytes[]) {
+    memcpy(bytes, GUID, sizeof GUID);
+    memcpy(bytes + sizeof GUID, state, sizeof *state);
+}
+
+CoreStatus core_deserialize(Core *core, const char bytes[], size_t size, CoreState *state) {
+    if (size != core_serialized_size() || memcmp(bytes, GUID, sizeof GUID))
+        return core_fail(core, CORE_ERROR, "the FMU state is damaged or belongs to another FMU");
+    memcpy(state, bytes + sizeof GUID, sizeof *state);
+    return CORE_OK;
+}

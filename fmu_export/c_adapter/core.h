@@ -1,0 +1,73 @@
+/* What both FMI versions need of an instance; knows no FMI header and no model by name. */
+#ifndef CORE_H
+#define CORE_H
+
+#include <stddef.h>
+#include "model.h"
+
+/* Values of the interface stand in one array: parameters, inputs, outputs, state derivatives; then comes the time. */
+enum { N_PU = N_P + N_U, N_VARIABLES = N_P + N_U + N_Y, N_VALUES = N_P + N_U + N_Y + N_X, TIME = N_VALUES };
+
+typedef enum { CORE_OK = 0, CORE_DISCARD = 2, CORE_ERROR = 3 } CoreStatus; /* the numbers of fmi2Status, fmi3Status */
+
+typedef enum {
+    INSTANTIATED = 1,
+    INITIALIZATION = 2,
+    STEP = 4,        /* co-simulation, between two steps */
+    EVENT = 8,       /* model exchange */
+    CONTINUOUS = 16, /* model exchange */
+    TERMINATED = 32
+} Phase;
+
+/* All that changes: a copy of it is the FMU state. */
+typedef struct {
+    double values[N_VALUES + 1];
+    double x[N_X + 1];
+    double u_rate[N_U + 1]; /* first derivatives of the inputs, of the next step only */
+    double time;
+    int phase;
+    int outputs_valid;
+} CoreState;
+
+typedef void CoreLogger(void *environment, CoreStatus status, const char *message);
+
+typedef struct {
+    CoreState state;
+    CoreLogger *logger;
+    void *environment;
+    int model_exchange;
+    char *resources; /* folder */
+} Core;
+
+Core *core_new(const char *resources, int model_exchange, CoreLogger *logger, void *environment);
+void core_free(Core *core);
+
+/* Log a message in printf format and return the status. */
+CoreStatus core_fail(Core *core, CoreStatus status, const char *format, ...);
+
+/* Whether `function` may be called in the current phase; logs when it may not. */
+int core_allowed(Core *core, int phases, const char *function);
+
+CoreStatus core_reset(Core *core);
+CoreStatus core_start_at(Core *core, double time);
+CoreStatus core_exit_initialization(Core *core);
+
+CoreStatus core_set(Core *core, size_t reference, double value);
+CoreStatus core_get(Core *core, size_t reference, double *value);
+CoreStatus core_set_input_rate(Core *core, size_t reference, double rate);
+
+CoreStatus core_do_step(Core *core, double time, double step);
+
+CoreStatus core_set_time(Core *core, double time);
+CoreStatus core_set_states(Core *core, const double x[]);
+CoreStatus core_get_derivatives(Core *core, double derivatives[]);
+
+/* Change of `unknown` along a change of knowns: `change` has N_VALUES entries, by value reference. */
+CoreStatus core_direction(Core *core, const unsigned unknowns[], size_t n, const double change[], double result[]);
+
+/* FMU states as bytes that name the FMU they belong to. */
+size_t core_serialized_size(void);
+void core_serialize(const CoreState *state, char bytes[]);
+CoreStatus core_deserialize(Core *core, const char bytes[], size_t size, CoreState *state);
+
+#endif

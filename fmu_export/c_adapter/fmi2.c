@@ -1,0 +1,348 @@
+/* The face of FMI 2.0: checks the calls, translates them to the core. */
+#include "fmi2Functions.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "core.h"
+#include "uri.h"
+
+typedef struct {
+    Core *core;
+    char *name;
+    fmi2CallbackLogger logger;
+    fmi2ComponentEnvironment environment;
+    double last_time; /* end of the last successful step */
+    int discarded;
+} Instance;
+
+enum { ANY = INSTANTIATED | INITIALIZATION | STEP | EVENT | CONTINUOUS | TERMINATED, RUNNING = STEP | EVENT | CONTINUOUS };
+
+/* Return fmi2Error unless the instance is there and the call is allowed now. */
+#define CHECK(c, phases) \
+    Instance *instance = c; \
+    if (!instance || !core_allowed(instance->core, phases, __func__)) return fmi2Error
+
+static void forward_log(void *environment, CoreStatus status, const char *message) {
+    static const char *const categories[] = {"logAll", "logStatusWarning", "logStatusDiscard", "logStatusError"};
+    Instance *instance = environment;
+    if (instance->logger) /* errors are logged always: who switched logging off still wants to know why a run ended */
+        instance->logger(instance->environment, instance->name, (fmi2Status)status, categories[status], "%s", message);
+}
+
+const char *fmi2GetTypesPlatform(void) { return fmi2TypesPlatform; }
+
+const char *fmi2GetVersion(void) { return fmi2Version; }
+
+fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean on, size_t n, const fmi2String categories[]) {
+    (void)on, (void)n, (void)categories; /* there are error messages only, and these are logged always */
+    CHECK(c, ANY);
+    return fmi2OK;
+}
+
+fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, fmi2String resources,
+                              const fmi2CallbackFunctions *functions, fmi2Boolean visible, fmi2Boolean logging) {
+    (void)visible, (void)logging;
+    if (!functions || !functions->logger) return NULL;
+    const char *problem = !name || !*name                        ? "the instance has no name"
+                          : !guid || strcmp(guid, MODEL_GUID)    ? "the GUID is not that of this FMU; don't mix files of different builds"
+                          : !resources                           ? "the resource location is missing"
+                                                                 : NULL;
+    if (problem) {
+        functions->logger(functions->componentEnvironment, name ? name : "?", fmi2Error, "logStatusError", "%s", problem);
+        return NULL;
+    }
+    Instance *instance = calloc(1, sizeof *instance);
+    char *folder = path_of_uri(resources);
+    if (instance && folder && (instance->name = malloc(strlen(name) + 1))) {
+        strcpy(instance->name, name);
+        instance->logger = functions->logger;
+        instance->environment = functions->componentEnvironment;
+        instance->core = core_new(folder, type == fmi2ModelExchange, forward_log, instance);
+    }
+    free(folder);
+    if (instance && !instance->core) {
+        free(instance->name);
+        free(instance);
+        return NULL;
+    }
+    return instance;
+}
+
+void fmi2FreeInstance(fmi2Component c) {
+    Instance *instance = c;
+    if (!instance) return;
+    core_free(instance->core);
+    free(instance->name);
+    free(instance);
+}
+
+fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean tolerance_defined, fmi2Real tolerance, fmi2Real start, fmi2Boolean stop_defined, fmi2Real stop) {
+    (void)tolerance_defined, (void)tolerance, (void)stop_defined, (void)stop;
+    CHECK(c, INSTANTIATED);
+    instance->last_time = start;
+    return (fmi2Status)core_start_at(instance->core, start);
+}
+
+fmi2Status fmi2EnterInitializationMode(fmi2Component c) {
+    CHECK(c, INSTANTIATED);
+    instance->core->state.phase = INITIALIZATION;
+    return fmi2OK;
+}
+
+fmi2Status fmi2ExitInitializationMode(fmi2Component c) {
+    CHECK(c, INITIALIZATION);
+    return (fmi2Status)core_exit_initialization(instance->core);
+}
+
+fmi2Status fmi2Terminate(fmi2Component c) {
+    CHECK(c, RUNNING);
+    instance->core->state.phase = TERMINATED;
+    return fmi2OK;
+}
+
+fmi2Status fmi2Reset(fmi2Component c) {
+    CHECK(c, ANY);
+    instance->discarded = 0;
+    return (fmi2Status)core_reset(instance->core);
+}
+
+/* Values */
+
+fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2Real value[]) {
+    CHECK(c, ANY);
+    if (n && (!vr || !value)) return (fmi2Status)core_fail(instance->core, CORE_ERROR, "%s: an array is missing", __func__);
+    for (size_t i = 0; i < n; i++) {
+        CoreStatus status = core_get(instance->core, vr[i], &value[i]);
+        if (status != CORE_OK) return (fmi2Status)status;
+    }
+    return fmi2OK;
+}
+
+fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2Real value[]) {
+    CHECK(c, INSTANTIATED | INITIALIZATION | RUNNING);
+    if (n && (!vr || !value)) return (fmi2Status)core_fail(instance->core, CORE_ERROR, "%s: an array is missing", __func__);
+    for (size_t i = 0; i < n; i++) {
+        CoreStatus status = core_set(instance->core, vr[i], value[i]);
+        if (status != CORE_OK) return (fmi2Status)status;
+    }
+    return fmi2OK;
+}
+
+static fmi2Status no_such_type(fmi2Component c, size_t n, const char *function) {
+    CHECK(c, ANY);
+    return n ? (fmi2Status)core_fail(instance->core, CORE_ERROR, "%s: every variable of this FMU is of type Real", function) : fmi2OK;
+}
+
+#define REFUSE(Type) \
+    fmi2Status fmi2Get##Type(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2##Type value[]) { \
+        (void)vr, (void)value; \
+        return no_such_type(c, n, __func__); \
+    } \
+    fmi2Status fmi2Set##Type(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2##Type value[]) { \
+        (void)vr, (void)value; \
+        return no_such_type(c, n, __func__); \
+    }
+
+REFUSE(Integer)
+REFUSE(Boolean)
+REFUSE(String)
+
+fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2Integer order[], const fmi2Real value[]) {
+    CHECK(c, INITIALIZATION | STEP);
+    for (size_t i = 0; i < n; i++) {
+        if (order[i] != 1) return (fmi2Status)core_fail(instance->core, CORE_ERROR, "input derivatives of order %d are not used, only of order 1", (int)order[i]);
+        CoreStatus status = core_set_input_rate(instance->core, vr[i], value[i]);
+        if (status != CORE_OK) return (fmi2Status)status;
+    }
+    return fmi2OK;
+}
+
+fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2Integer order[], fmi2Real value[]) {
+    (void)vr, (void)n, (void)order, (void)value;
+    CHECK(c, ANY);
+    return (fmi2Status)core_fail(instance->core, CORE_ERROR, "output derivatives are not provided (maxOutputDerivativeOrder is 0)");
+}
+
+fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReference unknown[], size_t n, const fmi2ValueReference known[], size_t m,
+                                        const fmi2Real known_change[], fmi2Real unknown_change[]) {
+    CHECK(c, INITIALIZATION | RUNNING | TERMINATED);
+    double change[N_VALUES + 1] = {0};
+    for (size_t i = 0; i < m; i++) {
+        if (known[i] >= N_VALUES) return (fmi2Status)core_fail(instance->core, CORE_ERROR, "no variable has the value reference %u", known[i]);
+        change[known[i]] = known_change[i];
+    }
+    return (fmi2Status)core_direction(instance->core, unknown, n, change, unknown_change);
+}
+
+/* FMU states */
+
+fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *state) {
+    CHECK(c, ANY);
+    if (!state) return fmi2Error;
+    if (!*state && !(*state = malloc(sizeof(CoreState)))) return (fmi2Status)core_fail(instance->core, CORE_ERROR, "no memory for an FMU state");
+    memcpy(*state, &instance->core->state, sizeof(CoreState));
+    return fmi2OK;
+}
+
+fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate state) {
+    CHECK(c, ANY);
+    if (!state) return (fmi2Status)core_fail(instance->core, CORE_ERROR, "there is no FMU state to set");
+    memcpy(&instance->core->state, state, sizeof(CoreState));
+    return fmi2OK;
+}
+
+fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *state) {
+    CHECK(c, ANY);
+    if (state) {
+        free(*state);
+        *state = NULL;
+    }
+    return fmi2OK;
+}
+
+fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate state, size_t *size) {
+    CHECK(c, ANY);
+    if (!state || !size) return (fmi2Status)core_fail(instance->core, CORE_ERROR, "there is no FMU state to serialise");
+    *size = core_serialized_size();
+    return fmi2OK;
+}
+
+fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate state, fmi2Byte bytes[], size_t size) {
+    CHECK(c, ANY);
+    if (!state || !bytes || size < core_serialized_size())
+        return (fmi2Status)core_fail(instance->core, CORE_ERROR, "an FMU state needs %lu bytes", (unsigned long)core_serialized_size());
+    core_serialize(state, bytes);
+    return fmi2OK;
+}
+
+fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size_t size, fmi2FMUstate *state) {
+    CHECK(c, ANY);
+    if (!state || !bytes) return (fmi2Status)core_fail(instance->core, CORE_ERROR, "there are no bytes to read an FMU state from");
+    CoreState read;
+    CoreStatus status = core_deserialize(instance->core, bytes, size, &read);
+    if (status != CORE_OK) return (fmi2Status)status;
+    if (!*state && !(*state = malloc(sizeof read))) return (fmi2Status)core_fail(instance->core, CORE_ERROR, "no memory for an FMU state");
+    memcpy(*state, &read, sizeof read);
+    return fmi2OK;
+}
+
+/* Co-simulation */
+
+fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real step, fmi2Boolean no_state_before) {
+    (void)no_state_before;
+    CHECK(c, STEP);
+    CoreStatus status = core_do_step(instance->core, time, step);
+    instance->discarded = status == CORE_DISCARD;
+    if (status == CORE_OK) instance->last_time = time + step;
+    return (fmi2Status)status;
+}
+
+fmi2Status fmi2CancelStep(fmi2Component c) {
+    CHECK(c, ANY);
+    return (fmi2Status)core_fail(instance->core, CORE_ERROR, "steps are synchronous; there is none to cancel");
+}
+
+static fmi2Status no_status(fmi2Component c) {
+    CHECK(c, ANY);
+    return fmi2Discard;
+}
+
+fmi2Status fmi2GetStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Status *value) {
+    (void)kind, (void)value;
+    return no_status(c);
+}
+
+fmi2Status fmi2GetRealStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Real *value) {
+    if (kind != fmi2LastSuccessfulTime) return no_status(c);
+    CHECK(c, ANY);
+    *value = instance->last_time;
+    return fmi2OK;
+}
+
+fmi2Status fmi2GetIntegerStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Integer *value) {
+    (void)kind, (void)value;
+    return no_status(c);
+}
+
+fmi2Status fmi2GetBooleanStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Boolean *value) {
+    if (kind != fmi2Terminated) return no_status(c);
+    CHECK(c, ANY);
+    *value = instance->discarded; /* a discarded step would fail again: the inputs must change first */
+    return fmi2OK;
+}
+
+fmi2Status fmi2GetStringStatus(fmi2Component c, const fmi2StatusKind kind, fmi2String *value) {
+    (void)kind, (void)value;
+    return no_status(c);
+}
+
+/* Model exchange */
+
+fmi2Status fmi2EnterEventMode(fmi2Component c) {
+    CHECK(c, CONTINUOUS | EVENT);
+    instance->core->state.phase = EVENT;
+    return fmi2OK;
+}
+
+fmi2Status fmi2NewDiscreteStates(fmi2Component c, fmi2EventInfo *info) {
+    CHECK(c, EVENT);
+    memset(info, 0, sizeof *info); /* there are no events */
+    return fmi2OK;
+}
+
+fmi2Status fmi2EnterContinuousTimeMode(fmi2Component c) {
+    CHECK(c, EVENT);
+    instance->core->state.phase = CONTINUOUS;
+    return fmi2OK;
+}
+
+fmi2Status fmi2CompletedIntegratorStep(fmi2Component c, fmi2Boolean no_state_before, fmi2Boolean *enter_event_mode, fmi2Boolean *terminate) {
+    (void)no_state_before;
+    CHECK(c, CONTINUOUS);
+    *enter_event_mode = *terminate = fmi2False;
+    return fmi2OK;
+}
+
+fmi2Status fmi2SetTime(fmi2Component c, fmi2Real time) {
+    CHECK(c, EVENT | CONTINUOUS);
+    return (fmi2Status)core_set_time(instance->core, time);
+}
+
+static fmi2Status check_count(Instance *instance, size_t n, const char *function) {
+    if (n == N_X) return fmi2OK;
+    return (fmi2Status)core_fail(instance->core, CORE_ERROR, "%s: this FMU has %d continuous states, not %lu", function, N_X, (unsigned long)n);
+}
+
+fmi2Status fmi2SetContinuousStates(fmi2Component c, const fmi2Real x[], size_t n) {
+    CHECK(c, CONTINUOUS);
+    if (check_count(instance, n, __func__)) return fmi2Error;
+    return (fmi2Status)core_set_states(instance->core, x);
+}
+
+fmi2Status fmi2GetDerivatives(fmi2Component c, fmi2Real derivatives[], size_t n) {
+    CHECK(c, EVENT | CONTINUOUS | TERMINATED);
+    if (check_count(instance, n, __func__)) return fmi2Error;
+    return (fmi2Status)core_get_derivatives(instance->core, derivatives);
+}
+
+fmi2Status fmi2GetEventIndicators(fmi2Component c, fmi2Real indicators[], size_t n) {
+    (void)indicators;
+    CHECK(c, INITIALIZATION | EVENT | CONTINUOUS | TERMINATED);
+    return n ? (fmi2Status)core_fail(instance->core, CORE_ERROR, "this FMU has no event indicators") : fmi2OK;
+}
+
+fmi2Status fmi2GetContinuousStates(fmi2Component c, fmi2Real x[], size_t n) {
+    CHECK(c, EVENT | CONTINUOUS | TERMINATED);
+    if (check_count(instance, n, __func__)) return fmi2Error;
+    memcpy(x, instance->core->state.x, N_X * sizeof *x);
+    return fmi2OK;
+}
+
+fmi2Status fmi2GetNominalsOfContinuousStates(fmi2Component c, fmi2Real nominals[], size_t n) {
+    CHECK(c, EVENT | CONTINUOUS | TERMINATED);
+    if (check_count(instance, n, __func__)) return fmi2Error;
+    for (size_t i = 0; i < n; i++) nominals[i] = 1.0;
+    return fmi2OK;
+}

@@ -1,0 +1,39 @@
+#include "uri.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+static int hexadecimal(char c) {
+    if (c >= '0' && c <= '9') return c - '0';
+    if (c >= 'a' && c <= 'f') return c - 'a' + 10;
+    if (c >= 'A' && c <= 'F') return c - 'A' + 10;
+    return -1;
+}
+
+char *path_of_uri(const char *uri) {
+    int escaped = !strncmp(uri, "file:", 5);
+    if (escaped) {
+        uri += 5;
+        if (!strncmp(uri, "//", 2)) {
+            uri += 2;
+            while (*uri && *uri != '/') uri++; /* the host, which is this one */
+        }
+#ifdef _WIN32
+        if (uri[0] == '/' && uri[1] && uri[2] == ':') uri++; /* /C:/... */
+#endif
+    }
+    char *path = malloc(strlen(uri) + 1), *end = path;
+    if (!path) return NULL;
+    while (*uri) {
+        int high = escaped && *uri == '%' ? hexadecimal(uri[1]) : -1;
+        int low = high >= 0 ? hexadecimal(uri[2]) : -1;
+        if (low >= 0) {
+            *end++ = (char)(16 * high + low);
+            uri += 3;
+        } else {
+            *end++ = *uri++;
+        }
+    }
+    *end = '\0';
+    return path;
+}

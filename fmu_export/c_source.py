@@ -1,0 +1,155 @@
+"""Write a traced model as C99: `model.c` with its equations, `model.h` with its sizes, names and limits."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Sequence
+
+import casadi as ca
+
+from fmu_export.interface import Interface
+from fmu_export.straight_line import statements
+from fmu_export.trace import TracedModel
+
+_TEMPLATES = {
+    ca.OP_ASSIGN: "{0}",
+    ca.OP_ADD: "{0} + {1}",
+    ca.OP_SUB: "{0} - {1}",
+    ca.OP_MUL: "{0} * {1}",
+    ca.OP_DIV: "{0} / {1}",
+    ca.OP_NEG: "-{0}",
+    ca.OP_INV: "1.0 / {0}",
+    ca.OP_SQ: "{0} * {0}",
+    ca.OP_TWICE: "2.0 * {0}",
+    ca.OP_SQRT: "sqrt({0})",
+    ca.OP_POW: "pow({0}, {1})",
+    ca.OP_CONSTPOW: "pow({0}, {1})",
+    ca.OP_EXP: "exp({0})",
+    ca.OP_LOG: "log({0})",
+    ca.OP_SIN: "sin({0})",
+    ca.OP_COS: "cos({0})",
+    ca.OP_TAN: "tan({0})",
+    ca.OP_ASIN: "asin({0})",
+    ca.OP_ACOS: "acos({0})",
+    ca.OP_ATAN: "atan({0})",
+    ca.OP_ATAN2: "atan2({0}, {1})",
+    ca.OP_HYPOT: "hypot({0}, {1})",
+    ca.OP_FABS: "fabs({0})",
+    ca.OP_TANH: "tanh({0})",
+}
+
+#: The traced functions that the adapter calls, with their arguments.
+_ARGUMENTS = {
+    "initial_state": ("p",),
+    "derivatives": ("t", "x", "u", "p"),
+    "outputs": ("t", "x", "u", "p"),
+    "start_margins": ("p",),
+    "step_margins": ("t", "x", "u", "p"),
+    "linear_step": ("t", "x", "u", "p", "h", "u_rate"),
+    "initial_state_direction": ("p", "dp"),
+    "derivatives_direction": ("t", "x", "u", "p", "dx", "du", "dp"),
+    "outputs_direction": ("t", "x", "u", "p", "dx", "du", "dp"),
+}
+
+_HEADER = "/* Generated from the model by tracing; do not edit. */\n"
+
+
+def model_sources(traced: TracedModel, interface: Interface, guid: str) -> dict[str, bytes]:
+    """`model.h` and `model.c` of a model.
+
+    Parameters
+    ----------
+    traced, interface : TracedModel, Interface
+        The model's expression graphs and its flat variables.
+    guid : str
+        Fingerprint that the importer has to give back.
+    """
+    functions = [f for f in traced.functions if f.name() in _ARGUMENTS]
+    return {
+        "model.h": _header(traced, interface, guid, functions).encode(),
+        "model.c": (_HEADER + '#include <math.h>\n#include "model.h"\n\n' + _tables(traced, interface)).encode()
+        + "\n".join(_function(f) for f in functions).encode(),
+    }
+
+
+def _header(traced: TracedModel, interface: Interface, guid: str, functions: Sequence[ca.Function]) -> str:
+    start, step = (sum(r.at == at for r in traced.model.requirements) for at in ("start", "step"))
+    sizes = {
+        "N_P": interface.n_parameters,
+        "N_U": interface.n_inputs,
+        "N_Y": interface.n_outputs,
+        "N_X": len(interface.states),
+        "N_START_REQUIREMENTS": start,
+        "N_STEP_REQUIREMENTS": step,
+    }
+    return (
+        _HEADER
+        + "#ifndef MODEL_H\n#define MODEL_H\n\n"
+        + f'#define MODEL_IDENTIFIER "{traced.model.name}"\n'
+        + f"#define MODEL_GUID {json.dumps(guid)}\n\n"
+        + "".join(f"#define {name} {size}\n" for name, size in sizes.items())
+        + "\n/* Arrays of length zero are no C: every table has one element more than it needs. */\n"
+        + "extern const char *const model_names[N_P + N_U + N_Y + N_X + 1];\n"
+        + "extern const double model_limits[N_P + 1][2];\n"
+        + "extern const int model_state_outputs[N_X + 1];\n"
+        + "extern const char *const model_start_requirements[N_START_REQUIREMENTS + 1];\n"
+        + "extern const char *const model_step_requirements[N_STEP_REQUIREMENTS + 1];\n\n"
+        + "".join(f"{_prototype(f)};\n" for f in functions)
+        + "\n#endif\n"
+    )
+
+
+def _tables(traced: TracedModel, interface: Interface) -> str:
+    names = [v.name for v in interface.variables] + [d.name for d in interface.derivatives]
+    parameters = interface.variables[: interface.n_parameters]
+    limits = ", ".join(
+        f"{{{_literal(-math.inf if v.min is None else v.min)}, {_literal(math.inf if v.max is None else v.max)}}}"
+        for v in (*parameters, parameters[0])
+    )
+    first_output = interface.n_parameters + interface.n_inputs
+    states = ", ".join(str(s - first_output) for s in (*interface.states, first_output))
+
+    def messages(at: str) -> str:
+        return ", ".join(json.dumps(r.message) for r in traced.model.requirements if r.at == at) or "0"
+
+    return (
+        f"const char *const model_names[N_P + N_U + N_Y + N_X + 1] = {{{', '.join(map(json.dumps, names))}}};\n"
+        f"const double model_limits[N_P + 1][2] = {{{limits}}};\n"
+        f"const int model_state_outputs[N_X + 1] = {{{states}}};\n"
+        f"const char *const model_start_requirements[N_START_REQUIREMENTS + 1] = {{{messages('start')}}};\n"
+        f"const char *const model_step_requirements[N_STEP_REQUIREMENTS + 1] = {{{messages('step')}}};\n\n"
+    )
+
+
+def _prototype(f: ca.Function) -> str:
+    scalars = ("t", "h")
+    arguments = [f"double {n}" if n in scalars else f"const double *{n}" for n in _ARGUMENTS[f.name()]]
+    return f"void model_{f.name()}({', '.join(arguments)}, double *y)"
+
+
+def _function(f: ca.Function) -> str:
+    names = _ARGUMENTS[f.name()]
+    assignments = statements(f, names, _TEMPLATES, _literal)
+    variables = sorted({t for t, _ in assignments if t.startswith("w")}, key=lambda w: int(w[1:]))
+    used = set(re.findall(r"\w+", " ".join(expression for _, expression in assignments)))
+    lines = [f"{_prototype(f)}\n{{"]
+    if variables:
+        lines.append(f"    double {', '.join(variables)};")
+    lines += [f"    (void){n};" for n in names if n not in used]
+    if not assignments:
+        lines.append("    (void)y;")
+    lines += [f"    {_target(target)} = {expression};" for target, expression in assignments]
+    return "\n".join([*lines, "}", ""])
+
+
+def _target(name: str) -> str:
+    return f"y[{name[1:]}]" if name.startswith("y") else name
+
+
+def _literal(value: float) -> str:
+    """A C literal that reads back bit for bit."""
+    if math.isinf(value):
+        return "INFINITY" if value > 0 else "-INFINITY"
+    return value.hex() if value != int(value) or abs(value) > 1e15 else repr(value)
