@@ -5,9 +5,9 @@ import numpy as np
 from cosim import System, simulate
 
 system = System()
-system.add("plant", "fmus/pythonfmu/RobotPlant.fmu", start={"tau_d": [0, 0, 0]})
-system.add("controller", "fmus/pythonfmu/RobotController.fmu", start={"alpha": 2.0})
-system.add("trajectory", "fmus/pythonfmu/RobotTrajectory.fmu")
+system.add("plant", "fmus/fmi2/RobotPlant.fmu", start={"tau_d": [0, 0, 0]})
+system.add("controller", "fmus/fmi2/RobotController.fmu", start={"alpha": 2.0})
+system.add("trajectory", "fmus/fmi2/RobotTrajectory.fmu")
 for name in ("theta_a", "omega_a"):
     system.connect(f"plant.{name}", f"controller.{name}")
 for name in ("theta_ref", "omega_ref"):

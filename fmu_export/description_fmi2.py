@@ -19,7 +19,12 @@ from fmu_export.version import DISTRIBUTION, package_version
 
 
 def model_description(
-    model: Model, interface: Interface, guid: str, interfaces: Mapping[str, Mapping[str, str]], tool: str
+    model: Model,
+    interface: Interface,
+    guid: str,
+    interfaces: Mapping[str, Mapping[str, str]],
+    tool: str,
+    source_files: Sequence[str] = (),
 ) -> bytes:
     """Write the model description of an FMU.
 
@@ -34,6 +39,8 @@ def model_description(
         exchange, the derivatives of the states are variables too.
     tool : str
         What executes the model, named behind the distribution in generationTool.
+    source_files : sequence of str
+        C files in `sources/`, for tools that compile FMUs.
 
     Returns
     -------
@@ -54,7 +61,11 @@ def model_description(
     )
     for kind in ("ModelExchange", "CoSimulation"):
         if kind in interfaces:
-            ET.SubElement(root, kind, {"modelIdentifier": model.name, **interfaces[kind]})
+            element = ET.SubElement(root, kind, {"modelIdentifier": model.name, **interfaces[kind]})
+            if source_files:
+                files = ET.SubElement(element, "SourceFiles")
+                for name in source_files:
+                    ET.SubElement(files, "File", name=name)
     derivatives = interface.derivatives if "ModelExchange" in interfaces else ()
     add_units(root, [*(v.unit for v in interface.variables), *(d.unit for d in derivatives)])
     add_log_categories(root)

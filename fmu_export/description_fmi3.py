@@ -1,12 +1,12 @@
 """modelDescription.xml of FMI 3.0 for a model (FMI 3.0.1, section 2.4).
 
-Vectors are declared as scalars `name[1]`, `name[2]`, ..., as in FMI 2.0, though FMI 3.0 has arrays: every flavour then has
-the same variables under the same names, and several importers can't plot, connect or record array elements yet.
+Vectors are declared as scalars `name[1]`, `name[2]`, ..., as in FMI 2.0, though FMI 3.0 has arrays: every flavour then
+has the same variables under the same names, and several importers can't plot, connect or record array elements yet.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from xml.etree import ElementTree as ET
 
 from fmu_export.description_common import (
@@ -67,6 +67,8 @@ def model_description(
         }
         if v.causality == "output":
             attributes["initial"] = "calculated"
+        if v.causality == "input":
+            attributes["intermediateUpdate"] = "true"
         ET.SubElement(variables, "Float64", attributes | type_attributes(v))
     for reference, d in enumerate(derivatives, start=len(interface.variables)):
         ET.SubElement(
@@ -92,6 +94,16 @@ def model_description(
         unit="s",
     )
     _model_structure(root, interface)
+    return to_bytes(root)
+
+
+def build_description(model: Model, source_files: Sequence[str]) -> bytes:
+    """Write `sources/buildDescription.xml` for tools that compile FMUs (FMI 3.0.1, section 2.5.1.4)."""
+    root = ET.Element("fmiBuildDescription", fmiVersion="3.0")
+    configuration = ET.SubElement(root, "BuildConfiguration", modelIdentifier=model.name)
+    files = ET.SubElement(configuration, "SourceFileSet", language="C99")
+    for name in source_files:
+        ET.SubElement(files, "SourceFile", name=name)
     return to_bytes(root)
 
 

@@ -6,6 +6,8 @@ Each archive has both interfaces, model exchange and co-simulation, and its own 
 from __future__ import annotations
 
 import hashlib
+import zipfile
+from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
 from typing import Literal
@@ -18,7 +20,7 @@ from fmu_export.c_source import model_sources
 from fmu_export.interface import interface_of
 from fmu_export.model import Model
 from fmu_export.start_values import MEMBER, start_values_text
-from fmu_export.toolchain import ToolchainError, compile_library, host_target
+from fmu_export.toolchain import Target, ToolchainError, compile_library, host_target
 from fmu_export.trace import trace
 
 _COMMON_2 = {
@@ -45,11 +47,13 @@ _INTERFACES = {
     },
     "fmi3": {
         "ModelExchange": {"needsCompletedIntegratorStep": "false", **_COMMON_3},
-        "CoSimulation": {"canHandleVariableCommunicationStepSize": "true", **_COMMON_3},
+        "CoSimulation": {
+            "canHandleVariableCommunicationStepSize": "true",
+            "providesIntermediateUpdate": "true",
+            **_COMMON_3,
+        },
     },
 }
-
-_DESCRIPTIONS = {"fmi2": description_fmi2.model_description, "fmi3": description_fmi3.model_description}
 
 #: The model-independent adapter, its face for each version, and the headers of the standard that it needs.
 _ADAPTER = ("core.h", "core.c", "uri.h", "uri.c")
@@ -60,10 +64,23 @@ _HEADERS = {
 }
 
 
-def build_native(model: Model, folder: Path, flavour: Literal["fmi2", "fmi3"]) -> Path:
-    """Write `<folder>/<model name>.fmu` with a binary for this machine.
+def build_native(
+    model: Model, folder: Path, flavour: Literal["fmi2", "fmi3"], targets: Sequence[Target] | None = None
+) -> Path:
+    """Write `<folder>/<model name>.fmu`.
 
-    The same sources, compiled by the same compiler, give the same bytes.
+    The same sources, compiled by the same compilers, give the same bytes. Binaries of an older file that was made of
+    the same sources are taken over instead of compiled again.
+
+    Parameters
+    ----------
+    model : Model
+    folder : Path
+    flavour : {"fmi2", "fmi3"}
+        FMI version.
+    targets : sequence of Target, optional
+        Platforms to compile for by zig; by default this machine, with its own compiler. Those that the FMI version has
+        no place for are left out.
 
     Raises
     ------
@@ -74,31 +91,51 @@ def build_native(model: Model, folder: Path, flavour: Literal["fmi2", "fmi3"]) -
     """
     traced = trace(model)
     interface = interface_of(traced)
+    adapter = _adapter_sources(flavour)
+    c_files = sorted(name for name in (*adapter, "model.c") if name.endswith(".c"))
 
     def description(guid: str) -> bytes:
-        return _DESCRIPTIONS[flavour](model, interface, guid, _INTERFACES[flavour], "C code")
+        if flavour == "fmi2":
+            return description_fmi2.model_description(model, interface, guid, _INTERFACES["fmi2"], "C code", c_files)
+        return description_fmi3.model_description(model, interface, guid, _INTERFACES["fmi3"], "C code")
 
-    adapter = _adapter_sources(flavour)
     digest = hashlib.sha256(description(guid=""))
     for name, source in sorted((adapter | model_sources(traced, interface, guid="")).items()):
         digest.update(name.encode() + source)
     guid = "{" + digest.hexdigest()[:32] + "}"
     sources = adapter | model_sources(traced, interface, guid)
-    target = host_target()
-    binaries = target.fmi2_folder if flavour == "fmi2" else target.fmi3_folder
-    if binaries is None:
-        raise ToolchainError(f"FMI 2.0 has no place for binaries of {target.name}; build the fmi3 flavour")
     path = folder / f"{model.name}.fmu"
-    write_archive(
-        path,
-        {
-            "modelDescription.xml": description(guid),
-            MEMBER: start_values_text(interface),
-            f"binaries/{binaries}/{model.name}{target.suffix}": compile_library(sources, model.name),
-            **{f"sources/{name}": source for name, source in sources.items()},
-        },
-    )
+    old = _binaries_of(path, guid)
+    binaries = {}
+    for target in targets if targets is not None else [host_target()]:
+        place = target.fmi2_folder if flavour == "fmi2" else target.fmi3_folder
+        if place is None:
+            continue
+        name = f"binaries/{place}/{model.name}{target.suffix}"
+        binaries[name] = old.get(name) or compile_library(sources, model.name, target if targets is not None else None)
+    if not binaries:
+        raise ToolchainError("FMI 2.0 has no place for binaries of this machine; build the fmi3 flavour")
+    members = {
+        "modelDescription.xml": description(guid),
+        MEMBER: start_values_text(interface),
+        **binaries,
+        **{f"sources/{name}": source for name, source in sources.items()},
+    }
+    if flavour == "fmi3":
+        members["sources/buildDescription.xml"] = description_fmi3.build_description(model, c_files)
+    write_archive(path, members)
     return path
+
+
+def _binaries_of(path: Path, guid: str) -> dict[str, bytes]:
+    """Binaries of an FMU file by member name, when it has the given GUID; else none."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            if guid.encode() not in archive.read("modelDescription.xml"):
+                return {}
+            return {name: archive.read(name) for name in archive.namelist() if name.startswith("binaries/")}
+    except (OSError, KeyError, zipfile.BadZipFile):
+        return {}
 
 
 def _adapter_sources(flavour: str) -> dict[str, bytes]:

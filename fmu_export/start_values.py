@@ -84,22 +84,33 @@ def _from_text(text: bytes) -> dict[str, float]:
 
 
 def _check(path: Path, description: bytes, starts: Mapping[str, float], name: str, value: float) -> None:
-    variables = {v.get("name"): v for v in ET.fromstring(description).iter("ScalarVariable")}
-    parameters = [n for n, v in variables.items() if v.get("causality") == "parameter" and n in starts]
+    parameters = {n: e for n, e in _parameters(description).items() if n in starts}
     if name not in parameters:
-        raise StartValueError(f"{path}: no parameter '{name}'; its parameters are {', '.join(map(str, parameters))}")
+        raise StartValueError(f"{path}: no parameter '{name}'; its parameters are {', '.join(parameters)}")
     if not math.isfinite(value):
         raise StartValueError(f"{path}: start value {value!r} of '{name}' is not a finite number")
-    real = variables[name].find("Real")
-    assert real is not None
-    lower, upper = float(real.get("min", -math.inf)), float(real.get("max", math.inf))
+    attributes = parameters[name]
+    lower, upper = float(attributes.get("min", -math.inf)), float(attributes.get("max", math.inf))
     if not lower <= value <= upper:
         raise StartValueError(f"{path}: start value {value!r} of '{name}' is outside [{lower!r}, {upper!r}]")
 
 
+def _parameters(description: bytes) -> dict[str, ET.Element]:
+    """Real parameters by name -> the element that holds min, max and start, in FMI 2.0 and 3.0."""
+    found = {}
+    for variable in ET.fromstring(description).iterfind("ModelVariables/*"):
+        attributes = variable.find("Real") if variable.tag == "ScalarVariable" else variable
+        if variable.get("causality") == "parameter" and attributes is not None:
+            found[variable.get("name", "")] = attributes
+    return found
+
+
 def _replace_start(xml: str, name: str, value: float) -> str:
     """Change one start attribute and nothing else of the text."""
-    pattern = rf'(<ScalarVariable\b[^>]*\bname={re.escape(quoteattr(name))}[^>]*>\s*<Real\b[^>]*\bstart=")[^"]*(")'
+    named = rf"[^>]*\bname={re.escape(quoteattr(name))}[^>]*"
+    fmi2 = rf"<ScalarVariable\b{named}>\s*<Real\b[^>]*"
+    fmi3 = rf"<Float64\b{named}"
+    pattern = rf'((?:{fmi2}|{fmi3})\bstart=")[^"]*(")'
     changed, count = re.subn(pattern, lambda m: f"{m[1]}{value!r}{m[2]}", xml)
     if count != 1:
         raise StartValueError(f"modelDescription.xml: found {count} start values of '{name}' where one was expected")

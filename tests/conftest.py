@@ -6,14 +6,21 @@ from pathlib import Path
 
 import pytest
 
-from cosim.robot.fmus import build
+from cosim.robot.fmus import build, default_flavour
+
+#: The flavour that `cosim run` takes when none is asked for: fmi2 where there is a C compiler, else pythonfmu.
+DEFAULT_FLAVOUR = default_flavour(Path("no such folder"))[0]
 
 
 @pytest.fixture(scope="session")
 def robot_fmus(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Folder of built FMUs, laid out as `build_fmus.py` does: <folder>/pythonfmu/RobotPlant.fmu and so on."""
+    """Folder of built FMUs, laid out as `build_fmus.py` does: <folder>/pythonfmu/RobotPlant.fmu and so on.
+
+    Also of the flavour that is the default here: fmi2 where there is a C compiler.
+    """
     folder = tmp_path_factory.mktemp("fmus")
-    build(folder, "pythonfmu")
+    for flavour in {"pythonfmu", DEFAULT_FLAVOUR}:
+        build(folder, flavour)
     return folder
 
 

@@ -21,6 +21,7 @@ from cosim.commands import compare, run, tune
 from cosim.errors import CosimError
 from plant_fmu.model import MODEL as PLANT
 from plant_fmu.model import output_values
+from tests.conftest import DEFAULT_FLAVOUR
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -34,10 +35,8 @@ CONTRACT = {
 
 
 @pytest.fixture
-def here(fmus: Path, tmp_path, monkeypatch) -> Path:
-    (tmp_path / "fmus" / "pythonfmu").mkdir(parents=True)
-    for path in fmus.glob("*.fmu"):
-        shutil.copyfile(path, tmp_path / "fmus" / "pythonfmu" / path.name)
+def here(robot_fmus: Path, tmp_path, monkeypatch) -> Path:
+    shutil.copytree(robot_fmus / DEFAULT_FLAVOUR, tmp_path / "fmus" / DEFAULT_FLAVOUR)
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -170,7 +169,7 @@ def test_the_exit_code_of_the_command_is_that_of_the_program(monkeypatch):
 
 def test_gains_written_into_the_controller_are_those_of_the_next_run(here, monkeypatch, capsys):
     monkeypatch.setattr("cosim.robot.figures.write_figures", lambda *_: [])
-    controller = here / "fmus" / "pythonfmu" / "RobotController.fmu"
+    controller = here / "fmus" / DEFAULT_FLAVOUR / "RobotController.fmu"
     assert main(["tune", "--mu", "5", "--nu", "1", "--json", "--write", str(controller)]) == 0
     record = json.loads(capsys.readouterr().out)
     assert record["written"] == str(controller)
@@ -214,7 +213,7 @@ def test_write_into_a_missing_file_is_refused(here, capsys):
 
 @pytest.mark.parametrize("name", ["RobotPlant.fmu", "RobotTrajectory.fmu"])
 def test_write_into_another_fmu_is_refused_and_changes_nothing(here, capsys, name):
-    path = here / "fmus" / "pythonfmu" / name
+    path = here / "fmus" / DEFAULT_FLAVOUR / name
     before = digest(path), path.stat().st_mtime_ns
     assert main(["tune", "--write", str(path)]) == 1
     line = error_line(capsys)
@@ -232,7 +231,7 @@ def test_write_into_what_is_no_fmu_is_refused_and_changes_nothing(here, capsys):
 
 
 def test_gains_that_the_tool_refuses_are_not_written(here, capsys):
-    controller = here / "fmus" / "pythonfmu" / "RobotController.fmu"
+    controller = here / "fmus" / DEFAULT_FLAVOUR / "RobotController.fmu"
     before = digest(controller)
     assert main(["tune", "--mu", "nan", "--write", str(controller)]) == 1
     assert "mu" in error_line(capsys)
@@ -261,10 +260,10 @@ def build(*arguments: str) -> subprocess.CompletedProcess[str]:
 def test_the_build_script_writes_the_same_bytes_twice(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     digests = []
-    for options in ([], ["--fmus", "other", "--flavour", "pythonfmu"]):
+    for options in (["--flavour", "pythonfmu"], ["--flavour", "pythonfmu", "--fmus", "other"]):
         done = build(*options)
         assert (done.returncode, done.stderr) == (0, "")
-        folder = Path(options[1] if options else "fmus") / "pythonfmu"
+        folder = Path("other" if "other" in options else "fmus") / "pythonfmu"
         assert sorted(p.name for p in folder.iterdir()) == [
             "RobotController.fmu",
             "RobotPlant.fmu",
@@ -279,8 +278,9 @@ def test_the_build_script_writes_the_same_bytes_twice(tmp_path, monkeypatch):
 def test_the_build_script_refuses_an_impossible_place_in_one_line(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("file").write_text("a regular file", encoding="utf-8")
-    done = build("--fmus", "file/fmus")
-    assert (done.returncode, done.stdout) == (1, "")
+    done = build("--fmus", "file/fmus", "--flavour", "pythonfmu")
+    assert done.returncode == 1
+    assert done.stdout.startswith("built in ")
     assert done.stderr.startswith("build_fmus.py: can't write the FMUs into file/fmus/pythonfmu: ")
     assert "choose another folder with --fmus" in done.stderr
     assert done.stderr.count("\n") == 1

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from cosim.robot.models import MODELS
+from tests.conftest import DEFAULT_FLAVOUR
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -34,7 +35,8 @@ def test_example_is_short_and_runs(robot_fmus: Path, tmp_path: Path) -> None:
     source = example.read_text(encoding="utf-8")
     code = [line for line in source.splitlines() if line.strip() and not line.startswith(('"""', "#"))]
     assert len(code) <= 20
-    (tmp_path / "fmus").symlink_to(robot_fmus, target_is_directory=True)
+    (tmp_path / "fmus").mkdir()
+    (tmp_path / "fmus/fmi2").symlink_to(robot_fmus / DEFAULT_FLAVOUR, target_is_directory=True)
     done = subprocess.run([sys.executable, example], cwd=tmp_path, capture_output=True, text=True, check=True)
     found = re.search(r"at most ([\d.]+) mm", done.stdout)
     assert found is not None

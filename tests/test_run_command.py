@@ -28,6 +28,7 @@ from cosim.results import Results
 from cosim.robot import figures
 from cosim.robot.fmus import FLAVOURS, fmu_path
 from cosim.robot.models import MODELS
+from tests.conftest import DEFAULT_FLAVOUR
 
 FIGURES = ["path.png", "tracking_errors.png", "torques.png", "psi.png", "closure_error.png"]
 #: dm = -5 sin(pi t) kg; the mass matrix loses its definiteness within the first tenth of a second.
@@ -45,11 +46,9 @@ tau_d = [0.0, 0.0, 0.0]
 
 
 @pytest.fixture
-def here(fmus: Path, tmp_path, monkeypatch) -> Path:
+def here(robot_fmus: Path, tmp_path, monkeypatch) -> Path:
     """An empty working folder with built FMUs in it and a folder of its own for temporary files."""
-    (tmp_path / "fmus" / "pythonfmu").mkdir(parents=True)
-    for path in fmus.glob("*.fmu"):
-        shutil.copyfile(path, tmp_path / "fmus" / "pythonfmu" / path.name)
+    shutil.copytree(robot_fmus / DEFAULT_FLAVOUR, tmp_path / "fmus" / DEFAULT_FLAVOUR)
     (tmp_path / "temporary").mkdir()
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("TMPDIR", str(tmp_path / "temporary"))
@@ -138,7 +137,7 @@ def test_a_run_in_a_process_of_its_own_writes_all_it_promises(here):
     assert (summary["status"], summary["error"]) == ("completed", None)
     assert set(summary["fmus"]) == set(MODELS)
     for instance, fmu in summary["fmus"].items():
-        assert fmu["sha256"] == digest(fmu_path(Path("fmus"), "pythonfmu", instance))
+        assert fmu["sha256"] == digest(fmu_path(Path("fmus"), DEFAULT_FLAVOUR, instance))
     optimum = optimal_gains(PerformanceIndex())
     assert summary["parameters"]["controller.alpha"] == pytest.approx(optimum.alpha, rel=1e-12)
     assert summary["parameters"]["controller.beta"] == pytest.approx(optimum.beta, rel=1e-12)
@@ -328,7 +327,7 @@ def test_a_run_over_2_s_shows_its_progress(here, no_figures, capsys, monkeypatch
         (["--set", "trajectory.x_c=3"], ["trajectory", "leaves the reach of chain", "move or shrink it"]),
         (["--set", "plant.X=0.001"], ["plant", "X Y - Z^2 must be positive", "correct X, Y, Z"]),
         (["open-loop", "--set", "controller.alpha=1"], ["'controller'", "known are plant"]),
-        (["--fmus", "fmus/pythonfmu/RobotPlant.fmu"], ["RobotPlant.fmu", "--fmus"]),
+        (["--fmus", f"fmus/{DEFAULT_FLAVOUR}/RobotPlant.fmu"], ["RobotPlant.fmu", "--fmus"]),
     ],
     ids=lambda value: (
         " ".join(value) if isinstance(value, list) and value[0].startswith(("-", "tr", "no", "op")) else ""
@@ -550,7 +549,7 @@ def test_a_failed_run_whose_folder_refuses_says_both(here, no_figures, capsys, m
 def test_missing_fmus_are_built_and_existing_ones_are_left_alone(here, no_figures, capsys):
     shutil.rmtree("fmus")
     assert main(["run", "--stop", "0.002", "--fmus", "mine"]) == 0
-    paths = [fmu_path(Path("mine"), "pythonfmu", instance) for instance in MODELS]
+    paths = [fmu_path(Path("mine"), DEFAULT_FLAVOUR, instance) for instance in MODELS]
     assert capsys.readouterr().out.splitlines()[:3] == [f"built {path}" for path in paths]
     assert not Path("fmus").exists()
     before = {path: (path.stat().st_mtime_ns, digest(path)) for path in paths}
@@ -561,16 +560,16 @@ def test_missing_fmus_are_built_and_existing_ones_are_left_alone(here, no_figure
 
 def test_gains_written_into_the_controller_survive_when_another_fmu_is_missing(here, no_figures):
     # building the missing plant must not put the controller's own gains back without a word
-    controller = fmu_path(Path("fmus"), "pythonfmu", "controller")
+    controller = fmu_path(Path("fmus"), DEFAULT_FLAVOUR, "controller")
     assert main(["tune", "--mu", "5", "--write", str(controller)]) == 0
     before = digest(controller)
-    fmu_path(Path("fmus"), "pythonfmu", "plant").unlink()
+    fmu_path(Path("fmus"), DEFAULT_FLAVOUR, "plant").unlink()
     assert main(["run", "--stop", "0.002"]) == 0
     assert digest(controller) == before
 
 
 def test_a_source_newer_than_the_fmus_is_noted(here, no_figures, capsys, monkeypatch):
-    paths = [fmu_path(Path("fmus"), "pythonfmu", instance) for instance in MODELS]
+    paths = [fmu_path(Path("fmus"), DEFAULT_FLAVOUR, instance) for instance in MODELS]
     for path in paths:
         os.utime(path, (4e9, 4e9))  # far in the future
     assert main(["run", "--stop", "0.002"]) == 0
@@ -587,7 +586,7 @@ def test_a_source_newer_than_the_fmus_is_noted(here, no_figures, capsys, monkeyp
 def test_a_broken_fmu_is_one_line(here, no_figures, capsys, damage):
     import zipfile
 
-    path = fmu_path(Path("fmus"), "pythonfmu", "controller")
+    path = fmu_path(Path("fmus"), DEFAULT_FLAVOUR, "controller")
     content = path.read_bytes()
     if damage == "truncated":
         path.write_bytes(content[: len(content) // 2])

@@ -39,7 +39,9 @@ def register(subparsers: Any) -> None:
         description=f"Couple the FMUs in a scenario. Scenarios: {', '.join(names())}, or a TOML file.",
     )
     parser.add_argument("scenario", nargs="?", default="tracking", help="name or path (default %(default)s)")
-    parser.add_argument("--flavour", choices=fmus.FLAVOURS, default="pythonfmu", help="default %(default)s")
+    parser.add_argument(
+        "--flavour", choices=fmus.FLAVOURS, help="default fmi2; pythonfmu where there is no C compiler to build it"
+    )
     parser.add_argument("--fmus", type=Path, default=Path("fmus"), metavar="DIR", help="FMU folder (default fmus)")
     parser.add_argument("--step", type=float, metavar="H", help="communication step in s")
     parser.add_argument("--stop", type=float, metavar="T", help="stop time in s")
@@ -67,12 +69,15 @@ def run(args: argparse.Namespace) -> int:
     scenario = _scenario(args)
     folder: Path = args.out if args.out is not None else Path("results") / scenario.name
     check_writable(folder)
-    for path in fmus.build_missing(args.fmus, args.flavour):
+    flavour, note = (args.flavour, "") if args.flavour else fmus.default_flavour(args.fmus)
+    if note:
+        print(note)
+    for path in fmus.build_missing(args.fmus, flavour):
         print(f"built {path}")
-    stale = fmus.newer_sources(args.fmus, args.flavour)
+    stale = fmus.newer_sources(args.fmus, flavour)
     if stale:
         print(f"note: {stale[0].name} has changed since the FMUs were built; rebuild with: python build_fmus.py")
-    system = scenario.system(args.fmus, args.flavour)
+    system = scenario.system(args.fmus, flavour)
     _check_overrides(args.set, system)
     try:
         with _progress(scenario.stop_time) as progress:

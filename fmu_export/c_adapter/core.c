@@ -203,7 +203,7 @@ CoreStatus core_get(Core *core, size_t reference, double *value) {
 
 CoreStatus core_do_step(Core *core, double time, double step) {
     CoreState *s = &core->state;
-    double u[N_U + 1], x[N_X + 1], next[N_X + 1];
+    double u[N_U + 1], rate[N_U + 1], x[N_X + 1], next[N_X + 1];
     if (!isfinite(time) || !(step > 0.0 && isfinite(step)))
         return core_fail(core, CORE_ERROR, "communication step %g s at %g s is not positive and finite", step, time);
     CoreStatus status = check_step(core, time, CORE_DISCARD);
@@ -216,15 +216,22 @@ CoreStatus core_do_step(Core *core, double time, double step) {
     double h = step / n;
     memcpy(x, s->x, sizeof x);
     for (int i = 0; i < n; i++) {
-        for (int j = 0; j < N_U; j++) u[j] = INPUTS(core)[j] + i * h * s->u_rate[j];
-        model_linear_step(time + i * h, x, u, PARAMETERS(core), h, s->u_rate, next);
+        if (core->request_inputs) { /* linear between the inputs at both ends of the internal step */
+            memcpy(u, INPUTS(core), N_U * sizeof *u);
+            core->request_inputs(core->environment, time + (i + 1) * h);
+            for (int j = 0; j < N_U; j++) rate[j] = (INPUTS(core)[j] - u[j]) / h;
+        } else {
+            for (int j = 0; j < N_U; j++) u[j] = INPUTS(core)[j] + i * h * s->u_rate[j];
+            memcpy(rate, s->u_rate, N_U * sizeof *rate);
+        }
+        model_linear_step(time + i * h, x, u, PARAMETERS(core), h, rate, next);
         memcpy(x, next, N_X * sizeof *x);
     }
     if (!all_finite(x, N_X))
         return core_fail(core, CORE_DISCARD, "step from t = %.9g s: the state is no longer finite; reduce the step or the inputs", time);
     memcpy(s->x, x, N_X * sizeof *x);
 #else
-    (void)u, (void)x, (void)next;
+    (void)u, (void)rate, (void)x, (void)next;
 #endif
     for (int j = 0; j < N_U; j++) { /* where linear inputs have arrived */
         INPUTS(core)[j] += step * s->u_rate[j];

@@ -31,9 +31,13 @@ typedef struct {
 
 typedef void CoreLogger(void *environment, CoreStatus status, const char *message);
 
+/* Asks the importer for the inputs at a time inside a step; it answers by setting them. */
+typedef void CoreInputRequest(void *environment, double time);
+
 typedef struct {
     CoreState state;
     CoreLogger *logger;
+    CoreInputRequest *request_inputs; /* NULL where the importer can't answer */
     void *environment;
     int model_exchange;
     char *resources; /* folder */

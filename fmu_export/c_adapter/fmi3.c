@@ -9,6 +9,7 @@
 typedef struct {
     Core *core;
     fmi3LogMessageCallback logger;
+    fmi3IntermediateUpdateCallback intermediate_update;
     fmi3InstanceEnvironment environment;
 } Instance;
 
@@ -26,6 +27,13 @@ static void forward_log(void *environment, CoreStatus status, const char *messag
     Instance *instance = environment;
     if (instance->logger) /* errors are logged always: who switched logging off still wants to know why a run ended */
         instance->logger(instance->environment, (fmi3Status)status, categories[status], message);
+}
+
+static void request_inputs(void *environment, double time) {
+    Instance *instance = environment;
+    fmi3Boolean early_return = fmi3False;
+    fmi3Float64 early_return_time = time;
+    instance->intermediate_update(instance->environment, time, fmi3True, fmi3False, fmi3False, fmi3False, &early_return, &early_return_time);
 }
 
 const char *fmi3GetVersion(void) { return fmi3Version; }
@@ -65,12 +73,17 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3
                                          fmi3Boolean event_mode, fmi3Boolean early_return, const fmi3ValueReference required[], size_t n_required,
                                          fmi3InstanceEnvironment environment, fmi3LogMessageCallback logger,
                                          fmi3IntermediateUpdateCallback intermediate_update) {
-    (void)visible, (void)logging, (void)early_return, (void)required, (void)n_required, (void)intermediate_update;
+    (void)visible, (void)logging, (void)early_return, (void)required, (void)n_required;
     if (event_mode) {
         if (logger) logger(environment, fmi3Error, "logStatusError", "this FMU has no event mode; instantiate it with eventModeUsed = false");
         return NULL;
     }
-    return instantiate(name, token, resources, 0, environment, logger);
+    Instance *instance = instantiate(name, token, resources, 0, environment, logger);
+    if (instance && intermediate_update && n_required) {
+        instance->intermediate_update = intermediate_update;
+        instance->core->request_inputs = request_inputs;
+    }
+    return instance;
 }
 
 fmi3Instance fmi3InstantiateScheduledExecution(fmi3String name, fmi3String token, fmi3String resources, fmi3Boolean visible, fmi3Boolean logging,

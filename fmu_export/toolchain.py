@@ -1,0 +1,220 @@
+"""Generated C99 compiled into the shared libraries of FMUs, for the host by its compiler and for others by zig.
+
+The same sources give the same bytes, and arithmetic is that of the source: no contraction into fused
+multiply-adds, no instructions beyond the architecture's baseline. What a library exports, its source marks.
+"""
+
+from __future__ import annotations
+
+import os
+import platform
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+
+
+class ToolchainError(Exception):
+    """There is no compiler, or it refused the sources; one line says which and why."""
+
+
+@dataclass(frozen=True)
+class Target:
+    """A platform that an FMU can hold a binary for."""
+
+    name: str
+    #: zig's name; it carries the oldest system that can load the library.
+    triple: str
+    suffix: str
+    #: Folder below binaries/ in an FMI 2.0 FMU; None where FMI 2.0 has none of its own.
+    fmi2_folder: str | None
+
+    @property
+    def fmi3_folder(self) -> str:
+        """Folder below binaries/ in an FMI 3.0 FMU."""
+        return self.name
+
+    @property
+    def system(self) -> str:
+        """Operating system: linux, windows or darwin."""
+        return self.name.partition("-")[2]
+
+
+#: glibc 2.17 is that of manylinux2014, macOS 11 the first on aarch64. FMI 2.0 knows no aarch64; its darwin64 could
+#: hold a universal binary, which is not made here.
+TARGETS: dict[str, Target] = {
+    target.name: target
+    for target in (
+        Target("x86_64-linux", "x86_64-linux-gnu.2.17", ".so", "linux64"),
+        Target("x86_64-windows", "x86_64-windows-gnu", ".dll", "win64"),
+        Target("x86_64-darwin", "x86_64-macos.11.0", ".dylib", "darwin64"),
+        Target("aarch64-darwin", "aarch64-macos.11.0", ".dylib", None),
+        Target("aarch64-linux", "aarch64-linux-gnu.2.17", ".so", None),
+    )
+}
+
+_COMPILERS = ("cc", "gcc", "clang")
+
+#: What tells an error from the lines around it, for gcc, clang, zig, cl and the linkers.
+_ERROR = re.compile(r"\b(error(?! generated)|undefined reference|undefined symbol)\b", re.IGNORECASE)
+_MAX_ERRORS = 3
+
+
+def host_target() -> Target:
+    """The platform this process runs on.
+
+    Raises
+    ------
+    ToolchainError
+        It is none of `TARGETS`.
+    """
+    machine = platform.machine().lower()
+    machine = {"amd64": "x86_64", "arm64": "aarch64"}.get(machine, machine)
+    name = f"{machine}-{platform.system().lower()}"
+    if name not in TARGETS or sys.maxsize < 2**32:  # a 32-bit Python can't load a 64-bit library
+        bits = 64 if sys.maxsize > 2**32 else 32
+        raise ToolchainError(f"no native FMUs for this machine ({name}, {bits}-bit Python); there are: {_names()}")
+    return TARGETS[name]
+
+
+def find_compiler() -> list[str]:
+    """The command that compiles C for this machine: $CC, or the first found of cc, gcc, clang, cl and ziglang.
+
+    Raises
+    ------
+    ToolchainError
+        There is none, or $CC names none.
+    """
+    if named := os.environ.get("CC", "").strip():
+        for words in ([named], _words(named)):  # a path may hold spaces, and $CC may hold options
+            if found := _program(words[0]):
+                return [found, *words[1:]]
+        raise ToolchainError(f"CC={named}: no such program; set CC to a C compiler, or unset it")
+    for program in (*_COMPILERS, "cl") if platform.system() == "Windows" else _COMPILERS:
+        if found := _program(program):
+            return [found]
+    if find_spec("ziglang"):
+        return _zig()
+    raise ToolchainError(
+        "no C compiler found (looked for cc, gcc, clang, cl, and the ziglang package); install one, or: "
+        "pip install ziglang"
+    )
+
+
+def compile_library(
+    sources: Mapping[str, bytes], name: str, target: Target | None = None, *, strict: bool = False
+) -> bytes:
+    """Compile C99 sources into a shared library and return its bytes.
+
+    Parameters
+    ----------
+    sources
+        Contents by relative name; each .c file is compiled, and .h files are found from the common folder.
+    name
+        Name of the library without suffix.
+    target
+        Platform; None is this machine and its own compiler, any other (also the host, if named) takes zig.
+    strict
+        Whether a warning is an error; for tests, since a later compiler may warn of more.
+
+    Raises
+    ------
+    ToolchainError
+        There is no compiler, or it refused the sources.
+    """
+    if target is None:
+        target, compiler = host_target(), find_compiler()
+    elif find_spec("ziglang"):
+        compiler = _zig()
+    else:
+        raise ToolchainError(
+            f"no compiler for {target.name} found (looked for the ziglang package); get it by: pip install ziglang"
+        )
+    library = name + target.suffix
+    files = sorted(source for source in sources if source.endswith(".c"))
+    with tempfile.TemporaryDirectory(prefix="toolchain-") as temporary:
+        folder = Path(temporary)
+        for source, content in sources.items():
+            (folder / source).parent.mkdir(parents=True, exist_ok=True)
+            (folder / source).write_bytes(content)
+        # relative names only, so that no name of the temporary folder gets into the library
+        _run([*compiler, *_arguments(compiler, target, files, library, strict)], folder, library)
+        return (folder / library).read_bytes()
+
+
+def _names() -> str:
+    return ", ".join(TARGETS)
+
+
+def _zig() -> list[str]:
+    return [sys.executable, "-m", "ziglang", "cc"]
+
+
+def _program(name: str) -> str | None:
+    """Absolute path of a program: compilers are run in another folder."""
+    found = shutil.which(name)
+    return found and str(Path(found).absolute())
+
+
+def _words(command: str) -> list[str]:
+    try:
+        return shlex.split(command, posix=os.name != "nt")  # backslashes are part of paths there
+    except ValueError:  # an open quotation
+        return [command]
+
+
+def _is(compiler: list[str], *names: str) -> bool:
+    """Whether a compiler is one of these, be it below a wrapper such as ccache."""
+    return any(Path(word).stem.lower() in names for word in compiler)
+
+
+def _is_zig(compiler: list[str]) -> bool:
+    return _is(compiler, "zig", "ziglang", "python-zig")
+
+
+def _arguments(compiler: list[str], target: Target, files: list[str], library: str, strict: bool) -> list[str]:
+    """What follows the compiler's name on its command line."""
+    if _is(compiler, "cl"):  # no C99 by name: it is cl's default; /Brepro: no time stamps
+        options = ["/nologo", "/LD", "/MT", "/O2", "/fp:precise", "/W3", "/utf-8", "/Brepro", "/I."]
+        return [*options, *(["/WX"] if strict else []), *files, f"/Fe:{library}", "/link", "/Brepro"]
+    options = ["-std=c99", "-O2", "-ffp-contract=off", "-fno-fast-math", "-g0", "-Wall", "-Wextra"]
+    options += [*(["-Werror"] if strict else []), "-shared", "-fvisibility=hidden", "-I."]
+    if _is_zig(compiler):
+        options += ["-target", target.triple]  # without it zig would use all instructions of this very machine
+    if target.system == "linux":
+        # a missing function is an error here, not when the FMU is loaded
+        options += ["-fPIC", "-s", "-Wl,--build-id=none", "-Wl,-z,defs"]
+    elif target.system == "darwin":  # Apple's linker ignores -s; -x drops all but the exported names
+        options += ["-fPIC", "-Wl,-x", f"-Wl,-install_name,@rpath/{library}"]
+        options += [] if _is_zig(compiler) else ["-mmacosx-version-min=11.0"]
+    elif _is_zig(compiler):  # code of Windows is position-independent without -fPIC
+        options += ["-s"]
+    else:
+        options += ["-s", "-static-libgcc", "-Wl,--no-insert-timestamp"]
+    return [*options, *files, "-o", library, *([] if target.system == "windows" else ["-lm"])]
+
+
+def _run(command: list[str], folder: Path, library: str) -> None:
+    """Run a compiler in a folder; its first errors, joined in one line, are the `ToolchainError`."""
+    environment = os.environ | {"LC_ALL": "C"}  # English and plain quotes, whatever the user speaks
+    try:
+        done = subprocess.run(
+            command, cwd=folder, env=environment, stdin=subprocess.DEVNULL, capture_output=True, check=False
+        )
+    except OSError as error:
+        raise ToolchainError(f"{library}: can't run the compiler {command[0]}: {error.strerror}") from error
+    if done.returncode == 0 and (folder / library).is_file():
+        return
+    # cl writes its errors to the standard output
+    output = (done.stderr + b"\n" + done.stdout).decode("utf-8", errors="replace")
+    lines = [" ".join(line.split()) for line in output.splitlines() if line.strip()]
+    errors = [line for line in lines if _ERROR.search(line)] or lines or [f"exit code {done.returncode}"]
+    more = f"; and {len(errors) - _MAX_ERRORS} more" if len(errors) > _MAX_ERRORS else ""
+    compiler = "zig" if _is_zig(command) else Path(command[0]).stem
+    raise ToolchainError(f"{library}: {compiler} failed: {'; '.join(errors[:_MAX_ERRORS])}{more}")
