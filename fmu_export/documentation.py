@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from html import escape
 from importlib.metadata import PackageNotFoundError, files
 from io import BytesIO
@@ -22,8 +23,8 @@ from fmu_export.version import DISTRIBUTION, package_version
 
 #: What each flavour is and what it needs to run.
 _FLAVOURS = {
-    "pythonfmu": "FMI 2.0 co-simulation, for Linux and Windows (x86-64). Runs Python inside: the importing process needs "
-    "Python of at least version 3.11, and no package.",
+    "pythonfmu": "FMI 2.0 co-simulation, for Linux and Windows (x86-64). Runs Python inside: the importing process "
+    "needs a Python of the version that the binary is linked with, but no package.",
     "fmi2": "FMI 2.0 co-simulation and model exchange, compiled from the C sources in <code>sources/</code> for the "
     "platforms in <code>binaries/</code>. Needs nothing else.",
     "fmi3": "FMI 3.0 co-simulation and model exchange, compiled from the C sources in <code>sources/</code> for the "
@@ -40,12 +41,12 @@ class DocumentationError(RuntimeError):
     """The documentation of an FMU can't be written."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ReferenceRun:
     """A run of a model alone from its start values: a row for each communication point.
 
-    The inputs of a row are held until the next one. The outputs of a row are those that the step to it ends with, so they
-    still see the inputs of the row before; that is when co-simulation masters such as fmpy read them.
+    The inputs of a row are held until the next one. The outputs of a row are those that the step to it ends with, so
+    they still see the inputs of the row before; that is when co-simulation masters such as fmpy read them.
     """
 
     time: Array
@@ -82,6 +83,7 @@ def documentation_members(model: Model, interface: Interface, page: str, flavour
     }
 
 
+@cache  # the same for all flavours, and the slowest part of a build
 def reference_run(model: Model) -> ReferenceRun:
     """Run a model for two seconds, each input on a small sine of its own about its start value.
 
@@ -132,6 +134,7 @@ def _licence() -> bytes:
     )
 
 
+@cache
 def _plot(model: Model, run: ReferenceRun) -> str:
     """The outputs (vectors in one panel) of the reference run as an SVG element."""
     columns, position = 2, 0
@@ -140,10 +143,10 @@ def _plot(model: Model, run: ReferenceRun) -> str:
     with mpl.rc_context():
         mpl.rcdefaults()  # the user's settings must not change the bytes
         mpl.rcParams["svg.hashsalt"] = model.name  # names of elements are random otherwise
-        height = 0.6 + 1.6 * n_rows  # inches; margins by hand, since matplotlib's layout engines take half a second
+        height = 0.75 + 1.6 * n_rows  # inches; margins by hand, since matplotlib's layout engines take half a second
         figure = Figure(figsize=(10.0, height))
         figure.subplots_adjust(
-            left=0.08, right=0.95, wspace=0.4, hspace=0.25, bottom=0.5 / height, top=1.0 - 0.1 / height
+            left=0.08, right=0.95, wspace=0.4, hspace=0.25, bottom=0.5 / height, top=1.0 - 0.25 / height
         )
         panels = figure.subplots(n_rows, columns, sharex=True, squeeze=False)
         for axes, v in zip(panels.flat, variables, strict=False):
@@ -152,6 +155,7 @@ def _plot(model: Model, run: ReferenceRun) -> str:
                 position += 1
             axes.set_ylabel(f"{v.name} ({v.unit})" if v.unit != "1" else v.name, fontsize=9)
             axes.tick_params(labelsize=8)
+            axes.yaxis.get_offset_text().set_fontsize(8)
             axes.margins(x=0.0)
             axes.grid(alpha=0.3)
             if v.size:
@@ -194,18 +198,19 @@ def _variable_table(interface: Interface) -> str:
 def _usage(model: Model, run: ReferenceRun) -> str:
     name, stop = model.name, f"{run.time[-1]:g}"
     signals = f'read_csv("documentation/reference/{name}_in.csv")' if len(model.inputs) else "None  # it has no inputs"
-    return f"""from fmpy import plot_result, simulate_fmu
-plot_result(simulate_fmu("{name}.fmu"))
+    held = {v.name: list(v.starts) if v.size else v.starts[0] for v in model.inputs.variables}
+    return f"""from fmpy import simulate_fmu
+result = simulate_fmu("{name}.fmu", output=["{model.outputs.names[0]}"])  # or all outputs
 
 # the reference result, with the documentation unpacked
 from fmpy.util import read_csv
 inputs = {signals}
 result = simulate_fmu("{name}.fmu", fmi_type="CoSimulation", stop_time={stop}, output_interval={_ROW}, input=inputs)
 
-# in the co-simulation of the package that made this FMU; system.connect couples it to others
+# in the co-simulation of the package that made this FMU: inputs held; system.connect couples them to other FMUs
 from cosim import System, simulate
 system = System()
-system.add("{name.lower()}", "{name}.fmu")
+system.add("{name.lower()}", "{name}.fmu", start={held!r})
 results = simulate(system, stop_time={stop}, step_size={model.default_experiment.step_size!r})
 results.to_csv("results.csv")"""
 
@@ -231,8 +236,8 @@ MIT licence: <a href="licenses/license.txt">licenses/license.txt</a>.</p>
 {_variable_table(interface)}
 <h2>Reference result</h2>
 <p>The model alone, from its start values. Input i = 1, 2, ... (in the order of the table) is its start value
-+ {_AMPLITUDE} sin(2 pi (0.4 + 0.1 i) t) in its unit, held from row to row ({_ROW} s). The outputs of a row are those at the
-end of the step to it, before its inputs are set.
++ {_AMPLITUDE} sin(2 pi (0.4 + 0.1 i) t) in its unit, held from row to row ({_ROW} s).
+The outputs of a row are those at the end of the step to it, before its inputs are set.
 Inputs: <a href="reference/{title}_in.csv">reference/{title}_in.csv</a>.
 Outputs: <a href="reference/{title}_ref.csv">reference/{title}_ref.csv</a>.</p>
 <figure>
@@ -246,7 +251,8 @@ Outputs: <a href="reference/{title}_ref.csv">reference/{title}_ref.csv</a>.</p>
 """
 
 
-_STYLE = """body { font: 16px/1.5 system-ui, sans-serif; color: #222; max-width: 62rem; margin: 2rem auto; padding: 0 1rem; }
+_STYLE = """body { font: 16px/1.5 system-ui, sans-serif; color: #222; max-width: 62rem; margin: 2rem auto;
+padding: 0 1rem; }
 h1, h2, h3 { line-height: 1.2; color: #1f4e79; }
 h2 { margin-top: 2.2rem; border-bottom: 1px solid #d5dde5; padding-bottom: 0.2rem; }
 .stamp { background: #eaf1f8; padding: 0.6rem 0.9rem; border-radius: 0.4rem; }

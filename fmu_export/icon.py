@@ -40,8 +40,8 @@ def terminal_icons(model: Model) -> dict[str, bytes]:
     """
 
     def triangle(face: str) -> Callable[[Any], None]:
-        corners = [(0.06, 0.06), (0.06, 0.94), (0.94, 0.5)]
-        return lambda axes: axes.add_patch(Polygon(corners, fc=face, ec=_EDGE, lw=1.0))
+        corners = [(0.08, 0.08), (0.08, 0.92), (0.92, 0.5)]
+        return lambda axes: axes.add_patch(Polygon(corners, fc=face, ec=_EDGE, lw=5.0))
 
     root = ET.Element("fmiTerminalsAndIcons", fmiVersion="3.0")
     graphics = ET.SubElement(root, "GraphicalRepresentation")

@@ -65,7 +65,11 @@ _HEADERS = {
 
 
 def build_native(
-    model: Model, folder: Path, flavour: Literal["fmi2", "fmi3"], targets: Sequence[Target] | None = None
+    model: Model,
+    folder: Path,
+    flavour: Literal["fmi2", "fmi3"],
+    targets: Sequence[Target] | None = None,
+    page: str | None = None,
 ) -> Path:
     """Write `<folder>/<model name>.fmu`.
 
@@ -81,6 +85,8 @@ def build_native(
     targets : sequence of Target, optional
         Platforms to compile for by zig; by default this machine, with its own compiler. Those that the FMI version has
         no place for are left out.
+    page : str, optional
+        The model's page in Markdown, for the documentation in the archive; without it there is none.
 
     Raises
     ------
@@ -121,6 +127,10 @@ def build_native(
         **binaries,
         **{f"sources/{name}": source for name, source in sources.items()},
     }
+    if page is not None:
+        from fmu_export.documentation import documentation_members
+
+        members |= documentation_members(model, interface, page, flavour)
     if flavour == "fmi3":
         members["sources/buildDescription.xml"] = description_fmi3.build_description(model, c_files)
     write_archive(path, members)

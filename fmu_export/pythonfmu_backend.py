@@ -57,8 +57,15 @@ _ARGUMENTS = {
 }
 
 
-def build_pythonfmu(model: Model, folder: Path) -> Path:
+def build_pythonfmu(model: Model, folder: Path, page: str | None = None) -> Path:
     """Write `<folder>/<model name>.fmu`; the same sources give the same bytes.
+
+    Parameters
+    ----------
+    model : Model
+    folder : Path
+    page : str, optional
+        The model's page in Markdown, for the documentation in the archive; without it there is none.
 
     Raises
     ------
@@ -78,18 +85,20 @@ def build_pythonfmu(model: Model, folder: Path) -> Path:
     entry = f"{package}_entry"
     modules["interface.py"] += f"FINGERPRINT = {fingerprint!r}\n".encode()
     path = folder / f"{model.name}.fmu"
-    write_archive(
-        path,
-        {
-            "modelDescription.xml": _description(model, interface, guid=_guid(fingerprint)),
-            "resources/slavemodule.txt": entry.encode(),
-            f"resources/{entry}.py": _ENTRY.format(name=model.name, package=package).encode(),
-            **{f"resources/{package}/{name}": source for name, source in modules.items()},
-            MEMBER: start_values_text(interface),
-            **binaries(model.name),
-            "documentation/licenses/pythonfmu.txt": licence(),
-        },
-    )
+    members = {
+        "modelDescription.xml": _description(model, interface, guid=_guid(fingerprint)),
+        "resources/slavemodule.txt": entry.encode(),
+        f"resources/{entry}.py": _ENTRY.format(name=model.name, package=package).encode(),
+        **{f"resources/{package}/{name}": source for name, source in modules.items()},
+        MEMBER: start_values_text(interface),
+        **binaries(model.name),
+        "documentation/licenses/pythonfmu.txt": licence(),
+    }
+    if page is not None:
+        from fmu_export.documentation import documentation_members
+
+        members |= documentation_members(model, interface, page, "pythonfmu")
+    write_archive(path, members)
     return path
 
 

@@ -333,13 +333,11 @@ def test_usage_on_the_page_runs(members, name, fmus, tmp_path):
     (tmp_path / f"{name}.fmu").write_bytes((fmus / f"{name}.fmu").read_bytes())
     html = files["documentation/index.html"].decode()
     code = Page(html[html.index("<h2>How to use it</h2>") : html.index("</body>")]).text["code"]
-    assert f'plot_result(simulate_fmu("{name}.fmu"))' in code
     subprocess.run(
-        [sys.executable, "-W", "ignore", "-c", code],
+        [sys.executable, "-c", code],
         cwd=tmp_path,
         env={
             **os.environ,
-            "MPLBACKEND": "Agg",
             "PYTHONPATH": os.pathsep.join([str(CHECKOUT), os.environ.get("PYTHONPATH", "")]),
         },
         check=True,
@@ -370,5 +368,5 @@ def test_missing_licence_is_an_error(monkeypatch, tmp_path):
 
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
 def test_reference_that_is_not_finite_is_an_error():
-    with pytest.raises(DocumentationError, match="Root.*not finite"):
+    with pytest.raises(DocumentationError, match="Root: the reference run from the start values is not finite"):
         members_of(replace(ROOT, inputs=Layout([Variable("u", "1", "Negative", start=-1.0)])))

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from importlib.resources import files
 from pathlib import Path
-from typing import Any, Literal, cast
+from typing import Literal, cast
 
 from cosim.errors import CosimError, nearest
 from cosim.robot.models import MODELS
 
 #: Flavours that can be built. The native ones need a C compiler to build and nothing to run.
 FLAVOURS = ("fmi2", "fmi3", "pythonfmu")
+
+
+#: Package with the page (README.md) of each model.
+_PAGES = {"plant": "plant_fmu", "controller": "controller_fmu", "trajectory": "cosim.robot"}
 
 
 class BuildError(CosimError):
@@ -45,20 +50,24 @@ def build(
     if flavour not in FLAVOURS:
         raise BuildError(f"flavour '{flavour}' is unknown; {nearest(flavour, FLAVOURS)}")
     # CasADi takes a while to import, and only building needs it
+    from fmu_export.documentation import DocumentationError
     from fmu_export.native_backend import build_native
     from fmu_export.pythonfmu_backend import build_pythonfmu
     from fmu_export.toolchain import TARGETS, ToolchainError
 
-    def build_one(model: Any) -> Path:
+    def build_one(instance: str) -> Path:
+        model, page = MODELS[instance], (files(_PAGES[instance]) / "README.md").read_text(encoding="utf-8")
         if flavour == "pythonfmu":
-            return build_pythonfmu(model, folder / flavour)
+            return build_pythonfmu(model, folder / flavour, page)
         version = cast(Literal["fmi2", "fmi3"], flavour)
-        return build_native(model, folder / flavour, version, list(TARGETS.values()) if all_platforms else None)
+        return build_native(model, folder / flavour, version, list(TARGETS.values()) if all_platforms else None, page)
 
     try:
-        return [build_one(MODELS[instance]) for instance in instances]
+        return [build_one(instance) for instance in instances]
     except ToolchainError as error:
         raise BuildError(f"flavour {flavour}: {error}; the flavour pythonfmu needs no compiler") from error
+    except DocumentationError as error:
+        raise BuildError(f"documentation: {error}") from error
     except OSError as error:
         raise BuildError(
             f"can't write the FMUs into {folder / flavour}: {error}; choose another folder with --fmus"
