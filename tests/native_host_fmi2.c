@@ -1,7 +1,9 @@
 /* A host that walks every function of FMI 2.0 in every state, with arguments good and bad.
  *
- * Usage: host FOLDER, which holds good/start_values.txt, and the empty or copied folders named below.
+ * Usage: host FOLDER, where good/, broken/, "a b"/, "ü"/, %zz/ and 50%/ each hold an intact start_values.txt.
+ * The program must be linked with the sources of an FMU.
  * Prints what was not as expected, then the number of calls; the exit code is 0 if all was. */
+#include <locale.h>
 #include <math.h>
 #include <stdarg.h>
 #include <stdio.h>
@@ -19,6 +21,7 @@ static const int phases[] = {INST, INIT, STEP, EVENT, CONT, TERM};
 
 static long calls, failures, messages;
 static int percent_allowed; /* paths may hold percent signs */
+static int foreign_allowed; /* and other characters than ASCII */
 static char last_message[4096];
 
 static void expect(int holds, const char *what, const char *where, int phase, int status) {
@@ -35,6 +38,7 @@ static void logger(fmi2ComponentEnvironment environment, fmi2String name, fmi2St
     messages++;
     expect(length > 0, "an empty message", "logger", 0, status);
     expect(percent_allowed || !strchr(last_message, '%'), "an unexpanded percent sign", "logger", 0, status);
+    for (const char *c = last_message; *c; c++) expect((*c >= ' ' && *c <= '~') || (foreign_allowed && *c < 0), "a character that is no text", "logger", 0, status);
     expect(environment == &calls, "another environment", "logger", 0, status);
     expect(name && (!strcmp(name, "one") || !strcmp(name, "other") || !*name || !strcmp(name, "?")), "another name", "logger", 0, status);
     expect((status == fmi2Error && !strcmp(category, "logStatusError")) || (status == fmi2Discard && !strcmp(category, "logStatusDiscard")), "a wrong category", "logger", 0, status);
@@ -326,6 +330,19 @@ static void walk_without_instance(void) {
     expect(!strcmp(fmi2GetVersion(), "2.0") && !strcmp(fmi2GetTypesPlatform(), "default"), "a wrong version", "fmi2GetVersion", 0, 0);
 }
 
+/* Initial states are there as soon as the initialisation mode is. */
+static void check_initial_states(void) {
+    double before[N_X + 1], after[N_X + 1], rate_after[N_X + 1];
+    fmi2Component c = at(INIT, fmi2ModelExchange, "one");
+    LEGAL(fmi2GetContinuousStates(c, before, N_X));
+    LEGAL(fmi2ExitInitializationMode(c));
+    LEGAL(fmi2GetContinuousStates(c, after, N_X));
+    LEGAL(fmi2GetDerivatives(c, rate_after, N_X));
+    for (int i = 0; i < N_X; i++)
+        expect(same(before[i], after[i]) && isfinite(rate_after[i]), "other initial states", "check_initial_states", INIT, i);
+    fmi2FreeInstance(c);
+}
+
 /* FMU states go from instance to instance; damaged ones must not. */
 static void check_states(void) {
     fmi2Component one = at(STEP, fmi2CoSimulation, "one"), other = at(INST, fmi2CoSimulation, "other"), exchange = at(EVENT, fmi2ModelExchange, "one");
@@ -453,7 +470,9 @@ static void check_start_values(void) {
     try_start_values(other, m, 1, "CRLF line ends");
     unsigned random = 1u;
     for (m = 0; m < 5000; m++) other[m] = (char)((random = random * 1664525u + 1013904223u) >> 24);
+    percent_allowed = 1;
     try_start_values(other, m, 0, "binary junk");
+    percent_allowed = 0;
     memset(other, 'a', 10240);
     try_start_values(other, 10240, 0, "a long line of letters");
     memset(other, 0, 4096);
@@ -479,7 +498,23 @@ static void check_start_values(void) {
     try_first_value(text, first, 1, "the same number");
     snprintf(other, 300000, "no_such_name = 1.0\n%s", text);
     try_start_values(other, strlen(other), 1, "an unknown name"); /* a newer file in an older FMU */
-    /* far outside its limits: read, but not accepted at the start */
+    static const char *const commas[] = {"de_DE.UTF-8", "de_DE.utf8", "de_DE", "fr_FR.UTF-8", "fr_FR.utf8", "German", "French"};
+    size_t k = 0;
+    while (k < sizeof commas / sizeof *commas && !setlocale(LC_NUMERIC, commas[k])) k++;
+    if (k < sizeof commas / sizeof *commas && *localeconv()->decimal_point == ',') {
+        printf("with a decimal comma (%s)\n", commas[k]);
+        try_first_value(text, "1,5", 0, "a decimal comma in a locale with one");
+        fmi2Component c = at(INST, fmi2CoSimulation, "one");
+        double comma[N_PU + 1], point[N_PU + 1];
+        observe(c, comma);
+        setlocale(LC_NUMERIC, "C");
+        LEGAL(fmi2Reset(c));
+        observe(c, point);
+        for (int i = 0; i <= N_PU; i++) expect(same(comma[i], point[i]), "the locale changes start values", "setlocale", INST, i);
+        fmi2FreeInstance(c);
+    } else {
+        printf("no locale with a decimal comma here\n");
+    }
     free(other);
     free(text);
 }
@@ -492,7 +527,7 @@ static void check_resources(void) {
         {"file://", "/%c3%BC", 1}, {"file://", "/\xc3\xbc", 1}, {"", "/\xc3\xbc", 1}, {"file://", "/nowhere", 0}, {"file://", "/good%00/nowhere", 0},
         {"file://", "/good/start_values.txt", 0}, {"https://", "/good", 0},
         {"file://", "/%", 0}, {"file://", "/%2", 0}, {"file://", "/%n%s%d", 0}};
-    percent_allowed = 1;
+    percent_allowed = foreign_allowed = 1;
     for (size_t i = 0; i < sizeof uris / sizeof *uris; i++) {
         char uri[4096];
         snprintf(uri, sizeof uri, "%s%s%s", uris[i].head, folder, uris[i].tail);
@@ -518,7 +553,7 @@ static void check_resources(void) {
         expect(!instantiate(fmi2CoSimulation, "one", path), "an instance from a long path", "long path", lengths[i], 0);
         free(path);
     }
-    percent_allowed = 0;
+    percent_allowed = foreign_allowed = 0;
 }
 
 static void check_instantiation(void) {
@@ -565,6 +600,7 @@ int main(int argc, char *argv[]) {
     walk_at_random(fmi2CoSimulation, 4000);
     walk_at_random(fmi2ModelExchange, 4000);
     check_states();
+    check_initial_states();
     check_start_values();
     check_resources();
     check_instantiation();

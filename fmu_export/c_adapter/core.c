@@ -1,5 +1,6 @@
 #include "core.h"
 
+#include <locale.h>
 #include <math.h>
 #include <stdarg.h>
 #include <stdio.h>
@@ -56,7 +57,17 @@ int core_allowed(Core *core, int phases, const char *function) {
 
 /* Start values */
 
-static CoreStatus read_start_values(Core *core) {
+/* Read a number and nothing after it, whatever decimal point the locale of the importer has. */
+static int read_number(char *text, double *value) {
+    char *end, *point = strchr(text, '.');
+    const char *local = localeconv()->decimal_point;
+    if (strchr(text, ',')) return 0;
+    if (point && strlen(local) == 1) *point = *local;
+    *value = strtod(text, &end);
+    return end > text && !end[strspn(end, " \t\r\n")] && isfinite(*value);
+}
+
+static CoreStatus read_start_values(Core *core, double values[]) {
     char path[4096], line[256];
     int found[N_PU + 1] = {0};
     if (snprintf(path, sizeof path, "%s/start_values.txt", core->resources) >= (int)sizeof path)
@@ -65,17 +76,19 @@ static CoreStatus read_start_values(Core *core) {
     if (!file) return core_fail(core, CORE_ERROR, "start values can't be read: %s is missing or unreadable", path);
     CoreStatus status = CORE_OK;
     while (status == CORE_OK && fgets(line, sizeof line, file)) {
-        char *separator = strstr(line, " = "), *end = NULL;
-        double value = separator ? strtod(separator + 3, &end) : 0.0;
-        if (!separator || end == separator + 3 || !isfinite(value)) {
+        char *separator = strstr(line, " = ");
+        double value;
+        if (!separator || !read_number(separator + 3, &value)) {
             line[strcspn(line, "\r\n")] = '\0';
+            for (char *c = line; *c; c++)
+                if (*c < ' ' || *c > '~') *c = '?'; /* messages are text, whatever the file is */
             status = core_fail(core, CORE_ERROR, "start values can't be read: '%s' in %s is no 'name = number'", line, path);
             break;
         }
         *separator = '\0';
         for (int i = 0; i < N_PU; i++)
             if (!strcmp(line, model_names[i])) {
-                core->state.values[i] = value;
+                values[i] = value;
                 found[i] = 1;
             }
     }
@@ -86,9 +99,12 @@ static CoreStatus read_start_values(Core *core) {
 }
 
 CoreStatus core_reset(Core *core) {
-    memset(&core->state, 0, sizeof core->state);
-    core->state.phase = INSTANTIATED;
-    return read_start_values(core);
+    CoreState state;
+    memset(&state, 0, sizeof state);
+    state.phase = INSTANTIATED;
+    CoreStatus status = read_start_values(core, state.values);
+    if (status == CORE_OK) memcpy(&core->state, &state, sizeof state);
+    return status;
 }
 
 /* Checks */
@@ -204,7 +220,7 @@ CoreStatus core_get(Core *core, size_t reference, double *value) {
 CoreStatus core_do_step(Core *core, double time, double step) {
     CoreState *s = &core->state;
     double u[N_U + 1], rate[N_U + 1], x[N_X + 1], next[N_X + 1];
-    if (!isfinite(time) || !(step > 0.0 && isfinite(step)))
+    if (!isfinite(time) || !(step > 0.0 && isfinite(time + step)))
         return core_fail(core, CORE_ERROR, "communication step %g s at %g s is not positive and finite", step, time);
     CoreStatus status = check_step(core, time, CORE_DISCARD);
     if (status != CORE_OK) return status;
@@ -253,17 +269,27 @@ CoreStatus core_set_time(Core *core, double time) {
 
 CoreStatus core_set_states(Core *core, const double x[]) {
     if (!all_finite(x, N_X)) return core_fail(core, CORE_ERROR, "continuous states at t = %.9g s are not finite", core->state.time);
-    memcpy(core->state.x, x, N_X * sizeof *x);
+    for (int i = 0; i < N_X; i++) core->state.x[i] = x[i];
     core->state.outputs_valid = 0;
     return CORE_OK;
 }
 
 CoreStatus core_get_derivatives(Core *core, double derivatives[]) {
-    CoreStatus status = check_step(core, core->state.time, CORE_DISCARD);
+    int initialized = !(core->state.phase & INITIALIZATION);
+    CoreStatus status = initialized ? check_step(core, core->state.time, CORE_DISCARD) : compute_initial_state(core);
     if (status != CORE_OK) return status;
     model_derivatives(core->state.time, core->state.x, INPUTS(core), PARAMETERS(core), derivatives);
     if (!all_finite(derivatives, N_X))
         return core_fail(core, CORE_DISCARD, "derivatives at t = %.9g s are not finite", core->state.time);
+    return CORE_OK;
+}
+
+CoreStatus core_get_states(Core *core, double x[]) {
+    if (core->state.phase & INITIALIZATION) {
+        CoreStatus status = compute_initial_state(core);
+        if (status != CORE_OK) return status;
+    }
+    for (int i = 0; i < N_X; i++) x[i] = core->state.x[i];
     return CORE_OK;
 }
 
@@ -305,5 +331,11 @@ CoreStatus core_deserialize(Core *core, const char bytes[], size_t size, CoreSta
     if (size != core_serialized_size() || memcmp(bytes, GUID, sizeof GUID))
         return core_fail(core, CORE_ERROR, "the FMU state is damaged or belongs to another FMU");
     memcpy(state, bytes + sizeof GUID, sizeof *state);
+    int phase = state->phase, running = core->model_exchange ? EVENT | CONTINUOUS : STEP;
+    if (!(phase & (INSTANTIATED | INITIALIZATION | running | TERMINATED)) || phase & (phase - 1))
+        return core_fail(core, CORE_ERROR, "the FMU state is damaged or belongs to the other interface (model exchange, co-simulation)");
+    if (!all_finite(state->values, N_PU) || !all_finite(state->x, N_X) || !all_finite(state->u_rate, N_U) || !isfinite(state->time))
+        return core_fail(core, CORE_ERROR, "the FMU state is damaged: it has values that are not finite");
+    state->outputs_valid = 0;
     return CORE_OK;
 }

@@ -27,6 +27,7 @@ typedef struct {
     double time;
     int phase;
     int outputs_valid;
+    int discarded; /* the last step failed */
 } CoreState;
 
 typedef void CoreLogger(void *environment, CoreStatus status, const char *message);
@@ -64,6 +65,7 @@ CoreStatus core_do_step(Core *core, double time, double step);
 
 CoreStatus core_set_time(Core *core, double time);
 CoreStatus core_set_states(Core *core, const double x[]);
+CoreStatus core_get_states(Core *core, double x[]);
 CoreStatus core_get_derivatives(Core *core, double derivatives[]);
 
 /* Change of `unknown` along a change of knowns: `change` has N_VALUES entries, by value reference. */

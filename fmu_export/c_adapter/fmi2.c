@@ -13,8 +13,6 @@ typedef struct {
     char *name;
     fmi2CallbackLogger logger;
     fmi2ComponentEnvironment environment;
-    double last_time; /* end of the last successful step */
-    int discarded;
 } Instance;
 
 enum { ANY = INSTANTIATED | INITIALIZATION | STEP | EVENT | CONTINUOUS | TERMINATED, RUNNING = STEP | EVENT | CONTINUOUS };
@@ -23,6 +21,8 @@ enum { ANY = INSTANTIATED | INITIALIZATION | STEP | EVENT | CONTINUOUS | TERMINA
 #define CHECK(c, phases) \
     Instance *instance = c; \
     if (!instance || !core_allowed(instance->core, phases, __func__)) return fmi2Error
+
+#define MISSING ((fmi2Status)core_fail(instance->core, CORE_ERROR, "%s: an argument is missing", __func__))
 
 static void forward_log(void *environment, CoreStatus status, const char *message) {
     static const char *const categories[] = {"logAll", "logStatusWarning", "logStatusDiscard", "logStatusError"};
@@ -81,7 +81,6 @@ void fmi2FreeInstance(fmi2Component c) {
 fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean tolerance_defined, fmi2Real tolerance, fmi2Real start, fmi2Boolean stop_defined, fmi2Real stop) {
     (void)tolerance_defined, (void)tolerance, (void)stop_defined, (void)stop;
     CHECK(c, INSTANTIATED);
-    instance->last_time = start;
     return (fmi2Status)core_start_at(instance->core, start);
 }
 
@@ -104,7 +103,6 @@ fmi2Status fmi2Terminate(fmi2Component c) {
 
 fmi2Status fmi2Reset(fmi2Component c) {
     CHECK(c, ANY);
-    instance->discarded = 0;
     return (fmi2Status)core_reset(instance->core);
 }
 
@@ -112,7 +110,7 @@ fmi2Status fmi2Reset(fmi2Component c) {
 
 fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2Real value[]) {
     CHECK(c, ANY);
-    if (n && (!vr || !value)) return (fmi2Status)core_fail(instance->core, CORE_ERROR, "%s: an array is missing", __func__);
+    if (n && (!vr || !value)) return MISSING;
     for (size_t i = 0; i < n; i++) {
         CoreStatus status = core_get(instance->core, vr[i], &value[i]);
         if (status != CORE_OK) return (fmi2Status)status;
@@ -122,7 +120,7 @@ fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n,
 
 fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2Real value[]) {
     CHECK(c, INSTANTIATED | INITIALIZATION | RUNNING);
-    if (n && (!vr || !value)) return (fmi2Status)core_fail(instance->core, CORE_ERROR, "%s: an array is missing", __func__);
+    if (n && (!vr || !value)) return MISSING;
     for (size_t i = 0; i < n; i++) {
         CoreStatus status = core_set(instance->core, vr[i], value[i]);
         if (status != CORE_OK) return (fmi2Status)status;
@@ -151,6 +149,7 @@ REFUSE(String)
 
 fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2Integer order[], const fmi2Real value[]) {
     CHECK(c, INITIALIZATION | STEP);
+    if (n && (!vr || !order || !value)) return MISSING;
     for (size_t i = 0; i < n; i++) {
         if (order[i] != 1) return (fmi2Status)core_fail(instance->core, CORE_ERROR, "input derivatives of order %d are not used, only of order 1", (int)order[i]);
         CoreStatus status = core_set_input_rate(instance->core, vr[i], value[i]);
@@ -168,6 +167,7 @@ fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2ValueReferenc
 fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReference unknown[], size_t n, const fmi2ValueReference known[], size_t m,
                                         const fmi2Real known_change[], fmi2Real unknown_change[]) {
     CHECK(c, INITIALIZATION | RUNNING | TERMINATED);
+    if ((n && (!unknown || !unknown_change)) || (m && (!known || !known_change))) return MISSING;
     double change[N_VALUES + 1] = {0};
     for (size_t i = 0; i < m; i++) {
         if (known[i] >= N_VALUES) return (fmi2Status)core_fail(instance->core, CORE_ERROR, "no variable has the value reference %u", known[i]);
@@ -180,7 +180,7 @@ fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReferenc
 
 fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *state) {
     CHECK(c, ANY);
-    if (!state) return fmi2Error;
+    if (!state) return MISSING;
     if (!*state && !(*state = malloc(sizeof(CoreState)))) return (fmi2Status)core_fail(instance->core, CORE_ERROR, "no memory for an FMU state");
     memcpy(*state, &instance->core->state, sizeof(CoreState));
     return fmi2OK;
@@ -234,8 +234,7 @@ fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real step, fmi2Boolean
     (void)no_state_before;
     CHECK(c, STEP);
     CoreStatus status = core_do_step(instance->core, time, step);
-    instance->discarded = status == CORE_DISCARD;
-    if (status == CORE_OK) instance->last_time = time + step;
+    instance->core->state.discarded = status == CORE_DISCARD;
     return (fmi2Status)status;
 }
 
@@ -257,7 +256,8 @@ fmi2Status fmi2GetStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Status 
 fmi2Status fmi2GetRealStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Real *value) {
     if (kind != fmi2LastSuccessfulTime) return no_status(c);
     CHECK(c, ANY);
-    *value = instance->last_time;
+    if (!value) return MISSING;
+    *value = instance->core->state.time;
     return fmi2OK;
 }
 
@@ -269,7 +269,8 @@ fmi2Status fmi2GetIntegerStatus(fmi2Component c, const fmi2StatusKind kind, fmi2
 fmi2Status fmi2GetBooleanStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Boolean *value) {
     if (kind != fmi2Terminated) return no_status(c);
     CHECK(c, ANY);
-    *value = instance->discarded; /* a discarded step would fail again: the inputs must change first */
+    if (!value) return MISSING;
+    *value = instance->core->state.discarded; /* a discarded step would fail again: the inputs must change first */
     return fmi2OK;
 }
 
@@ -288,6 +289,7 @@ fmi2Status fmi2EnterEventMode(fmi2Component c) {
 
 fmi2Status fmi2NewDiscreteStates(fmi2Component c, fmi2EventInfo *info) {
     CHECK(c, EVENT);
+    if (!info) return MISSING;
     memset(info, 0, sizeof *info); /* there are no events */
     return fmi2OK;
 }
@@ -301,6 +303,7 @@ fmi2Status fmi2EnterContinuousTimeMode(fmi2Component c) {
 fmi2Status fmi2CompletedIntegratorStep(fmi2Component c, fmi2Boolean no_state_before, fmi2Boolean *enter_event_mode, fmi2Boolean *terminate) {
     (void)no_state_before;
     CHECK(c, CONTINUOUS);
+    if (!enter_event_mode || !terminate) return MISSING;
     *enter_event_mode = *terminate = fmi2False;
     return fmi2OK;
 }
@@ -310,20 +313,21 @@ fmi2Status fmi2SetTime(fmi2Component c, fmi2Real time) {
     return (fmi2Status)core_set_time(instance->core, time);
 }
 
-static fmi2Status check_count(Instance *instance, size_t n, const char *function) {
-    if (n == N_X) return fmi2OK;
+static fmi2Status check_states(Instance *instance, const double x[], size_t n, const char *function) {
+    if (n == N_X && (x || !n)) return fmi2OK;
+    if (n == N_X) return (fmi2Status)core_fail(instance->core, CORE_ERROR, "%s: the array is missing", function);
     return (fmi2Status)core_fail(instance->core, CORE_ERROR, "%s: this FMU has %d continuous states, not %lu", function, N_X, (unsigned long)n);
 }
 
 fmi2Status fmi2SetContinuousStates(fmi2Component c, const fmi2Real x[], size_t n) {
     CHECK(c, CONTINUOUS);
-    if (check_count(instance, n, __func__)) return fmi2Error;
+    if (check_states(instance, x, n, __func__)) return fmi2Error;
     return (fmi2Status)core_set_states(instance->core, x);
 }
 
 fmi2Status fmi2GetDerivatives(fmi2Component c, fmi2Real derivatives[], size_t n) {
     CHECK(c, EVENT | CONTINUOUS | TERMINATED);
-    if (check_count(instance, n, __func__)) return fmi2Error;
+    if (check_states(instance, derivatives, n, __func__)) return fmi2Error;
     return (fmi2Status)core_get_derivatives(instance->core, derivatives);
 }
 
@@ -334,15 +338,14 @@ fmi2Status fmi2GetEventIndicators(fmi2Component c, fmi2Real indicators[], size_t
 }
 
 fmi2Status fmi2GetContinuousStates(fmi2Component c, fmi2Real x[], size_t n) {
-    CHECK(c, EVENT | CONTINUOUS | TERMINATED);
-    if (check_count(instance, n, __func__)) return fmi2Error;
-    memcpy(x, instance->core->state.x, N_X * sizeof *x);
-    return fmi2OK;
+    CHECK(c, INITIALIZATION | EVENT | CONTINUOUS | TERMINATED);
+    if (check_states(instance, x, n, __func__)) return fmi2Error;
+    return (fmi2Status)core_get_states(instance->core, x);
 }
 
 fmi2Status fmi2GetNominalsOfContinuousStates(fmi2Component c, fmi2Real nominals[], size_t n) {
     CHECK(c, EVENT | CONTINUOUS | TERMINATED);
-    if (check_count(instance, n, __func__)) return fmi2Error;
+    if (check_states(instance, nominals, n, __func__)) return fmi2Error;
     for (size_t i = 0; i < n; i++) nominals[i] = 1.0;
     return fmi2OK;
 }

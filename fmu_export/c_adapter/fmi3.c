@@ -22,6 +22,8 @@ enum { ANY = INSTANTIATED | INITIALIZATION | STEP | EVENT | CONTINUOUS | TERMINA
 
 #define FAIL(...) ((fmi3Status)core_fail(instance->core, CORE_ERROR, __VA_ARGS__))
 
+#define MISSING FAIL("%s: an argument is missing", __func__)
+
 static void forward_log(void *environment, CoreStatus status, const char *message) {
     static const char *const categories[] = {"logAll", "logStatusWarning", "logStatusDiscard", "logStatusError"};
     Instance *instance = environment;
@@ -343,6 +345,7 @@ fmi3Status fmi3GetDirectionalDerivative(fmi3Instance c, const fmi3ValueReference
                                         const fmi3Float64 seed[], size_t n_seed, fmi3Float64 sensitivity[], size_t n_sensitivity) {
     CHECK(c, INITIALIZATION | RUNNING | TERMINATED);
     if (m != n_seed || n != n_sensitivity) return FAIL("%s: all variables are scalars; give one value for each", __func__);
+    if ((n && (!unknowns || !sensitivity)) || (m && (!knowns || !seed))) return MISSING;
     double change[N_VALUES + 1] = {0};
     for (size_t i = 0; i < m; i++) {
         if (knowns[i] >= N_VALUES) return FAIL("no variable has the value reference %u", knowns[i]);
@@ -357,6 +360,7 @@ fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 time, fmi3Float64 step, fmi3Bo
                       fmi3Boolean *early_return, fmi3Float64 *last_time) {
     (void)no_state_before;
     CHECK(c, STEP);
+    if (!event || !terminate || !early_return || !last_time) return MISSING;
     *event = *terminate = *early_return = fmi3False;
     CoreStatus status = core_do_step(instance->core, time, step);
     *last_time = status == CORE_OK ? time + step : time;
@@ -368,6 +372,7 @@ fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 time, fmi3Float64 step, fmi3Bo
 fmi3Status fmi3UpdateDiscreteStates(fmi3Instance c, fmi3Boolean *again, fmi3Boolean *terminate, fmi3Boolean *nominals_changed, fmi3Boolean *values_changed,
                                     fmi3Boolean *next_event_defined, fmi3Float64 *next_event) {
     CHECK(c, EVENT);
+    if (!again || !terminate || !nominals_changed || !values_changed || !next_event_defined || !next_event) return MISSING;
     *again = *terminate = *nominals_changed = *values_changed = *next_event_defined = fmi3False; /* there are no events */
     *next_event = 0.0;
     return fmi3OK;
@@ -382,6 +387,7 @@ fmi3Status fmi3EnterContinuousTimeMode(fmi3Instance c) {
 fmi3Status fmi3CompletedIntegratorStep(fmi3Instance c, fmi3Boolean no_state_before, fmi3Boolean *enter_event_mode, fmi3Boolean *terminate) {
     (void)no_state_before;
     CHECK(c, CONTINUOUS);
+    if (!enter_event_mode || !terminate) return MISSING;
     *enter_event_mode = *terminate = fmi3False;
     return fmi3OK;
 }
@@ -391,19 +397,20 @@ fmi3Status fmi3SetTime(fmi3Instance c, fmi3Float64 time) {
     return (fmi3Status)core_set_time(instance->core, time);
 }
 
-static fmi3Status check_count(Instance *instance, size_t n, const char *function) {
+static fmi3Status check_states(Instance *instance, const double x[], size_t n, const char *function) {
+    if (n == N_X && n && !x) return FAIL("%s: the array is missing", function);
     return n == N_X ? fmi3OK : FAIL("%s: this FMU has %d continuous states, not %lu", function, N_X, (unsigned long)n);
 }
 
 fmi3Status fmi3SetContinuousStates(fmi3Instance c, const fmi3Float64 x[], size_t n) {
     CHECK(c, CONTINUOUS);
-    if (check_count(instance, n, __func__)) return fmi3Error;
+    if (check_states(instance, x, n, __func__)) return fmi3Error;
     return (fmi3Status)core_set_states(instance->core, x);
 }
 
 fmi3Status fmi3GetContinuousStateDerivatives(fmi3Instance c, fmi3Float64 derivatives[], size_t n) {
-    CHECK(c, EVENT | CONTINUOUS | TERMINATED);
-    if (check_count(instance, n, __func__)) return fmi3Error;
+    CHECK(c, INITIALIZATION | EVENT | CONTINUOUS | TERMINATED);
+    if (check_states(instance, derivatives, n, __func__)) return fmi3Error;
     return (fmi3Status)core_get_derivatives(instance->core, derivatives);
 }
 
@@ -414,27 +421,28 @@ fmi3Status fmi3GetEventIndicators(fmi3Instance c, fmi3Float64 indicators[], size
 }
 
 fmi3Status fmi3GetContinuousStates(fmi3Instance c, fmi3Float64 x[], size_t n) {
-    CHECK(c, EVENT | CONTINUOUS | TERMINATED);
-    if (check_count(instance, n, __func__)) return fmi3Error;
-    memcpy(x, instance->core->state.x, N_X * sizeof *x);
-    return fmi3OK;
+    CHECK(c, INITIALIZATION | EVENT | CONTINUOUS | TERMINATED);
+    if (check_states(instance, x, n, __func__)) return fmi3Error;
+    return (fmi3Status)core_get_states(instance->core, x);
 }
 
 fmi3Status fmi3GetNominalsOfContinuousStates(fmi3Instance c, fmi3Float64 nominals[], size_t n) {
-    CHECK(c, EVENT | CONTINUOUS | TERMINATED);
-    if (check_count(instance, n, __func__)) return fmi3Error;
+    CHECK(c, INITIALIZATION | EVENT | CONTINUOUS | TERMINATED);
+    if (check_states(instance, nominals, n, __func__)) return fmi3Error;
     for (size_t i = 0; i < n; i++) nominals[i] = 1.0;
     return fmi3OK;
 }
 
 fmi3Status fmi3GetNumberOfEventIndicators(fmi3Instance c, size_t *n) {
     CHECK(c, ANY);
+    if (!n) return MISSING;
     *n = 0;
     return fmi3OK;
 }
 
 fmi3Status fmi3GetNumberOfContinuousStates(fmi3Instance c, size_t *n) {
     CHECK(c, ANY);
+    if (!n) return MISSING;
     *n = N_X;
     return fmi3OK;
 }

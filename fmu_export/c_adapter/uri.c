@@ -27,7 +27,7 @@ char *path_of_uri(const char *uri) {
     while (*uri) {
         int high = escaped && *uri == '%' ? hexadecimal(uri[1]) : -1;
         int low = high >= 0 ? hexadecimal(uri[2]) : -1;
-        if (low >= 0) {
+        if (low >= 0 && high + low > 0) { /* %00 would end the path */
             *end++ = (char)(16 * high + low);
             uri += 3;
         } else {
