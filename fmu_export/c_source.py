@@ -104,9 +104,9 @@ def _header(traced: TracedModel, interface: Interface, guid: str, functions: Seq
 def _tables(traced: TracedModel, interface: Interface) -> str:
     names = [v.name for v in interface.variables] + [d.name for d in interface.derivatives]
     parameters = interface.variables[: interface.n_parameters]
-    limits = ", ".join(
-        f"{{{_literal(-math.inf if v.min is None else v.min)}, {_literal(math.inf if v.max is None else v.max)}}}"
-        for v in (*parameters, parameters[0])
+    limits = "".join(
+        f"{{{_literal(-math.inf if v.min is None else v.min)}, {_literal(math.inf if v.max is None else v.max)}}}, "
+        for v in parameters
     )
     first_output = interface.n_parameters + interface.n_inputs
     states = ", ".join(str(s - first_output) for s in (*interface.states, first_output))
@@ -116,7 +116,7 @@ def _tables(traced: TracedModel, interface: Interface) -> str:
 
     return (
         f"const char *const model_names[N_P + N_U + N_Y + N_X + 1] = {{{', '.join(map(json.dumps, names))}}};\n"
-        f"const double model_limits[N_P + 1][2] = {{{limits}}};\n"
+        f"const double model_limits[N_P + 1][2] = {{{limits}{{0.0, 0.0}}}};\n"
         f"const int model_state_outputs[N_X + 1] = {{{states}}};\n"
         f"const char *const model_start_requirements[N_START_REQUIREMENTS + 1] = {{{messages('start')}}};\n"
         f"const char *const model_step_requirements[N_STEP_REQUIREMENTS + 1] = {{{messages('step')}}};\n\n"

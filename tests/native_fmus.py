@@ -189,7 +189,10 @@ class Host:
         self._library = ctypes.CDLL(str(library_path(folder, self.description)))
         if resources == Path():
             resources = (folder / "resources").as_uri() if self.version == 2 else str(folder / "resources")
-        text = [None if v is None else str(v).encode() for v in (name, token or self.description.guid, resources)]
+        text = [
+            None if v is None else str(v).encode()
+            for v in (name, self.description.guid if token is None else token, resources)
+        ]
         if self.version == 2:
             self._callbacks = fmi2.fmi2CallbackFunctions()
             self._callbacks.logger = _LOGGER_2

@@ -299,7 +299,7 @@ static fmi3Status write_and_read(fmi3Instance c, size_t length, int damage) {
     X(NOTHING, fmi3Error, SAME, 1, fmi3ActivateModelPartition(c, huge[0], 0.0)) \
     X(INIT | RUN | TERM, fmi3OK, SAME, 1, fmi3GetDirectionalDerivative(c, computed, N_Y + N_X, all, N_VALUES, seeds, N_VALUES, sensitivities, N_Y + N_X)) \
     X(INIT | RUN | TERM, fmi3OK, SAME, 1, fmi3GetDirectionalDerivative(c, NULL, 0, NULL, 0, NULL, 0, NULL, 0)) \
-    X(INIT | RUN | TERM, fmi3OK, SAME, 1, fmi3GetDirectionalDerivative(c, output, 1, parameter, 1, infinite, 1, sensitivities, 1)) \
+    X(NOTHING, fmi3Error, SAME, 1, fmi3GetDirectionalDerivative(c, output, 1, parameter, 1, infinite, 1, sensitivities, 1)) \
     X(NOTHING, fmi3Error, SAME, 1, fmi3GetDirectionalDerivative(c, parameter, 1, parameter, 1, one_value, 1, sensitivities, 1)) \
     X(NOTHING, fmi3Error, SAME, 1, fmi3GetDirectionalDerivative(c, timing, 1, parameter, 1, one_value, 1, sensitivities, 1)) \
     X(NOTHING, fmi3Error, SAME, 1, fmi3GetDirectionalDerivative(c, huge, 1, parameter, 1, one_value, 1, sensitivities, 1)) \

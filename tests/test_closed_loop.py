@@ -15,6 +15,7 @@ from cosim.robot.metrics import metrics
 from cosim.robot.scenario import load_scenario
 from plant_fmu.kinematics import chain_ends
 from plant_fmu.model import PARAMETERS
+from tests.conftest import DEFAULT_FLAVOUR
 
 P = PARAMETERS.unpack(PARAMETERS.starts)
 TRACKING = load_scenario("tracking")
@@ -41,7 +42,7 @@ def run(folder: Path, step: float, order: str = "sequential", mu: float = 1.0, n
         gains = optimal_gains(PerformanceIndex(mu, nu))
         for name, value in (("alpha", gains.alpha), ("beta", gains.beta)):
             scenario = scenario.with_start_value("controller", name, value)
-    return simulate(scenario.system(folder, "pythonfmu"), scenario.stop_time, step, order=order)
+    return simulate(scenario.system(folder, DEFAULT_FLAVOUR), scenario.stop_time, step, order=order)
 
 
 def distance(results: Results, solution: ContinuousSolution) -> float:

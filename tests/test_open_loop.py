@@ -15,6 +15,7 @@ from fmu_export.straight_line import python_source
 from fmu_export.trace import trace
 from plant_fmu.kinematics import chain_ends
 from plant_fmu.model import MODEL, PARAMETERS
+from tests.conftest import DEFAULT_FLAVOUR
 
 # one worker for all of them: they share a run
 pytestmark = pytest.mark.xdist_group("open loop")
@@ -25,7 +26,7 @@ P = PARAMETERS.unpack(PARAMETERS.starts)
 @pytest.fixture(scope="module")
 def run(robot_fmus: Path) -> Results:
     scenario = load_scenario("open-loop")
-    return simulate(scenario.system(robot_fmus, "pythonfmu"), scenario.stop_time, scenario.step_size)
+    return simulate(scenario.system(robot_fmus, DEFAULT_FLAVOUR), scenario.stop_time, scenario.step_size)
 
 
 def rate_without_stabilisation() -> Callable[[np.ndarray, np.ndarray], list[float]]:
@@ -93,7 +94,7 @@ def test_rk4_has_order_4(robot_fmus: Path) -> None:
     def end(step: float) -> np.ndarray:
         system = System()
         start = {"tau_a": [0.5, -0.3, 0.4], "tau_d": 0.0, "dm": 0.0, "max_step": step}
-        system.add("plant", robot_fmus / "pythonfmu" / "RobotPlant.fmu", start=start)
+        system.add("plant", robot_fmus / DEFAULT_FLAVOUR / "RobotPlant.fmu", start=start)
         results = simulate(system, 0.64, 0.64, record=["plant.x_E", "plant.y_E"])
         return results.values[-1]
 
@@ -107,7 +108,7 @@ def test_rk4_has_order_4(robot_fmus: Path) -> None:
 
 def test_mass_change_keeps_the_loop_closed_and_the_start_at_rest(robot_fmus: Path) -> None:
     system = System()
-    system.add("plant", robot_fmus / "pythonfmu" / "RobotPlant.fmu", start={"tau_a": 0.0, "tau_d": 0.0})
+    system.add("plant", robot_fmus / DEFAULT_FLAVOUR / "RobotPlant.fmu", start={"tau_a": 0.0, "tau_d": 0.0})
     system.drive("plant.dm", lambda t: 0.25 * np.sin(np.pi * t))
     results = simulate(system, 1.0, 0.01)
     assert np.abs(results["plant.omega_a"]).max() < 1e-14

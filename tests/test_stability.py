@@ -11,6 +11,7 @@ from cosim import SimulationError, simulate
 from cosim.robot.metrics import tracking_errors
 from cosim.robot.scenario import load_scenario
 from cosim.robot.stability import LinearLoop, closed_loop_poles, largest_stable_step
+from tests.conftest import DEFAULT_FLAVOUR
 
 
 def double_integrator(k_p: float, k_d: float) -> LinearLoop:
@@ -71,7 +72,7 @@ def test_coupled_fmus_are_stable_below_the_largest_step_and_not_above(robot_fmus
 
     def diverges(step: float) -> bool:
         scenario = load_scenario("tracking-undisturbed")
-        system = scenario.system(robot_fmus, "pythonfmu")
+        system = scenario.system(robot_fmus, DEFAULT_FLAVOUR)
         try:
             results = simulate(system, step * round(15.0 / step), step, order=order)
         except SimulationError:

@@ -3,6 +3,7 @@
 #include <locale.h>
 #include <math.h>
 #include <stdarg.h>
+#include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -195,8 +196,11 @@ static CoreStatus compute_outputs(Core *core) {
     }
     model_outputs(s->time, s->x, INPUTS(core), PARAMETERS(core), OUTPUTS(core));
     model_derivatives(s->time, s->x, INPUTS(core), PARAMETERS(core), DERIVATIVES(core));
-    if (!all_finite(OUTPUTS(core), N_Y + N_X))
+    if (!all_finite(OUTPUTS(core), N_Y + N_X)) {
+        CoreStatus status = check_step(core, s->time, CORE_ERROR); /* a requirement says more than "not finite" */
+        if (status != CORE_OK) return status;
         return core_fail(core, CORE_ERROR, "outputs at t = %.9g s are not finite; check the inputs", s->time);
+    }
     s->outputs_valid = 1;
     return CORE_OK;
 }
@@ -298,6 +302,7 @@ CoreStatus core_get_states(Core *core, double x[]) {
 CoreStatus core_direction(Core *core, const unsigned unknowns[], size_t n, const double change[], double result[]) {
     CoreState *s = &core->state;
     double dx[N_X + 1] = {0}, dy[N_Y + 1], dd[N_X + 1];
+    if (!all_finite(change, N_VALUES)) return core_fail(core, CORE_ERROR, "the direction has entries that are not finite");
     const double *dp = change, *du = change + N_P;
     if (s->phase & (INSTANTIATED | INITIALIZATION)) {
         CoreStatus status = compute_initial_state(core);
@@ -320,15 +325,27 @@ CoreStatus core_direction(Core *core, const unsigned unknowns[], size_t n, const
 
 static const char GUID[] = MODEL_GUID;
 
-size_t core_serialized_size(void) { return sizeof GUID + sizeof(CoreState); }
+/* GUID, state, then a checksum over both. */
+enum { CHECKED = sizeof GUID + sizeof(CoreState) };
+
+size_t core_serialized_size(void) { return CHECKED + sizeof(uint64_t); }
+
+static uint64_t checksum(const char bytes[]) { /* FNV-1a */
+    uint64_t hash = 14695981039346656037u;
+    for (size_t i = 0; i < CHECKED; i++) hash = (hash ^ (unsigned char)bytes[i]) * 1099511628211u;
+    return hash;
+}
 
 void core_serialize(const CoreState *state, char bytes[]) {
     memcpy(bytes, GUID, sizeof GUID);
     memcpy(bytes + sizeof GUID, state, sizeof *state);
+    uint64_t sum = checksum(bytes);
+    memcpy(bytes + CHECKED, &sum, sizeof sum);
 }
 
 CoreStatus core_deserialize(Core *core, const char bytes[], size_t size, CoreState *state) {
-    if (size != core_serialized_size() || memcmp(bytes, GUID, sizeof GUID))
+    uint64_t sum = size == core_serialized_size() ? checksum(bytes) : 0;
+    if (size != core_serialized_size() || memcmp(bytes, GUID, sizeof GUID) || memcmp(bytes + CHECKED, &sum, sizeof sum))
         return core_fail(core, CORE_ERROR, "the FMU state is damaged or belongs to another FMU");
     memcpy(state, bytes + sizeof GUID, sizeof *state);
     int phase = state->phase, running = core->model_exchange ? EVENT | CONTINUOUS : STEP;
