@@ -13,33 +13,6 @@ from fmu_export.interface import Interface
 from fmu_export.straight_line import statements
 from fmu_export.trace import TracedModel
 
-_TEMPLATES = {
-    ca.OP_ASSIGN: "{0}",
-    ca.OP_ADD: "{0} + {1}",
-    ca.OP_SUB: "{0} - {1}",
-    ca.OP_MUL: "{0} * {1}",
-    ca.OP_DIV: "{0} / {1}",
-    ca.OP_NEG: "-{0}",
-    ca.OP_INV: "1.0 / {0}",
-    ca.OP_SQ: "{0} * {0}",
-    ca.OP_TWICE: "2.0 * {0}",
-    ca.OP_SQRT: "sqrt({0})",
-    ca.OP_POW: "pow({0}, {1})",
-    ca.OP_CONSTPOW: "pow({0}, {1})",
-    ca.OP_EXP: "exp({0})",
-    ca.OP_LOG: "log({0})",
-    ca.OP_SIN: "sin({0})",
-    ca.OP_COS: "cos({0})",
-    ca.OP_TAN: "tan({0})",
-    ca.OP_ASIN: "asin({0})",
-    ca.OP_ACOS: "acos({0})",
-    ca.OP_ATAN: "atan({0})",
-    ca.OP_ATAN2: "atan2({0}, {1})",
-    ca.OP_HYPOT: "hypot({0}, {1})",
-    ca.OP_FABS: "fabs({0})",
-    ca.OP_TANH: "tanh({0})",
-}
-
 #: The traced functions that the adapter calls, with their arguments.
 _ARGUMENTS = {
     "initial_state": ("p",),
@@ -131,7 +104,7 @@ def _prototype(f: ca.Function) -> str:
 
 def _function(f: ca.Function) -> str:
     names = _ARGUMENTS[f.name()]
-    assignments = statements(f, names, _TEMPLATES, _literal)
+    assignments = statements(f, names, _literal)
     variables = sorted({t for t, _ in assignments if t.startswith("w")}, key=lambda w: int(w[1:]))
     used = set(re.findall(r"\w+", " ".join(expression for _, expression in assignments)))
     lines = [f"{_prototype(f)}\n{{"]

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 
 import casadi as ca
 
-#: Python for CasADi's elementary operations; {0} and {1} are the operands.
+#: CasADi's elementary operations, which C and Python write alike; {0} and {1} are the operands.
 _TEMPLATES = {
     ca.OP_ASSIGN: "{0}",
     ca.OP_ADD: "{0} + {1}",
@@ -53,14 +53,12 @@ def python_source(functions: Sequence[tuple[ca.Function, Sequence[str]]]) -> str
 
 def _function_source(f: ca.Function, argument_names: Sequence[str]) -> str:
     lines = [f"def {f.name()}({', '.join(argument_names)}):"]
-    lines += [f"    {target} = {expression}" for target, expression in statements(f, argument_names, _TEMPLATES, repr)]
+    lines += [f"    {target} = {expression}" for target, expression in statements(f, argument_names, repr)]
     lines.append(f"    return [{', '.join(f'y{i}' for i in range(f.numel_out(0)))}]")
     return "\n".join(lines) + "\n"
 
 
-def statements(
-    f: ca.Function, argument_names: Sequence[str], templates: Mapping[int, str], literal: Callable[[float], str]
-) -> list[tuple[str, str]]:
+def statements(f: ca.Function, argument_names: Sequence[str], literal: Callable[[float], str]) -> list[tuple[str, str]]:
     """The instructions of a traced function as assignments (target, expression), in C and Python alike.
 
     Results are assigned to `y0`, `y1`, ...; of the arguments `t` and `h` are scalars, the others arrays.
@@ -82,10 +80,8 @@ def statements(
         elif operation == ca.OP_OUTPUT:
             del assignments[targets[1]]
             lines.append((f"y{targets[1]}", f"w{operands[0]}"))
-        elif operation in templates:
-            lines.append((f"w{targets[0]}", templates[operation].format(*(f"w{i}" for i in operands))))
+        elif operation in _TEMPLATES:
+            lines.append((f"w{targets[0]}", _TEMPLATES[operation].format(*(f"w{i}" for i in operands))))
         else:
-            raise NotImplementedError(
-                f"{f.name()}: CasADi operation {operation} has no Python template; add it to _TEMPLATES"
-            )
+            raise NotImplementedError(f"{f.name()}: CasADi operation {operation} has no template; add it to _TEMPLATES")
     return [*((f"y{i}", zero) for i, zero in assignments.items()), *lines]

@@ -76,7 +76,7 @@ class Library:
 
     def __init__(self, folder, identifier, guid, name, log):
         platform, suffix = ("win64", ".dll") if os.name == "nt" else ("linux64", ".so")
-        self.library = ctypes.CDLL(os.path.join(folder, "binaries", platform, identifier + suffix))
+        self.shared_library = ctypes.CDLL(os.path.join(folder, "binaries", platform, identifier + suffix))
 
         class Callbacks(ctypes.Structure):
             _fields_ = [("logger", self.LOGGER), ("allocate", self.ALLOCATE), ("free", self.FREE),
@@ -91,7 +91,7 @@ class Library:
             self.ALLOCATE(lambda n, size: c.calloc(ctypes.c_size_t(n), ctypes.c_size_t(size))),
             self.FREE(lambda p: c.free(ctypes.c_void_p(p))), None, None,
         )
-        instantiate = self.library.fmi2Instantiate
+        instantiate = self.shared_library.fmi2Instantiate
         instantiate.restype = ctypes.c_void_p
         uri = "file://" + ("/" if os.name == "nt" else "") + os.path.join(folder, "resources").replace(os.sep, "/")
         self.component = instantiate(
@@ -102,14 +102,14 @@ class Library:
         self.component = ctypes.c_void_p(self.component)
 
     def call(self, name, *arguments):
-        f = getattr(self.library, "fmi2" + name)
+        f = getattr(self.shared_library, "fmi2" + name)
         f.restype = ctypes.c_int
         f.argtypes = [ctypes.c_void_p, *(self.TYPES[t] for t in self.ARGUMENTS[name])]
         return f(self.component, *arguments)
 
     def free(self):
-        self.library.fmi2FreeInstance.restype = None
-        self.library.fmi2FreeInstance(self.component)
+        self.shared_library.fmi2FreeInstance.restype = None
+        self.shared_library.fmi2FreeInstance(self.component)
 
 
 class Host:
@@ -127,8 +127,8 @@ class Host:
         self.outputs = [n for n, c in self.causality.items() if c == "output"]
         self.messages = []
         identifier = root.find("CoSimulation").get("modelIdentifier")
-        self.library = library(self.folder, identifier, root.get("guid"), name, self._log)
-        self.call = self.library.call
+        self.shared_library = library(self.folder, identifier, root.get("guid"), name, self._log)
+        self.call = self.shared_library.call
 
     def _log(self, status, category, message):
         text = message.decode()
@@ -211,7 +211,7 @@ class Host:
         return status, state
 
     def free(self):
-        self.library.free()
+        self.shared_library.free()
 
 
 def torques(t):
@@ -320,7 +320,7 @@ for fmu in A.fmus:
     host = Host(fmu)
     assert host.initialize() == 0
     host.run(1)
-    names.append(host.library.library._name)
+    names.append(host.shared_library.shared_library._name)
 report(sorted({m.partition('.')[0] for m in set(sys.modules) - before}))
 """
     files = sorted(fmus.glob("*.fmu"))

@@ -286,9 +286,7 @@ def test_requirements_become_margins_in_their_order():
 
 def test_an_operation_without_a_template_gives_a_clear_error():
     x = ca.SX.sym("x")
-    with pytest.raises(
-        NotImplementedError, match=r"my_function: CasADi operation \d+ has no Python template.*_TEMPLATES"
-    ):
+    with pytest.raises(NotImplementedError, match=r"my_function: CasADi operation \d+ has no template.*_TEMPLATES"):
         python_source([(ca.Function("my_function", [x], [ca.erf(x)]), ["x"])])
 
 
