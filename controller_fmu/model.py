@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from fmu_export.model import DefaultExperiment, Layout, Model, Variable
+from fmu_export.norm import norm
 
 Array = Any
 
@@ -72,7 +73,7 @@ def derivatives(t: Any, x: Array, u: Array, p: Array) -> Array:  # noqa: ARG001 
     """Adaptive law psi' (2,) in 1/s, (37), (90)."""
     U, P = INPUTS.unpack(u), PARAMETERS.unpack(p)
     s = _sliding_error(U, P)
-    return np.sqrt(s @ s) / P.k * _regressor(U) - x
+    return norm(s) / P.k * _regressor(U) - x
 
 
 def output_values(t: Any, x: Array, u: Array, p: Array) -> Array:  # noqa: ARG001

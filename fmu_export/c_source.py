@@ -66,7 +66,8 @@ def _header(traced: TracedModel, interface: Interface, guid: str, functions: Seq
         + "\n/* Arrays of length zero are no C: every table has one element more than it needs. */\n"
         + "extern const char *const model_names[N_P + N_U + N_Y + N_X + 1];\n"
         + "extern const double model_limits[N_P + 1][2];\n"
-        + "extern const int model_state_outputs[N_X + 1];\n"
+        + "extern const int model_state_outputs[N_X + 1]; /* output of each state */\n"
+        + "extern const int model_output_states[N_Y + 1]; /* state of each output, -1 for an output that is none */\n"
         + "extern const char *const model_start_requirements[N_START_REQUIREMENTS + 1];\n"
         + "extern const char *const model_step_requirements[N_STEP_REQUIREMENTS + 1];\n\n"
         + "".join(f"{_prototype(f)};\n" for f in functions)
@@ -83,6 +84,8 @@ def _tables(traced: TracedModel, interface: Interface) -> str:
     )
     first_output = interface.n_parameters + interface.n_inputs
     states = ", ".join(str(s - first_output) for s in (*interface.states, first_output))
+    state_of = {output: i for i, output in enumerate(interface.states)}
+    state_of_outputs = ", ".join(str(state_of.get(first_output + i, -1)) for i in range(interface.n_outputs + 1))
 
     def messages(at: str) -> str:
         return ", ".join(json.dumps(r.message) for r in traced.model.requirements if r.at == at) or "0"
@@ -91,6 +94,7 @@ def _tables(traced: TracedModel, interface: Interface) -> str:
         f"const char *const model_names[N_P + N_U + N_Y + N_X + 1] = {{{', '.join(map(json.dumps, names))}}};\n"
         f"const double model_limits[N_P + 1][2] = {{{limits}{{0.0, 0.0}}}};\n"
         f"const int model_state_outputs[N_X + 1] = {{{states}}};\n"
+        f"const int model_output_states[N_Y + 1] = {{{state_of_outputs}}};\n"
         f"const char *const model_start_requirements[N_START_REQUIREMENTS + 1] = {{{messages('start')}}};\n"
         f"const char *const model_step_requirements[N_STEP_REQUIREMENTS + 1] = {{{messages('step')}}};\n\n"
     )

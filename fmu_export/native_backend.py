@@ -6,7 +6,6 @@ Each archive has both interfaces, model exchange and co-simulation, and its own 
 from __future__ import annotations
 
 import hashlib
-import zipfile
 from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
@@ -73,8 +72,7 @@ def build_native(
 ) -> Path:
     """Write `<folder>/<model name>.fmu`.
 
-    The same sources, compiled by the same compilers, give the same bytes. Binaries of an older file that was made of
-    the same sources are taken over instead of compiled again.
+    The same sources, compiled by the same compilers, give the same bytes.
 
     Parameters
     ----------
@@ -111,14 +109,13 @@ def build_native(
     guid = "{" + digest.hexdigest()[:32] + "}"
     sources = adapter | model_sources(traced, interface, guid)
     path = folder / f"{model.name}.fmu"
-    old = _binaries_of(path, guid)
     binaries = {}
     for target in targets if targets is not None else [host_target()]:
         place = target.fmi2_folder if flavour == "fmi2" else target.fmi3_folder
         if place is None:
             continue
         name = f"binaries/{place}/{model.name}{target.suffix}"
-        binaries[name] = old.get(name) or compile_library(sources, model.name, target if targets is not None else None)
+        binaries[name] = compile_library(sources, model.name, target if targets is not None else None)
     if not binaries:
         raise ToolchainError("FMI 2.0 has no place for binaries of this machine; build the fmi3 flavour")
     members = {
@@ -135,17 +132,6 @@ def build_native(
         members["sources/buildDescription.xml"] = description_fmi3.build_description(model, c_files)
     write_archive(path, members)
     return path
-
-
-def _binaries_of(path: Path, guid: str) -> dict[str, bytes]:
-    """Binaries of an FMU file by member name, when it has the given GUID; else none."""
-    try:
-        with zipfile.ZipFile(path) as archive:
-            if guid.encode() not in archive.read("modelDescription.xml"):
-                return {}
-            return {name: archive.read(name) for name in archive.namelist() if name.startswith("binaries/")}
-    except (OSError, KeyError, zipfile.BadZipFile):
-        return {}
 
 
 def _adapter_sources(flavour: str) -> dict[str, bytes]:

@@ -32,6 +32,7 @@ _TEMPLATES = {
     ca.OP_HYPOT: "hypot({0}, {1})",
     ca.OP_FABS: "fabs({0})",
     ca.OP_TANH: "tanh({0})",
+    ca.OP_EQ: "({0} == {1})",
 }
 
 HEADER = (

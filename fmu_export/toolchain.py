@@ -16,6 +16,7 @@ import sys
 import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
+from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -107,6 +108,27 @@ def find_compiler() -> list[str]:
     )
 
 
+def compiler_identity(*, all_platforms: bool) -> str:
+    """What changes when other binaries are to be expected from the same sources: the compiler, its release, platforms.
+
+    Raises
+    ------
+    ToolchainError
+        There is no compiler.
+    """
+    if all_platforms:
+        return f"zig {_zig_version()} for {_names()}"
+    compiler = find_compiler()
+    if _is_zig(compiler):
+        return f"zig {_zig_version()}"
+    program = Path(compiler[0]).stat()
+    return f"{shlex.join(compiler)} {program.st_size} {program.st_mtime_ns}"
+
+
+def _zig_version() -> str:
+    return version("ziglang") if find_spec("ziglang") else "missing"
+
+
 def compile_library(
     sources: Mapping[str, bytes], name: str, target: Target | None = None, *, strict: bool = False
 ) -> bytes:
@@ -183,7 +205,7 @@ def _arguments(compiler: list[str], target: Target, files: list[str], library: s
     if _is(compiler, "cl"):  # no C99 by name: it is cl's default; /Brepro: no time stamps
         options = ["/nologo", "/LD", "/MT", "/O2", "/fp:precise", "/W3", "/utf-8", "/Brepro", "/I."]
         return [*options, *(["/WX"] if strict else []), *files, f"/Fe:{library}", "/link", "/Brepro"]
-    options = ["-std=c99", "-O2", "-ffp-contract=off", "-fno-fast-math", "-g0", "-Wall", "-Wextra"]
+    options = ["-std=c99", "-O2", "-ffp-contract=off", "-fno-fast-math", "-fno-math-errno", "-g0", "-Wall", "-Wextra"]
     options += [*(["-Werror"] if strict else []), "-shared", "-fvisibility=hidden", "-I."]
     if _is_zig(compiler):
         options += ["-target", target.triple]  # without it zig would use all instructions of this very machine

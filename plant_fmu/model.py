@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from fmu_export.model import DefaultExperiment, Layout, Model, ModelFunction, Requirement, Variable
+from fmu_export.norm import norm
 from plant_fmu.dynamics import closed_chain, mass_matrix, uncertain_inertia
 from plant_fmu.kinematics import chain_ends, inverse_kinematics, loop_closure, reach_margin
 
@@ -97,7 +98,7 @@ def output_values(t: Any, x: Array, u: Array, p: Array) -> Array:  # noqa: ARG00
         x_E=np.sum(x_ends) / 3.0,
         y_E=np.sum(y_ends) / 3.0,
         F_c=F_c,
-        closure_error=np.sqrt(phi @ phi),
+        closure_error=norm(phi),
         kinetic_energy=0.5 * (omega @ mass_matrix(theta, *_inertia(U, P)) @ omega),
     )
 

@@ -73,7 +73,11 @@ def allowed(module: str, imported: str) -> bool:
     if imported.partition(".")[0] in sys.stdlib_module_names:
         return True
     if is_model(module):
-        return imported in ("numpy", "fmu_export.model") or is_model(imported) or inside(imported, "numpy")
+        return (
+            imported in ("numpy", "fmu_export.model", "fmu_export.norm")
+            or is_model(imported)
+            or inside(imported, "numpy")
+        )
     if inside(module, "controller_fmu"):
         return inside(imported, "numpy", "scipy", "controller_fmu", "fmu_export.model")
     if inside(module, "fmu_export"):

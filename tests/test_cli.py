@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import hashlib
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -19,6 +20,7 @@ from controller_fmu.optimal_gains import PerformanceIndex, optimal_gains
 from cosim.__main__ import main
 from cosim.commands import compare, run, tune
 from cosim.errors import CosimError
+from fmu_export.start_values import write_start_values
 from plant_fmu.model import MODEL as PLANT
 from plant_fmu.model import output_values
 from tests.conftest import DEFAULT_FLAVOUR
@@ -265,14 +267,34 @@ def test_the_build_script_writes_the_same_bytes_twice(tmp_path, monkeypatch):
         assert (done.returncode, done.stderr) == (0, "")
         folder = Path("other" if "other" in options else "fmus") / "pythonfmu"
         assert sorted(p.name for p in folder.iterdir()) == [
+            ".built.json",
             "RobotController.fmu",
             "RobotPlant.fmu",
             "RobotTrajectory.fmu",
         ]
-        for path in folder.iterdir():
+        for path in folder.glob("*.fmu"):
             assert str(path) in done.stdout
         digests.append({p.name: digest(p) for p in folder.iterdir()})
     assert digests[0] == digests[1]
+
+
+def test_only_what_has_changed_is_built_again(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    options = ("--flavour", "pythonfmu")
+    build(*options)
+    paths = sorted(Path("fmus/pythonfmu").glob("*.fmu"))
+    before = {path: digest(path) for path in paths}
+    for path in paths:
+        os.utime(path, (1.0, 1.0))
+    write_start_values(paths[0], {"alpha": 2.0})  # somebody else's change
+    done = build(*options)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert [path.stat().st_mtime == 1.0 for path in paths] == [False, True, True]
+    assert {path: digest(path) for path in paths} == before
+    Path("fmus/pythonfmu/.built.json").write_text("damaged")
+    build(*options)
+    assert all(path.stat().st_mtime > 1.0 for path in paths)
+    assert {path: digest(path) for path in paths} == before
 
 
 def test_the_build_script_refuses_an_impossible_place_in_one_line(tmp_path, monkeypatch):

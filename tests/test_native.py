@@ -365,14 +365,20 @@ def test_directional_derivatives_of_initial_outputs(unpacked: Path, flavour: str
 
 
 @BOTH
-def test_no_direction_is_nan_without_a_word(unpacked: Path, flavour: str) -> None:  # noqa: F811
-    """The closure error is a norm, not differentiable at zero: a number, or an error that says so."""
-    with Host(unpacked / flavour / "RobotPlant") as host:
-        host.must(host.enter())
-        for parameter in PARAMETERS.names:
-            status, (value,) = host.direction(["closure_error"], {parameter: 1.0})
-            assert status != OK or math.isfinite(value), parameter
-            assert status == OK or host.messages, parameter
+@pytest.mark.parametrize("instance", ["plant", "controller"])
+def test_directions_at_a_kink_are_those_of_central_differences(unpacked: Path, flavour: str, instance: str) -> None:  # noqa: F811
+    """The closure error of a closed loop and |s| at s = 0 have a kink; central differences give 0 there, not NaN."""
+    model = MODELS[instance]
+    with Host(unpacked / flavour / model.name) as host:
+        host.run_up({} if instance == "plant" else dict.fromkeys(model.inputs.names, 0.3))
+        unknowns = [*model.outputs.names, *(f"der({s})" for s in model.state_layout.names)]
+        for known in (*model.inputs.names, *model.state_layout.names):
+            status, values = host.direction(unknowns, {known: 1.0})
+            assert status == OK
+            assert np.isfinite(values).all(), known
+        kink = {"plant": "closure_error", "controller": "der(psi[1])"}[instance]
+        known = {"plant": "omega_b[1]", "controller": "theta_ref[1]"}[instance]
+        assert host.direction([kink], {known: 1.0}) == (OK, [0.0])
 
 
 # 5. Linear inputs
@@ -437,6 +443,19 @@ def test_input_arrives_and_is_then_held(unpacked: Path) -> None:  # noqa: F811
         p, x = PARAMETERS.starts, np.array(host.get(STATES))
         expected = PLANT.output_values(2 * h, x, plant_inputs(tau_a=LEVEL + h * RATE), p)
         assert host.get(list(OUTPUTS.names)) == pytest.approx(expected, rel=1e-12, abs=1e-13)
+
+
+def test_requirements_hold_at_every_internal_step(unpacked: Path) -> None:  # noqa: F811
+    """A mass change that only becomes impossible on the way through the step."""
+    with Host(unpacked / "fmi2" / "RobotPlant") as host:
+        host.run_up()
+        before = host.get(STATES)
+        host.must(host.set_rates({"dm": -50.0}))
+        assert host.step(0.0, 0.1) == DISCARD
+        (message,) = host.messages
+        assert "the mass matrix is not positive definite" in message
+        assert 0.0 < float(message.split("t = ")[1].split()[0]) < 0.1
+        assert host.get(STATES) == before
 
 
 def test_setting_an_input_alone_holds_it(unpacked: Path) -> None:  # noqa: F811

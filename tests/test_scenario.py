@@ -345,7 +345,7 @@ def test_a_bad_start_value_is_refused_by_file_and_key(fmus, tmp_path, monkeypatc
     text, expected = START[case]
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(run_command.fmus, "build_missing", lambda folder, flavour: [])
-    monkeypatch.setattr(run_command.fmus, "newer_sources", lambda folder, flavour: [])
+    monkeypatch.setattr(run_command.fmus, "outdated", lambda folder, flavour: [])
     (tmp_path / "pythonfmu").symlink_to(fmus)
     path = written(tmp_path, f"[run]\nstop_time = 0.002\n[start.controller]\n{text}\n" + SINE + MULTISINE)
     assert main(["run", path, "--flavour", "pythonfmu", "--fmus", str(tmp_path)]) == 1

@@ -74,9 +74,9 @@ def run(args: argparse.Namespace) -> int:
         print(note)
     for path in fmus.build_missing(args.fmus, flavour):
         print(f"built {path}")
-    stale = fmus.newer_sources(args.fmus, flavour)
-    if stale:
-        print(f"note: {stale[0].name} has changed since the FMUs were built; rebuild with: python build_fmus.py")
+    outdated = fmus.outdated(args.fmus, flavour)
+    if outdated:
+        print(f"note: the sources have changed since {outdated[0]} was built; rebuild with: python build_fmus.py")
     system = scenario.system(args.fmus, flavour)
     _check_overrides(args.set, system)
     try:

@@ -9,6 +9,17 @@ from typing import Literal, cast
 
 from cosim.errors import CosimError, nearest
 from cosim.robot.models import MODELS
+from fmu_export.model import Model
+from fmu_export.record import (
+    Recipe,
+    fingerprint_of_sources,
+    fingerprint_of_tools,
+    has_other_sources,
+    is_current,
+    remember,
+)
+from fmu_export.toolchain import TARGETS, ToolchainError, compiler_identity, find_compiler, host_target
+from fmu_export.version import package_version
 
 #: Flavours that can be built. The native ones need a C compiler to build and nothing to run.
 FLAVOURS = ("fmi2", "fmi3", "pythonfmu")
@@ -30,7 +41,7 @@ def fmu_path(folder: Path, flavour: str, instance: str) -> Path:
 def build(
     folder: Path, flavour: str, instances: Iterable[str] = tuple(MODELS), *, all_platforms: bool = False
 ) -> list[Path]:
-    """Build FMUs of a flavour into `<folder>/<flavour>`.
+    """Build FMUs of a flavour into `<folder>/<flavour>`; those that are there and would come out the same stay.
 
     Parameters
     ----------
@@ -49,29 +60,56 @@ def build(
     """
     if flavour not in FLAVOURS:
         raise BuildError(f"flavour '{flavour}' is unknown; {nearest(flavour, FLAVOURS)}")
-    # CasADi takes a while to import, and only building needs it
-    from fmu_export.documentation import DocumentationError
-    from fmu_export.native_backend import build_native
-    from fmu_export.pythonfmu_backend import build_pythonfmu
-    from fmu_export.toolchain import TARGETS, ToolchainError
-
-    def build_one(instance: str) -> Path:
-        model, page = MODELS[instance], (files(_PAGES[instance]) / "README.md").read_text(encoding="utf-8")
-        if flavour == "pythonfmu":
-            return build_pythonfmu(model, folder / flavour, page)
-        version = cast(Literal["fmi2", "fmi3"], flavour)
-        return build_native(model, folder / flavour, version, list(TARGETS.values()) if all_platforms else None, page)
-
     try:
-        return [build_one(instance) for instance in instances]
+        wanted = _recipe(flavour, all_platforms)
+        paths = {instance: fmu_path(folder, flavour, instance) for instance in instances}
+        for instance, path in paths.items():
+            if not is_current(path, wanted):
+                _build_one(MODELS[instance], instance, folder, flavour, all_platforms)
+                remember(path, wanted)
+        return list(paths.values())
     except ToolchainError as error:
         raise BuildError(f"flavour {flavour}: {error}; the flavour pythonfmu needs no compiler") from error
-    except DocumentationError as error:
-        raise BuildError(f"documentation: {error}") from error
     except OSError as error:
         raise BuildError(
             f"can't write the FMUs into {folder / flavour}: {error}; choose another folder with --fmus"
         ) from error
+
+
+def _build_one(model: Model, instance: str, folder: Path, flavour: str, all_platforms: bool) -> None:
+    # CasADi and matplotlib take a while to import, and only building needs them
+    from fmu_export.documentation import DocumentationError
+    from fmu_export.native_backend import build_native
+    from fmu_export.pythonfmu_backend import build_pythonfmu
+
+    page = (files(_PAGES[instance]) / "README.md").read_text(encoding="utf-8")
+    try:
+        if flavour == "pythonfmu":
+            build_pythonfmu(model, folder / flavour, page)
+        else:
+            version = cast(Literal["fmi2", "fmi3"], flavour)
+            build_native(model, folder / flavour, version, list(TARGETS.values()) if all_platforms else None, page)
+    except DocumentationError as error:
+        raise BuildError(f"documentation: {error}") from error
+
+
+def _recipe(flavour: str, all_platforms: bool) -> Recipe:
+    """All that decides on the FMUs of a flavour.
+
+    Raises
+    ------
+    ToolchainError
+        There is no C compiler for a native flavour.
+    """
+    compiler = "" if flavour == "pythonfmu" else compiler_identity(all_platforms=all_platforms)
+    return Recipe(_sources(), fingerprint_of_tools(flavour, package_version(), compiler))
+
+
+def _sources() -> str:
+    root = Path(__file__).resolve().parents[2]
+    packages = [root / name for name in ("plant_fmu", "controller_fmu", "fmu_export")]
+    robot = [Path(__file__).with_name(name) for name in ("trajectory.py", "README.md")]
+    return fingerprint_of_sources([*packages, *robot])
 
 
 def build_missing(folder: Path, flavour: str) -> list[Path]:
@@ -93,8 +131,6 @@ def default_flavour(folder: Path) -> tuple[str, str]:
     """
     if all(fmu_path(folder, "fmi2", i).is_file() for i in MODELS):
         return "fmi2", ""
-    from fmu_export.toolchain import ToolchainError, find_compiler, host_target
-
     try:
         host_target()
         find_compiler()
@@ -103,11 +139,7 @@ def default_flavour(folder: Path) -> tuple[str, str]:
     return "fmi2", ""
 
 
-def newer_sources(folder: Path, flavour: str) -> list[Path]:
-    """Source files that have changed since the FMUs of a flavour were built."""
-    built = min(fmu_path(folder, flavour, i).stat().st_mtime for i in MODELS)
-    root = Path(__file__).resolve().parents[2]
-    packages = ("plant_fmu", "controller_fmu", "fmu_export", "fmu_export/c_adapter")
-    sources = [p for package in packages for p in (root / package).glob("*.[pch]*") if p.is_file()]
-    sources.append(Path(__file__).with_name("trajectory.py"))
-    return [p for p in sources if p.stat().st_mtime > built]
+def outdated(folder: Path, flavour: str) -> list[Path]:
+    """FMU files of a flavour that were built from other sources than the present ones."""
+    sources = _sources()
+    return [path for path in (fmu_path(folder, flavour, i) for i in MODELS) if has_other_sources(path, sources)]

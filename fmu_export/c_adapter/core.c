@@ -1,4 +1,5 @@
 #include "core.h"
+#include "uri.h"
 
 #include <locale.h>
 #include <math.h>
@@ -73,7 +74,7 @@ static CoreStatus read_start_values(Core *core, double values[]) {
     int found[N_PU + 1] = {0};
     if (snprintf(path, sizeof path, "%s/start_values.txt", core->resources) >= (int)sizeof path)
         return core_fail(core, CORE_ERROR, "the path of the resources is too long: %.100s...", core->resources);
-    FILE *file = fopen(path, "r");
+    FILE *file = open_text(path);
     if (!file) return core_fail(core, CORE_ERROR, "start values can't be read: %s is missing or unreadable", path);
     CoreStatus status = CORE_OK;
     while (status == CORE_OK && fgets(line, sizeof line, file)) {
@@ -123,12 +124,16 @@ static CoreStatus check_parameters(Core *core) {
     return CORE_OK;
 }
 
-static CoreStatus check_step(Core *core, double time, CoreStatus status) {
+static CoreStatus check_step(Core *core, double time, const double x[], const double u[], CoreStatus status) {
     double margins[N_STEP_REQUIREMENTS + 1];
-    model_step_margins(time, core->state.x, INPUTS(core), PARAMETERS(core), margins);
+    model_step_margins(time, x, u, PARAMETERS(core), margins);
     for (int i = 0; i < N_STEP_REQUIREMENTS; i++)
         if (!(margins[i] > 0.0)) return core_fail(core, status, "t = %.9g s: %s", time, model_step_requirements[i]);
     return CORE_OK;
+}
+
+static CoreStatus check_now(Core *core, CoreStatus status) {
+    return check_step(core, core->state.time, core->state.x, INPUTS(core), status);
 }
 
 static int all_finite(const double values[], int n) {
@@ -142,7 +147,7 @@ static int all_finite(const double values[], int n) {
 CoreStatus core_start_at(Core *core, double time) {
     if (!isfinite(time)) return core_fail(core, CORE_ERROR, "start time %g is not a finite number", time);
     core->state.time = time;
-    core->state.outputs_valid = 0;
+    core->state.valid = 0;
     return CORE_OK;
 }
 
@@ -150,14 +155,14 @@ static CoreStatus compute_initial_state(Core *core) {
     CoreStatus status = check_parameters(core);
     if (status != CORE_OK) return status;
     model_initial_state(PARAMETERS(core), core->state.x);
-    return check_step(core, core->state.time, CORE_ERROR);
+    return check_now(core, CORE_ERROR);
 }
 
 CoreStatus core_exit_initialization(Core *core) {
     CoreStatus status = compute_initial_state(core);
     if (status != CORE_OK) return status;
     core->state.phase = core->model_exchange ? EVENT : STEP;
-    core->state.outputs_valid = 0;
+    core->state.valid = 0;
     return CORE_OK;
 }
 
@@ -176,7 +181,7 @@ CoreStatus core_set(Core *core, size_t reference, double value) {
     if (!isfinite(value)) return core_fail(core, CORE_ERROR, "'%s' can't be %g; set a finite number", name_of(reference), value);
     core->state.values[reference] = value;
     if (reference >= N_P) core->state.u_rate[reference - N_P] = 0.0;
-    core->state.outputs_valid = 0;
+    core->state.valid = 0;
     return CORE_OK;
 }
 
@@ -188,34 +193,42 @@ CoreStatus core_set_input_rate(Core *core, size_t reference, double rate) {
     return CORE_OK;
 }
 
-static CoreStatus compute_outputs(Core *core) {
+/* Compute outputs or state derivatives, when they don't belong to the present state and inputs. */
+static CoreStatus compute(Core *core, int which) {
     CoreState *s = &core->state;
+    if (s->valid & which) return CORE_OK;
     if (s->phase & (INSTANTIATED | INITIALIZATION)) {
         CoreStatus status = compute_initial_state(core);
         if (status != CORE_OK) return status;
     }
-    model_outputs(s->time, s->x, INPUTS(core), PARAMETERS(core), OUTPUTS(core));
-    model_derivatives(s->time, s->x, INPUTS(core), PARAMETERS(core), DERIVATIVES(core));
-    if (!all_finite(OUTPUTS(core), N_Y + N_X)) {
-        CoreStatus status = check_step(core, s->time, CORE_ERROR); /* a requirement says more than "not finite" */
+    double *values = which == OUTPUTS_VALID ? OUTPUTS(core) : DERIVATIVES(core);
+    (which == OUTPUTS_VALID ? model_outputs : model_derivatives)(s->time, s->x, INPUTS(core), PARAMETERS(core), values);
+    if (!all_finite(values, which == OUTPUTS_VALID ? N_Y : N_X)) {
+        CoreStatus status = check_now(core, CORE_ERROR); /* a requirement says more than "not finite" */
         if (status != CORE_OK) return status;
         return core_fail(core, CORE_ERROR, "outputs at t = %.9g s are not finite; check the inputs", s->time);
     }
-    s->outputs_valid = 1;
+    s->valid |= which;
     return CORE_OK;
 }
 
 CoreStatus core_get(Core *core, size_t reference, double *value) {
+    CoreState *s = &core->state;
     if (reference == TIME) {
-        *value = core->state.time;
+        *value = s->time;
         return CORE_OK;
     }
     if (reference >= N_VALUES) return core_fail(core, CORE_ERROR, "no variable has the value reference %lu", (unsigned long)reference);
-    if (reference >= N_PU && !core->state.outputs_valid) {
-        CoreStatus status = compute_outputs(core);
+    if (reference >= N_PU) {
+        int state = reference < N_VARIABLES ? model_output_states[reference - N_PU] : -1;
+        if (state >= 0 && !(s->phase & (INSTANTIATED | INITIALIZATION))) { /* nothing to compute */
+            *value = s->x[state];
+            return CORE_OK;
+        }
+        CoreStatus status = compute(core, reference < N_VARIABLES ? OUTPUTS_VALID : DERIVATIVES_VALID);
         if (status != CORE_OK) return status;
     }
-    *value = core->state.values[reference];
+    *value = s->values[reference];
     return CORE_OK;
 }
 
@@ -226,8 +239,6 @@ CoreStatus core_do_step(Core *core, double time, double step) {
     double u[N_U + 1], rate[N_U + 1], x[N_X + 1], next[N_X + 1];
     if (!isfinite(time) || !(step > 0.0 && isfinite(time + step)))
         return core_fail(core, CORE_ERROR, "communication step %g s at %g s is not positive and finite", step, time);
-    CoreStatus status = check_step(core, time, CORE_DISCARD);
-    if (status != CORE_OK) return status;
 #if N_X > 0
     double max_step = PARAMETERS(core)[N_P - 1], exact = step / max_step;
     if (exact > MOST_INTERNAL_STEPS)
@@ -244,6 +255,8 @@ CoreStatus core_do_step(Core *core, double time, double step) {
             for (int j = 0; j < N_U; j++) u[j] = INPUTS(core)[j] + i * h * s->u_rate[j];
             memcpy(rate, s->u_rate, N_U * sizeof *rate);
         }
+        CoreStatus status = check_step(core, time + i * h, x, u, CORE_DISCARD);
+        if (status != CORE_OK) return status;
         model_linear_step(time + i * h, x, u, PARAMETERS(core), h, rate, next);
         memcpy(x, next, N_X * sizeof *x);
     }
@@ -251,6 +264,8 @@ CoreStatus core_do_step(Core *core, double time, double step) {
         return core_fail(core, CORE_DISCARD, "step from t = %.9g s: the state is no longer finite; reduce the step or the inputs", time);
     memcpy(s->x, x, N_X * sizeof *x);
 #else
+    CoreStatus status = check_step(core, time, s->x, INPUTS(core), CORE_DISCARD);
+    if (status != CORE_OK) return status;
     (void)u, (void)rate, (void)x, (void)next;
 #endif
     for (int j = 0; j < N_U; j++) { /* where linear inputs have arrived */
@@ -258,7 +273,7 @@ CoreStatus core_do_step(Core *core, double time, double step) {
         s->u_rate[j] = 0.0;
     }
     s->time = time + step;
-    s->outputs_valid = 0;
+    s->valid = 0;
     return CORE_OK;
 }
 
@@ -267,20 +282,20 @@ CoreStatus core_do_step(Core *core, double time, double step) {
 CoreStatus core_set_time(Core *core, double time) {
     if (!isfinite(time)) return core_fail(core, CORE_ERROR, "time %g is not a finite number", time);
     core->state.time = time;
-    core->state.outputs_valid = 0;
+    core->state.valid = 0;
     return CORE_OK;
 }
 
 CoreStatus core_set_states(Core *core, const double x[]) {
     if (!all_finite(x, N_X)) return core_fail(core, CORE_ERROR, "continuous states at t = %.9g s are not finite", core->state.time);
     for (int i = 0; i < N_X; i++) core->state.x[i] = x[i];
-    core->state.outputs_valid = 0;
+    core->state.valid = 0;
     return CORE_OK;
 }
 
 CoreStatus core_get_derivatives(Core *core, double derivatives[]) {
     int initialized = !(core->state.phase & INITIALIZATION);
-    CoreStatus status = initialized ? check_step(core, core->state.time, CORE_DISCARD) : compute_initial_state(core);
+    CoreStatus status = initialized ? check_now(core, CORE_DISCARD) : compute_initial_state(core);
     if (status != CORE_OK) return status;
     model_derivatives(core->state.time, core->state.x, INPUTS(core), PARAMETERS(core), derivatives);
     if (!all_finite(derivatives, N_X))
@@ -353,6 +368,6 @@ CoreStatus core_deserialize(Core *core, const char bytes[], size_t size, CoreSta
         return core_fail(core, CORE_ERROR, "the FMU state is damaged or belongs to the other interface (model exchange, co-simulation)");
     if (!all_finite(state->values, N_PU) || !all_finite(state->x, N_X) || !all_finite(state->u_rate, N_U) || !isfinite(state->time))
         return core_fail(core, CORE_ERROR, "the FMU state is damaged: it has values that are not finite");
-    state->outputs_valid = 0;
+    state->valid = 0;
     return CORE_OK;
 }

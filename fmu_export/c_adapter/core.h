@@ -19,6 +19,8 @@ typedef enum {
     TERMINATED = 32
 } Phase;
 
+enum { OUTPUTS_VALID = 1, DERIVATIVES_VALID = 2 };
+
 /* All that changes: a copy of it is the FMU state. */
 typedef struct {
     double values[N_VALUES + 1];
@@ -26,7 +28,7 @@ typedef struct {
     double u_rate[N_U + 1]; /* first derivatives of the inputs, of the next step only */
     double time;
     int phase;
-    int outputs_valid;
+    int valid; /* which computed values belong to the present state and inputs: OUTPUTS_VALID, DERIVATIVES_VALID */
     int discarded; /* the last step failed */
 } CoreState;
 

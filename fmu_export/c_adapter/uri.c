@@ -3,6 +3,17 @@
 #include <stdlib.h>
 #include <string.h>
 
+#ifdef _WIN32
+#include <windows.h>
+
+FILE *open_text(const char *path) {
+    wchar_t wide[4096]; /* fopen would take the path for text in the code page of the system, but FMI's strings are UTF-8 */
+    return MultiByteToWideChar(CP_UTF8, MB_ERR_INVALID_CHARS, path, -1, wide, 4096) ? _wfopen(wide, L"r") : NULL;
+}
+#else
+FILE *open_text(const char *path) { return fopen(path, "r"); }
+#endif
+
 static int hexadecimal(char c) {
     if (c >= '0' && c <= '9') return c - '0';
     if (c >= 'a' && c <= 'f') return c - 'a' + 10;
