@@ -1,4 +1,4 @@
-"""The table of operations that moves values between FMUs at a communication point.
+"""The table of operations that moves values between FMUs and steps them; the compiled loop walks it (cosim/loop).
 
 All exchanged and recorded values stand in one array, each batch in a contiguous part of it, so that an operation is a
 copy inside this array or one call of an FMU. Two orders:
@@ -16,26 +16,41 @@ At the start both exchange level by level, so that the first point has no delay 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import ctypes
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
-from cosim.instance import Batch, CallFailed, Instance
-from cosim.ports import Element, fits, variables_of
+from cosim.coupling import LinearInputs
+from cosim.instance import Batch, Instance
+from cosim.loop.library import EXTRAPOLATED, HELD, TYPES, Kind, Operation
+from cosim.ports import Element, variables_of
 from cosim.resolve import Drive, ResolvedSystem
 
 Order = Literal["sequential", "parallel"]
 
 
 @dataclass(frozen=True)
-class Operation:
-    """One entry of the table: something to do at the communication points of a component."""
+class Entry:
+    """An operation, and what messages about its failure need to know."""
 
+    operation: Operation
     component: str
-    every: int
-    run: Callable[[float], None]
+    function: str = ""
+    finite: tuple[tuple[str, int], ...] = ()  # names and positions of values that must be finite
+
+
+class Table:
+    """Operations in the order in which the loop performs them."""
+
+    def __init__(self, entries: Sequence[Entry]) -> None:
+        self.entries = tuple(entries)
+        self.operations = (Operation * len(self.entries))(*(e.operation for e in self.entries))
+
+    def __len__(self) -> int:
+        return len(self.entries)
 
 
 class Exchange:
@@ -49,13 +64,15 @@ class Exchange:
     order : {"sequential", "parallel"}
     recorded : sequence of (component, element)
         What to record.
+    linear : LinearInputs
+        Which inputs change linearly over a step.
 
     Attributes
     ----------
     values : array (n,)
         Current values; those at `recorded_positions` are recorded.
-    at_start, at_point : list of Operation
-        What to do once in the initialisation mode, and at every communication point.
+    at_start, at_point, at_step : Table
+        What to do once in the initialisation mode, at every communication point, and to go on to the next one.
     """
 
     def __init__(
@@ -64,39 +81,49 @@ class Exchange:
         instances: Mapping[str, Instance],
         order: Order,
         recorded: Sequence[tuple[str, Element]],
+        linear: LinearInputs,
     ) -> None:
         self._system = system
         self._instances = instances
         self._positions: dict[tuple[str, str], int] = {}
         self._parts: list[tuple[str, list[Element], int]] = []  # component, elements, first position
+        self._alive: list[Any] = []  # arrays that operations point into
         fed = {(k.target_component, k.target.variable.name) for k in system.links}
         fed |= {(d.component, e.variable.name) for d in system.drives for e in d.targets}
-        read = {(k.source_component, k.source.variable.name) for k in system.links}
-        read |= {(component, e.variable.name) for component, e in recorded}
+        self._sources = {(k.source_component, k.source.variable.name) for k in system.links}
+        read = self._sources | {(component, e.variable.name) for component, e in recorded}
+        constant = {key for key in read - fed if self._is_constant(key)}
+        varying = read - fed - constant
 
-        sets = self._group(fed)
-        gets = self._group({key for key in read - fed if not self._is_constant(key)})
-        constants = self._group({key for key in read - fed if self._is_constant(key)})
+        sets = self._group({key: self._level(*key) for key in fed})
+        gets = self._group(self._levels_of_gets(varying))
+        constants = self._group({key: self._level(*key) for key in constant})
         size = sum(len(elements) for _, elements, _ in self._parts)
         self.values = np.zeros(size)
-        self.recorded_positions = np.array([self._positions[c, e.name] for c, e in recorded], dtype=int)
+        self.recorded_positions = np.array([self._positions[c, e.name] for c, e in recorded], dtype=np.int32)
 
+        self._columns = self._columns_of(system.drives)
         samples = [self._sample(drive) for drive in system.drives]
-        set_operations = {level: [self._set(part) for part in parts] for level, parts in sets.items()}
-        get_operations = {level: [self._get(part) for part in parts] for level, parts in gets.items()}
+        set_entries = {level: [self._set(part) for part in parts] for level, parts in sets.items()}
+        get_entries = {level: [self._get(part) for part in parts] for level, parts in gets.items()}
         by_level = [
-            operation
+            entry
             for level in sorted({*sets, *gets})
-            for operation in (*set_operations.get(level, []), *get_operations.get(level, []))
+            for entry in (*set_entries.get(level, []), *get_entries.get(level, []))
         ]
         # arrays of which only some elements are fed keep the start values of the others
         start_values = [self._get(part) for parts in (*sets.values(), *constants.values()) for part in parts]
-        all_gets = [operation for operations in get_operations.values() for operation in operations]
-        all_sets = [operation for operations in set_operations.values() for operation in operations]
-        simultaneous = [*all_gets, *all_sets]
+        simultaneous = [entry for entries in (*get_entries.values(), *set_entries.values()) for entry in entries]
         # around an algebraic loop the start values of the inputs are the first ones
-        self.at_start = [*start_values, *samples, *(simultaneous if system.levels is None else by_level)]
-        self.at_point = [*samples, *(by_level if order == "sequential" else simultaneous)]
+        self.at_start = Table([*start_values, *samples, *(simultaneous if system.levels is None else by_level)])
+        self.at_point = Table([*samples, *(by_level if order == "sequential" else simultaneous)])
+        rates = [self._rates(component, elements, linear) for component, elements in linear.elements.items()]
+        self.at_step = Table([*rates, *(self._step(component) for component in system.components)])
+        for k, (component, entry) in enumerate(zip(linear.elements, rates, strict=True)):
+            if entry.operation.version == 3:
+                instances[component].let_ask_for_inputs(self.at_step.operations[k])
+
+    # Layout of the values
 
     def _is_constant(self, key: tuple[str, str]) -> bool:
         """Whether a variable that nothing feeds keeps its value during the run."""
@@ -112,15 +139,29 @@ class Exchange:
         # a local variable may depend on every input
         return max((level for (c, _), level in levels.items() if c == component), default=0)
 
-    def _group(self, keys: set[tuple[str, str]]) -> dict[int, list[int]]:
+    def _levels_of_gets(self, keys: set[tuple[str, str]]) -> dict[tuple[str, str], int]:
+        """When to read outputs: what feeds others on its level, the rest as late and in as few calls as possible.
+
+        Else an FMU would compute its outputs twice at a point: before and after its inputs are set.
+        """
+        level = {key: self._level(*key) for key in keys}
+        last: dict[str, int] = {}
+        for key in keys - self._sources:
+            last[key[0]] = max(last.get(key[0], 0), level[key])
+        for component, latest in last.items():
+            feeding = [level[key] for key in keys & self._sources if key[0] == component]
+            together = min((f for f in feeding if f >= latest), default=latest)
+            level |= {key: together for key in keys - self._sources if key[0] == component}
+        return level
+
+    def _group(self, level_of: Mapping[tuple[str, str], int]) -> dict[int, list[int]]:
         """Lay variables out in contiguous parts, one for each level, component and type; indices by level."""
         groups: dict[tuple[int, str, str], list[Element]] = {}
         for component, port in self._system.ports.items():
             for element in port.all_elements():
                 key = (component, element.variable.name)
-                if key in keys:
-                    group = (self._level(*key), component, element.variable.type)
-                    groups.setdefault(group, []).append(element)
+                if key in level_of:
+                    groups.setdefault((level_of[key], component, element.variable.type), []).append(element)
         parts: dict[int, list[int]] = {}
         for (level, component, _), elements in groups.items():
             first = len(self._positions)
@@ -130,78 +171,111 @@ class Exchange:
             self._parts.append((component, elements, first))
         return parts
 
-    def _batch(self, part: int) -> tuple[str, Batch]:
-        component, elements, first = self._parts[part]
-        return component, Batch(
-            self._instances[component], variables_of(elements), self.values[first : first + len(elements)]
+    def _columns_of(self, drives: Sequence[Drive]) -> dict[tuple[str, str], int]:
+        """Column of the samples for each target of the signals, in their order."""
+        targets = [(drive.component, element.name) for drive in drives for element in drive.targets]
+        return {key: column for column, key in enumerate(targets)}
+
+    # Operations
+
+    def _operation(self, kind: Kind, component: str, **fields: Any) -> Operation:
+        instance = self._instances[component]
+        return Operation(
+            kind=kind,
+            every=self._system.components[component].every,
+            version=instance.version,
+            instance=instance.address,
+            **fields,
         )
 
-    def _operation(self, component: str, run: Callable[[float], None]) -> Operation:
-        return Operation(component, self._system.components[component].every, run)
+    def _integers(self, values: Sequence[int]) -> Any:
+        """An array of the loop's indices."""
+        array = (ctypes.c_int32 * max(1, len(values)))(*values)
+        self._alive.append(array)
+        return array
 
-    def _get(self, part: int) -> Operation:
-        component, batch = self._batch(part)
-        _, elements, first = self._parts[part]
-        sources = {k.source.name for k in self._system.links if k.source_component == component}
-        fed = [(e.name, first + i) for i, e in enumerate(elements) if e.name in sources]
-        positions = np.array([position for _, position in fed], dtype=int)
-        values = self.values
+    def _doubles(self, n: int) -> Any:
+        array = (ctypes.c_double * max(1, n))()
+        self._alive.append(array)
+        return array
 
-        def run(_: float) -> None:
-            batch.get()
-            if not np.isfinite(values[positions]).all():
-                wrong = [f"'{name}'" for name, position in fed if not np.isfinite(values[position])]
-                raise CallFailed(f"{len(wrong)} outputs are not finite, the first is {wrong[0]}")
+    def _exchange(self, kind: Kind, part: int, **fields: Any) -> tuple[Operation, str]:
+        component, elements, first = self._parts[part]
+        batch = Batch(self._instances[component], variables_of(elements), self.values[first : first + len(elements)])
+        self._alive.append(batch)
+        name = batch.setter_name if kind is Kind.SET else batch.getter_name
+        operation = self._operation(
+            kind,
+            component,
+            type=TYPES[batch.c_type],
+            function=self._instances[component].function_address(name),
+            references=batch.references,
+            n_references=len(batch.references),
+            buffer=batch.buffer_address,
+            first=first,
+            n=len(elements),
+            **fields,
+        )
+        return operation, name
 
-        return self._operation(component, run)
+    def _get(self, part: int) -> Entry:
+        component, elements, first = self._parts[part]
+        feeding = {k.source.name for k in self._system.links if k.source_component == component}
+        finite = tuple((e.name, first + i) for i, e in enumerate(elements) if e.name in feeding)
+        positions = self._integers([position for _, position in finite])
+        operation, name = self._exchange(Kind.GET, part, targets=positions, n_targets=len(finite))
+        return Entry(operation, component, name, finite)
 
-    def _set(self, part: int) -> Operation:
-        component, batch = self._batch(part)
-        _, elements, first = self._parts[part]
+    def _set(self, part: int) -> Entry:
+        component, elements, first = self._parts[part]
         index = {e.name: first + i for i, e in enumerate(elements)}
         links = [k for k in self._system.links if k.target_component == component and k.target.name in index]
-        targets = np.array([index[k.target.name] for k in links], dtype=int)
-        sources = np.array([self._positions[k.source_component, k.source.name] for k in links], dtype=int)
-        values = self.values
-
-        def run(_: float) -> None:
-            values[targets] = values[sources]
-            batch.set()
-
-        return self._operation(component, run)
-
-    def _sample(self, drive: Drive) -> Operation:
-        positions = np.array([self._positions[drive.component, e.name] for e in drive.targets], dtype=int)
-        names = f"{drive.component}.{drive.targets[0].name}"
-        values = self.values
-
-        def run(time: float) -> None:
-            values[positions] = sample(drive, time, names)
-
-        return self._operation(drive.component, run)
-
-
-def sample(drive: Drive, time: float, name: str) -> np.ndarray:
-    """Value of a signal at a time (s), (n,).
-
-    Raises
-    ------
-    CallFailed
-        The function raises, gives a wrong number of values, or values that are not finite.
-    """
-    try:
-        value = np.atleast_1d(np.asarray(drive.function(time), dtype=float))
-    except Exception as error:
-        raise CallFailed(f"the signal that feeds '{name}' failed: {type(error).__name__}: {error}") from error
-    if value.ndim != 1:
-        raise CallFailed(f"the signal that feeds '{name}' gives an array of shape {value.shape}; make it flat")
-    if value.size not in (1, len(drive.targets)):
-        raise CallFailed(f"the signal that feeds '{name}' gives {value.size} values, not {len(drive.targets)}")
-    if not np.isfinite(value).all():
-        raise CallFailed(f"the signal that feeds '{name}' gives {value.tolist()}, which is not finite")
-    first = drive.targets[0]
-    if first.kind != "real" and not all(fits(first, v) for v in value.tolist()):
-        raise CallFailed(
-            f"the signal that feeds '{name}' gives {value.tolist()}, no value of type {first.variable.type}"
+        operation, name = self._exchange(
+            Kind.SET,
+            part,
+            targets=self._integers([index[k.target.name] for k in links]),
+            sources=self._integers([self._positions[k.source_component, k.source.name] for k in links]),
+            n_targets=len(links),
         )
-    return value
+        return Entry(operation, component, name)
+
+    def _sample(self, drive: Drive) -> Entry:
+        keys = [(drive.component, e.name) for e in drive.targets]
+        operation = self._operation(
+            Kind.SAMPLE,
+            drive.component,
+            targets=self._integers([self._positions[key] for key in keys]),
+            sources=self._integers([self._columns[key] for key in keys]),
+            n_targets=len(keys),
+        )
+        return Entry(operation, drive.component)
+
+    def _rates(self, component: str, elements: Sequence[Element], linear: LinearInputs) -> Entry:
+        instance = self._instances[component]
+        keys = [(component, e.name) for e in elements]
+        references = (ctypes.c_uint32 * len(elements))(*(v.valueReference for v in variables_of(elements)))
+        buffer = self._doubles(len(elements))
+        self._alive.append(references)
+        name = "fmi2SetRealInputDerivatives" if instance.version == 2 else "fmi3SetFloat64"
+        operation = self._operation(
+            Kind.RATES,
+            component,
+            function=instance.function_address(name),
+            references=references,
+            n_references=len(variables_of(elements)),
+            buffer=ctypes.addressof(buffer),
+            n=len(elements),
+            targets=self._integers([self._positions[key] for key in keys]),
+            sources=self._integers([self._columns.get(k, EXTRAPOLATED) if k in linear.moving else HELD for k in keys]),
+            n_targets=len(elements),
+            previous=self._doubles(len(elements)),
+            rates=self._doubles(len(elements)),
+            base=self._doubles(len(elements)),
+            orders=self._integers([1] * len(elements)),
+        )
+        return Entry(operation, component, name)
+
+    def _step(self, component: str) -> Entry:
+        instance = self._instances[component]
+        name = f"fmi{instance.version}DoStep"
+        return Entry(self._operation(Kind.STEP, component, function=instance.function_address(name)), component, name)

@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import ctypes
 import itertools
+import os
 from collections import deque
 from collections.abc import Sequence
 from contextlib import chdir
+from functools import partial
 from pathlib import Path
 from typing import Any
 from weakref import WeakValueDictionary
@@ -20,6 +22,8 @@ import fmpy.fmi3 as fmi3
 import numpy as np
 from fmpy.fmi1 import FMICallException
 from fmpy.model_description import ModelDescription, ModelVariable
+
+from cosim.loop.library import Operation, loop_library
 
 #: FMI type -> (name in the C functions, C type), for FMI 2.0 and for FMI 3.0.
 _TYPES_2 = {
@@ -67,6 +71,11 @@ class CallFailed(Exception):
     """A call of an FMU returned an error; the text names the function and the status."""
 
 
+def function_address(library: ctypes.CDLL, name: str) -> int:
+    """Address of a function of a loaded library; AttributeError when it has none of that name."""
+    return ctypes.cast(getattr(library, name), ctypes.c_void_p).value or 0
+
+
 class Batch:
     """Variables of one FMI type that are got or set together, on a part of the values of the whole system.
 
@@ -77,19 +86,23 @@ class Batch:
     def __init__(self, instance: Instance, variables: Sequence[ModelVariable], values: np.ndarray) -> None:
         self._instance = instance
         self._values = values
-        suffix, ctype = instance.c_type(variables[0].type)
-        references = (ctypes.c_uint * len(variables))(*(v.valueReference for v in variables))
-        self._buffer = values if ctype is ctypes.c_double else np.empty(len(values), dtype=ctype)
-        pointer = (ctype * len(values)).from_buffer(self._buffer)
-        fmu, version = instance.fmu, instance.version
-        sizes: tuple[int, ...] = (len(values),) if version == 3 else ()
-        self._arguments = (references, len(variables), pointer, *sizes)
-        self._getter = getattr(fmu, f"fmi{version}Get{suffix}")
-        self._setter = getattr(fmu, f"fmi{version}Set{suffix}")
+        suffix, self.c_type = instance.c_type(variables[0].type)
+        self.references = (ctypes.c_uint * len(variables))(*(v.valueReference for v in variables))
+        self._buffer = values if self.c_type is ctypes.c_double else np.empty(len(values), dtype=self.c_type)
+        pointer = (self.c_type * len(values)).from_buffer(self._buffer)
+        sizes: tuple[int, ...] = (len(values),) if instance.version == 3 else ()
+        self._arguments = (self.references, len(variables), pointer, *sizes)
+        self.getter_name = f"fmi{instance.version}Get{suffix}"
+        self.setter_name = f"fmi{instance.version}Set{suffix}"
+
+    @property
+    def buffer_address(self) -> int | None:
+        """Address of the buffer; None where there is none."""
+        return None if self._buffer is self._values else self._buffer.ctypes.data
 
     def get(self) -> None:
         """Read the variables from the FMU."""
-        self._instance.call(self._getter, *self._arguments)
+        self._instance.call(self.getter_name, *self._arguments)
         if self._buffer is not self._values:
             self._values[:] = self._buffer
 
@@ -97,7 +110,7 @@ class Batch:
         """Write the variables to the FMU."""
         if self._buffer is not self._values:
             self._buffer[:] = self._values
-        self._instance.call(self._setter, *self._arguments)
+        self._instance.call(self.setter_name, *self._arguments)
 
 
 class Instance:
@@ -111,6 +124,8 @@ class Instance:
         Folder with the unpacked FMU; must outlive the instance.
     description : ModelDescription
         Its model description.
+    asks_for_inputs : sequence of int
+        FMI 3.0: value references of the inputs that are set during a step, when the FMU asks for them.
 
     Raises
     ------
@@ -118,9 +133,13 @@ class Instance:
         The FMU can't be loaded or refuses to be instantiated.
     """
 
-    def __init__(self, name: str, folder: Path, description: ModelDescription) -> None:
+    def __init__(
+        self, name: str, folder: Path, description: ModelDescription, asks_for_inputs: Sequence[int] = ()
+    ) -> None:
         self.name = name
         self.version = description.fmiMajorVersion
+        self._asks_for_inputs = tuple(asks_for_inputs)
+        self._operation = ctypes.c_void_p()  # FMI 3.0: what answers when the FMU asks for its inputs
         self._corrupted = False
         self._messages: deque[str] = deque(maxlen=_MOST_MESSAGES)
         arguments = {
@@ -148,16 +167,39 @@ class Instance:
             callbacks.allocateMemory = fmi2.defaultCallbacks.allocateMemory
             callbacks.freeMemory = fmi2.defaultCallbacks.freeMemory
             fmi2.addLoggerProxy(ctypes.byref(callbacks))
-            options: dict[str, Any] = {"callbacks": callbacks}
+            instantiate = partial(slave.instantiate, loggingOn=True, callbacks=callbacks)
         else:
             slave = fmi3.FMU3Slave(**arguments)
-            options = {"logMessage": self._log_fmi3}
+            instantiate = partial(self._instantiate_fmi3, slave)
         try:
-            slave.instantiate(loggingOn=True, **options)
+            instantiate()
         except Exception as error:
             slave.freeLibrary()
             raise CallFailed(f"can't be instantiated: {self.log() or error}") from error
         return slave
+
+    def _instantiate_fmi3(self, slave: Any) -> None:
+        """As fmpy does, but with an environment of our own, by which the compiled loop finds the inputs to set."""
+        slave.logMessage = fmi3.fmi3LogMessageCallback(self._log_fmi3)
+        address = function_address(loop_library(), "intermediate_update") if self._asks_for_inputs else 0
+        slave.intermediateUpdate = fmi3.fmi3IntermediateUpdateCallback(address)
+        references = (fmi3.fmi3ValueReference * len(self._asks_for_inputs))(*self._asks_for_inputs)
+        slave.component = slave.fmi3InstantiateCoSimulation(
+            self.name.encode(),
+            slave.guid.encode(),
+            (os.path.join(slave.unzipDirectory, "resources") + os.sep).encode(),  # noqa: PTH118 -- ends in a separator
+            False,
+            True,
+            False,
+            False,
+            references,
+            len(references),
+            ctypes.addressof(self._operation),
+            slave.logMessage,
+            slave.intermediateUpdate,
+        )
+        if not slave.component:
+            raise CallFailed("fmi3InstantiateCoSimulation returned nothing")
 
     # Logging
 
@@ -177,7 +219,26 @@ class Instance:
 
     # Calls
 
-    def call(self, function: Any, *arguments: Any) -> None:
+    @property
+    def address(self) -> int:
+        """The instance as the FMU's functions take it."""
+        component = self.fmu.component
+        return component if isinstance(component, int) else component.value
+
+    def function_address(self, name: str) -> int:
+        """Address of a C function of the FMU.
+
+        Raises
+        ------
+        CallFailed
+            The FMU lacks it.
+        """
+        try:
+            return function_address(self.fmu.dll, name)
+        except AttributeError:
+            raise CallFailed(f"lacks the function {name}") from None
+
+    def call(self, function: str, *arguments: Any) -> None:
         """Call a C function of this instance.
 
         Raises
@@ -186,11 +247,14 @@ class Instance:
             Its status is worse than a warning.
         """
         try:
-            function(self.fmu.component, *arguments)
+            getattr(self.fmu, function)(self.fmu.component, *arguments)
         except FMICallException as error:
-            self._corrupted = error.status == fmi2.fmi2Fatal
-            status = _STATUS[error.status] if error.status < len(_STATUS) else error.status
-            raise CallFailed(f"{error.function} returned {status}") from error
+            raise self.failure(error.function, error.status) from error
+
+    def failure(self, function: str, status: int) -> CallFailed:
+        """The error for a status that a function has returned; after a fatal one the instance is left alone."""
+        self._corrupted = self._corrupted or status == fmi2.fmi2Fatal
+        return CallFailed(f"{function} returned {_STATUS[status] if 0 <= status < len(_STATUS) else status}")
 
     def c_type(self, fmi_type: str) -> tuple[str, Any]:
         """Name of a type in the C functions, and the C type."""
@@ -201,43 +265,40 @@ class Instance:
         text = (ctypes.c_char_p * 1)(value.encode())
         reference = (ctypes.c_uint * 1)(variable.valueReference)
         sizes: tuple[int, ...] = (1,) if self.version == 3 else ()
-        self.call(getattr(self.fmu, f"fmi{self.version}SetString"), reference, 1, text, *sizes)
+        self.call(f"fmi{self.version}SetString", reference, 1, text, *sizes)
 
     def enter_initialization_mode(self, start_time: float) -> None:
         """Enter the initialisation mode at a start time (s)."""
-        fmu = self.fmu
         if self.version == 2:
-            self.call(fmu.fmi2SetupExperiment, fmi2.fmi2False, 0.0, start_time, fmi2.fmi2False, 0.0)
-            self.call(fmu.fmi2EnterInitializationMode)
+            self.call("fmi2SetupExperiment", fmi2.fmi2False, 0.0, start_time, fmi2.fmi2False, 0.0)
+            self.call("fmi2EnterInitializationMode")
         else:
-            self.call(fmu.fmi3EnterInitializationMode, False, 0.0, start_time, False, 0.0)
+            self.call("fmi3EnterInitializationMode", False, 0.0, start_time, False, 0.0)
 
     def exit_initialization_mode(self) -> None:
         """Leave the initialisation mode; the instance is then ready to step."""
-        self.call(getattr(self.fmu, f"fmi{self.version}ExitInitializationMode"))
+        self.call(f"fmi{self.version}ExitInitializationMode")
 
-    def do_step(self, time: float, step: float) -> None:
-        """Advance from a communication point (s) by one step (s).
+    def let_ask_for_inputs(self, operation: Operation) -> None:
+        """FMI 3.0: let an operation of the loop (which must outlive the steps) answer when the FMU asks for inputs."""
+        self._operation.value = ctypes.addressof(operation)
+
+    def terminate(self) -> None:
+        """Tell the FMU that the run is over."""
+        self.call(f"fmi{self.version}Terminate")
+
+    def reset(self) -> None:
+        """Bring the FMU back to where it was after its instantiation.
 
         Raises
         ------
         CallFailed
-            The FMU fails, wants to end the simulation, or returns before the end of the step.
+            It can't; free it and make a new instance.
         """
-        if self.version == 2:
-            self.call(self.fmu.fmi2DoStep, time, step, fmi2.fmi2True)
-            return
-        flags = [ctypes.c_bool() for _ in range(3)]  # event encountered, terminate simulation, early return
-        last_time = ctypes.c_double()
-        self.call(self.fmu.fmi3DoStep, time, step, True, *map(ctypes.byref, flags), ctypes.byref(last_time))
-        if flags[1]:
-            raise CallFailed("fmi3DoStep asked to end the simulation")
-        if flags[2]:
-            raise CallFailed(f"fmi3DoStep returned early, at t = {last_time.value!r} s")
-
-    def terminate(self) -> None:
-        """Tell the FMU that the run is over."""
-        self.call(getattr(self.fmu, f"fmi{self.version}Terminate"))
+        if self._corrupted:
+            raise CallFailed("a fatal error has left the instance unusable")
+        self.call(f"fmi{self.version}Reset")
+        self._messages.clear()
 
     def close(self) -> None:
         """Free the instance and unload its library.

@@ -7,6 +7,7 @@ import io
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
+from xml.etree import ElementTree
 
 import fmpy
 from fmpy.model_description import ModelDescription, read_model_description
@@ -56,9 +57,11 @@ def load(component: str, path: Path) -> LoadedFMU:
         data = path.read_bytes()
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             unpacked = sum(info.file_size for info in archive.infolist())
+            xml = archive.read("modelDescription.xml") if unpacked <= MOST_UNPACKED_BYTES else b""
         if unpacked > MOST_UNPACKED_BYTES:
             raise SetupError(f"{here}: unpacks to {unpacked} bytes, more than any FMU needs; not opened")
         description = read_model_description(io.BytesIO(data), validate=False)
+        _read_intermediate_update(xml, description)
         platforms = fmpy.supported_platforms(io.BytesIO(data))
     except SetupError:
         raise
@@ -74,3 +77,11 @@ def load(component: str, path: Path) -> LoadedFMU:
         has = ", ".join(platforms) or "none"
         raise SetupError(f"{here}: has no binary for {fmpy.platform} (it has: {has}); get one built for this platform")
     return LoadedFMU(path, hashlib.sha256(data).hexdigest(), description)
+
+
+def _read_intermediate_update(xml: bytes, description: ModelDescription) -> None:
+    """Which variables can be set during a step: an attribute of FMI 3.0 that fmpy knows but does not read."""
+    variables = {v.name: v for v in description.modelVariables}
+    for element in ElementTree.fromstring(xml).iterfind("ModelVariables/*"):
+        if element.get("intermediateUpdate") in ("true", "1"):
+            variables[element.get("name")].intermediateUpdate = True

@@ -32,6 +32,8 @@ class Drive:
     component: str
     targets: tuple[Element, ...]
     function: SignalFunction
+    breakpoints: tuple[float, ...] = ()
+    vectorized: bool = False
 
 
 @dataclass(frozen=True)
@@ -70,7 +72,9 @@ def resolve(system: System, ports: Mapping[str, Ports], order: str) -> ResolvedS
     links = tuple(link for c in system.connections for link in _links(c, ports))
     drives = tuple(_drive(s, ports) for s in system.signals)
     starts = tuple(
-        _start_value(ports[c.name], name, value) for c in system.components.values() for name, value in c.start.items()
+        resolve_start_value(ports[c.name], name, value)
+        for c in system.components.values()
+        for name, value in c.start.items()
     )
     _check_feeding(ports, links, drives, starts)
     _check_instances(system, ports)
@@ -123,10 +127,17 @@ def _links(connection: Connection, ports: Mapping[str, Ports]) -> list[Link]:
 
 def _drive(signal: Signal, ports: Mapping[str, Ports]) -> Drive:
     component, targets = _find(signal.target, ports, "input", "target of a signal")
-    return Drive(component, tuple(targets), signal.function)
+    return Drive(component, tuple(targets), signal.function, signal.breakpoints, signal.vectorized)
 
 
-def _start_value(port: Ports, name: str, value: Any) -> StartValue:
+def resolve_start_value(port: Ports, name: str, value: Any) -> StartValue:
+    """Start values of the elements of one name.
+
+    Raises
+    ------
+    SetupError
+        There is no such variable, it can't be set, or the value does not fit it.
+    """
     elements = port.find(name)
     here = f"start value of '{port.component}.{name}'"
     for element in elements:

@@ -1,25 +1,44 @@
-"""One run of instantiated FMUs: initialisation, then the stepping loop."""
+"""One run of instantiated FMUs: initialisation, then the compiled stepping loop, chunk by chunk."""
 
 from __future__ import annotations
 
+import ctypes
 import math
 import time as clock
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from cosim.errors import SetupError
-from cosim.exchange import Exchange, Operation
+from cosim.exchange import Entry, Exchange, Table
 from cosim.failures import Failing, SimulationError, SimulationInterrupted
 from cosim.instance import Batch, Instance
 from cosim.interrupts import DeferredInterrupt
+from cosim.loop.library import NOT_FINITE, RETURNED_EARLY, WANTS_TO_END, Loop, Operation, loop_library
+from cosim.pacing import Pacer
 from cosim.ports import variables_of
-from cosim.resolve import ResolvedSystem
+from cosim.recording import PassedOn, Recorder
+from cosim.resolve import StartValue
 from cosim.results import Results
-from cosim.system import Component
+from cosim.sampling import Samples
 
-#: Communication points between two reports of progress.
-_CHUNK = 100
+#: Between two chunks the loop looks for Ctrl-C and reports progress; this is how long (s) a chunk should take.
+_CHUNK_TIME = 0.05
+_FIRST_CHUNK, _LARGEST_CHUNK = 64, 1 << 16
+
+
+@dataclass(frozen=True)
+class Grid:
+    """The communication points `start_time + i * step_size`, i = 0 ... last_point (s)."""
+
+    start_time: float
+    step_size: float
+    last_point: int
+
+    def time(self, point: int) -> float:
+        """Time (s) of a point."""
+        return self.start_time + point * self.step_size
 
 
 class Run:
@@ -27,119 +46,174 @@ class Run:
 
     def __init__(
         self,
-        resolved: ResolvedSystem,
         instances: Mapping[str, Instance],
         exchange: Exchange,
+        samples: Samples,
+        grid: Grid,
         interrupt: DeferredInterrupt,
-        progress: Callable[[float], None] | None,
     ) -> None:
-        self._resolved = resolved
         self._instances = instances
         self._exchange = exchange
+        self._samples = samples
+        self._grid = grid
         self._interrupt = interrupt
-        self._progress = progress
+        self._loop = Loop(
+            start_time=grid.start_time,
+            step_size=grid.step_size,
+            last_point=grid.last_point,
+            values=_pointer(exchange.values, ctypes.c_double),
+            n_samples=samples.values.shape[1],
+            recorded=_pointer(exchange.recorded_positions, ctypes.c_int32),
+            n_recorded=len(exchange.recorded_positions),
+            record_every=1,
+            at_point=exchange.at_point.operations,
+            at_step=exchange.at_step.operations,
+            n_at_point=len(exchange.at_point),
+            n_at_step=len(exchange.at_step),
+        )
 
-    def initialize(self, start_time: float) -> None:
+    def initialize(self, starts: Sequence[StartValue]) -> None:
         """Set start values and run all FMUs through their initialisation mode."""
+        time = self._grid.start_time
         for component, instance in self._instances.items():
-            with Failing(component, start_time, instance):
-                self._set_start_values(component, instance)
-                instance.enter_initialization_mode(start_time)
-                self._set_start_elements(component, instance)
-        for operation in self._exchange.at_start:
-            self._perform(operation, start_time)
+            own = [s for s in starts if s.component == component]
+            with Failing(component, time, instance):
+                _set_start_values(instance, own)
+                instance.enter_initialization_mode(time)
+                _set_start_elements(instance, own)
+        if self._samples.cover(0, 1) < 1:
+            raise self._signal_failure(0)
+        self._point_at_samples()
+        at_start = self._exchange.at_start
+        if not loop_library().loop_perform(ctypes.byref(self._loop), at_start.operations, len(at_start)):
+            raise self._failure(at_start)
         for component, instance in self._instances.items():
-            with Failing(component, start_time, instance):
+            with Failing(component, time, instance):
                 instance.exit_initialization_mode()
 
-    def _set_start_values(self, component: str, instance: Instance) -> None:
-        for start in self._resolved.starts:
-            if start.component != component:
-                continue
-            variable = start.elements[0].variable
-            if start.elements[0].kind == "String":
-                instance.set_strings(variable, start.values[0])
-                continue
-            values = np.array(start.values)
-            if len(start.elements) == 1 and variable.shape:
-                continue
-            Batch(instance, variables_of(start.elements), values).set()
-
-    def _set_start_elements(self, component: str, instance: Instance) -> None:
-        """Set single elements of arrays and keep the others, which can't be read before the initialisation mode."""
-        for start in self._resolved.starts:
-            element = start.elements[0]
-            if start.component == component and len(start.elements) == 1 and element.variable.shape:
-                whole = np.zeros(math.prod(element.variable.shape))
-                batch = Batch(instance, [element.variable], whole)
-                batch.get()
-                whole[element.offset] = start.values[0]
-                batch.set()
-
-    def _perform(self, operation: Operation, time: float) -> None:
-        with Failing(operation.component, time, self._instances[operation.component]):
-            operation.run(time)
-
-    def loop(self, start_time: float, step_size: float, steps: int, results: Results, began: float) -> Results:
-        """Step to the end; the results are cut to the recorded rows however the loop ends."""
-        times, rows = self._allocate(steps)
-        recorded = 0
+    def loop(
+        self,
+        recorder: Recorder,
+        record_every: int,
+        results: Results,
+        progress: Callable[[float], None] | None,
+        pacer: Pacer | None,
+    ) -> Results:
+        """Step to the end; the results have all recorded rows however the loop ends."""
         loop_began = clock.perf_counter()
 
         def finish(status: str) -> Results:
-            results.time, results.values = times[:recorded], rows[:recorded]
             results.info["status"] = status
             results.info["loop_time_s"] = clock.perf_counter() - loop_began
-            results.info["wall_time_s"] = clock.perf_counter() - began
+            results.time, results.values = recorder.result()
+            if pacer is not None:
+                results.info["realtime"] = pacer.report()
             return results
 
-        components = list(self._resolved.components.values())
-        exchange, values, positions = self._exchange, self._exchange.values, self._exchange.recorded_positions
+        grid, point, chunk = self._grid, 0, _FIRST_CHUNK
+        self._loop.record_every = record_every
+        largest = record_every * recorder.capacity if isinstance(recorder, PassedOn) else _LARGEST_CHUNK
         try:
-            for i in range(steps + 1):
-                time = times[i] = start_time + i * step_size
+            while point <= grid.last_point:
                 if self._interrupt.requested:
-                    self._terminate(time)
-                    raise SimulationInterrupted(time, finish("interrupted"))
-                for operation in exchange.at_point:
-                    if i % operation.every == 0:
-                        self._perform(operation, time)
-                rows[i] = values[positions]
-                recorded = i + 1
-                if self._progress is not None and i % _CHUNK == 0:
-                    self._progress(time)
-                if i < steps:
-                    self._step(components, i, time, step_size)
-            self._terminate(time)
+                    self._terminate(grid.time(point))
+                    raise SimulationInterrupted(grid.time(point), finish("interrupted"))
+                began = clock.perf_counter()
+                if pacer is not None:
+                    pacer.wait(grid.time(point) - grid.start_time)
+                    chunk = 1
+                point = self._go_on(recorder, point, min(point + chunk, grid.last_point + 1), record_every)
+                if progress is not None:
+                    progress(grid.time(point - 1))
+                quick = clock.perf_counter() - began < _CHUNK_TIME
+                chunk = min(2 * chunk, largest) if quick else max(1, chunk // 2)
+            self._terminate(grid.time(grid.last_point))
         except SimulationError as error:
             error.results = finish("failed")
             raise
         if self._interrupt.requested:
-            raise SimulationInterrupted(time, finish("interrupted"))
-        if self._progress is not None:
-            self._progress(time)
+            raise SimulationInterrupted(grid.time(grid.last_point), finish("interrupted"))
         return finish("completed")
 
-    def _allocate(self, steps: int) -> tuple[np.ndarray, np.ndarray]:
-        """Room for the times and for the recorded values of all communication points."""
-        columns = len(self._exchange.recorded_positions)
-        try:
-            return np.empty(steps + 1), np.empty((steps + 1, columns))
-        except MemoryError:
-            size = 8 * (steps + 1) * (columns + 1) / 1e9
-            raise SetupError(
-                f"{columns} values at {steps + 1} communication points need {size:.3g} GB of memory; "
-                "make the step longer, or record less"
-            ) from None
+    def _go_on(self, recorder: Recorder, first: int, end: int, record_every: int) -> int:
+        """Perform a chunk of points; returns the first point that is still to be performed."""
+        end = self._samples.cover(first, end)
+        if end == first:
+            raise self._signal_failure(first)
+        self._point_at_samples()
+        rows, self._loop.first_record = recorder.room(_rows(first, record_every), _rows(end, record_every))
+        self._loop.records = _pointer(rows, ctypes.c_double)
+        if loop_library().loop_run(ctypes.byref(self._loop), first, end):
+            recorder.recorded(_rows(end, record_every))
+            return end
+        stepping = bool(self._loop.failed_at_step)
+        recorder.recorded(_rows(self._loop.point + stepping, record_every))
+        raise self._failure(self._exchange.at_step if stepping else self._exchange.at_point)
+
+    def _point_at_samples(self) -> None:
+        samples, loop = self._samples, self._loop
+        loop.samples, loop.jumps = _pointer(samples.values, ctypes.c_double), _pointer(samples.jumps, ctypes.c_uint8)
+        loop.first_sample, loop.n_rows = samples.first, samples.end - samples.first
 
     def _terminate(self, time: float) -> None:
         for component, instance in self._instances.items():
             with Failing(component, time, instance):
                 instance.terminate()
 
-    def _step(self, components: Sequence[Component], i: int, time: float, step_size: float) -> None:
-        for component in components:
-            if i % component.every == 0:
-                instance = self._instances[component.name]
-                with Failing(component.name, time, instance):
-                    instance.do_step(time, component.every * step_size)
+    # Failures
+
+    def _signal_failure(self, point: int) -> SimulationError:
+        samples = self._samples
+        component = samples.failed.component if samples.failed else ""
+        return SimulationError(component, self._grid.time(point), str(samples.failure), "")
+
+    def _failure(self, table: Table) -> SimulationError:
+        """The error that the loop has ended with."""
+        entry = table.entries[self._loop.failed]
+        instance = self._instances[entry.component]
+        operation = table.operations[self._loop.failed]
+        what = self._reason(entry, operation, self._loop.status, instance)
+        return SimulationError(entry.component, self._grid.time(self._loop.point), what, instance.log())
+
+    def _reason(self, entry: Entry, operation: Operation, status: int, instance: Instance) -> str:
+        if status == NOT_FINITE:
+            values = self._exchange.values
+            wrong = [f"'{name}'" for name, position in entry.finite if not math.isfinite(values[position])]
+            return f"{len(wrong)} outputs are not finite, the first is {wrong[0]}"
+        if status == WANTS_TO_END:
+            return f"{entry.function} asked to end the simulation"
+        if status == RETURNED_EARLY:
+            return f"{entry.function} returned early, at t = {operation.point_time!r} s"
+        return str(instance.failure(entry.function, status))
+
+
+def _rows(point: int, record_every: int) -> int:
+    """Number of rows that are recorded before a point."""
+    return -(-point // record_every)
+
+
+def _pointer(array: np.ndarray, kind: Any) -> Any:
+    return array.ctypes.data_as(ctypes.POINTER(kind))
+
+
+def _set_start_values(instance: Instance, starts: Sequence[StartValue]) -> None:
+    for start in starts:
+        variable = start.elements[0].variable
+        if start.elements[0].kind == "String":
+            instance.set_strings(variable, start.values[0])
+            continue
+        if len(start.elements) == 1 and variable.shape:
+            continue
+        Batch(instance, variables_of(start.elements), np.array(start.values)).set()
+
+
+def _set_start_elements(instance: Instance, starts: Sequence[StartValue]) -> None:
+    """Set single elements of arrays and keep the others, which can't be read before the initialisation mode."""
+    for start in starts:
+        element = start.elements[0]
+        if len(start.elements) == 1 and element.variable.shape:
+            whole = np.zeros(math.prod(element.variable.shape))
+            batch = Batch(instance, [element.variable], whole)
+            batch.get()
+            whole[element.offset] = start.values[0]
+            batch.set()

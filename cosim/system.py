@@ -11,7 +11,7 @@ from typing import Any
 from cosim.errors import SetupError
 
 #: A function of time (s) that gives the value of an input: a number, or a sequence for a vector.
-SignalFunction = Callable[[float], Any]
+SignalFunction = Callable[[Any], Any]
 
 
 @dataclass(frozen=True)
@@ -34,10 +34,12 @@ class Connection:
 
 @dataclass(frozen=True)
 class Signal:
-    """A function of time that feeds an input, `component.variable`."""
+    """A function of time that feeds an input, `component.variable`; see `System.drive`."""
 
     target: str
     function: SignalFunction
+    breakpoints: tuple[float, ...] = ()
+    vectorized: bool = False
 
 
 @dataclass
@@ -94,6 +96,25 @@ class System:
         """Connect an output to an input, both `component.variable`; scalars, or whole vectors of equal size."""
         self.connections.append(Connection(source, target))
 
-    def drive(self, target: str, function: SignalFunction) -> None:
-        """Feed an input from a function of time (s), sampled at the communication points and held in between."""
-        self.signals.append(Signal(target, function))
+    def drive(
+        self,
+        target: str,
+        function: SignalFunction,
+        *,
+        breakpoints: Sequence[float] = (),
+        vectorized: bool = False,
+    ) -> None:
+        """Feed an input from a function of time (s), sampled at the communication points.
+
+        Parameters
+        ----------
+        target : str
+            Input `component.variable`, a scalar or a vector.
+        function : callable
+            function(t) -> value, or a sequence of values for a vector; must depend on the time alone.
+        breakpoints : sequence of float
+            Times (s) at which the function jumps. Linear coupling then starts anew instead of drawing a line across.
+        vectorized : bool
+            The function takes an array of times (n,) and returns an array (n,) or (n, size): much faster.
+        """
+        self.signals.append(Signal(target, function, tuple(map(float, breakpoints)), vectorized))

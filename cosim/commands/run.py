@@ -48,9 +48,9 @@ def register(subparsers: Any) -> None:
     parser.add_argument("--order", choices=("sequential", "parallel"), help="order of the value exchange")
     parser.add_argument(
         "--coupling",
-        choices=("auto", "hold"),
+        choices=("auto", "hold", "linear"),
         default="auto",
-        help="inputs between communication points: held (auto: the best the FMUs can do, which is hold)",
+        help="inputs between communication points: held, or linear (auto: linear where the FMU can)",
     )
     parser.add_argument("--seed", type=int, help="seed of the random signals")
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder of the results (default results/<scenario>)")
@@ -81,7 +81,14 @@ def run(args: argparse.Namespace) -> int:
     _check_overrides(args.set, system)
     try:
         with _progress(scenario.stop_time) as progress:
-            results = simulate(system, scenario.stop_time, scenario.step_size, order=scenario.order, progress=progress)
+            results = simulate(
+                system,
+                scenario.stop_time,
+                scenario.step_size,
+                order=scenario.order,
+                coupling=args.coupling,
+                progress=progress,
+            )
     except SetupError as error:
         raise UsageError(f"{args.scenario}: {error}") from error
     except SimulationError as error:
@@ -161,7 +168,6 @@ def _write(results: Results, scenario: Scenario, folder: Path, error: str | None
         "seed": scenario.seed,
         **results.info,
         "signals": {t: {"shape": SHAPE_NAMES[type(s)], **dataclasses.asdict(s)} for t, s in scenario.signals.items()},
-        "coupling": "hold",
         "error": error,
         "metrics": metrics(results, scenario.steady_after) if len(results.time) else None,
         "versions": versions(),

@@ -71,7 +71,8 @@ class Scenario:
             if {source.split(".")[0], target.split(".")[0]} <= set(self.components):
                 system.connect(source, target)
         for target, signal in self.signals.items():
-            system.drive(target, signal.function(_size(target), self.seed, target))
+            function = signal.function(_size(target), self.seed, target)
+            system.drive(target, function, breakpoints=signal.breakpoints, vectorized=True)
         return system
 
     def with_start_value(self, instance: str, name: str, value: float) -> Scenario:

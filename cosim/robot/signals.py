@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-#: Value of a signal at a time (s): (size,).
-SignalFunction = Callable[[float], np.ndarray]
+#: Value (size,) of a signal at a time (s), or values (n, size) at times (n,).
+SignalFunction = Callable[[float | np.ndarray], np.ndarray]
 
 
 #: More sines than this would cost more than the FMUs.
@@ -40,10 +40,16 @@ class Sine:
     def function(self, size: int, seed: int, target: str) -> SignalFunction:  # noqa: ARG002 -- nothing random
         """The signal for an input of some size."""
 
-        def value(t: float) -> np.ndarray:
-            return np.full(size, self.amplitude * np.sin(2.0 * np.pi * self.frequency * t + self.phase))
+        def values(times: float | np.ndarray) -> np.ndarray:
+            wave = self.amplitude * np.sin(2.0 * np.pi * self.frequency * np.asarray(times) + self.phase)
+            return np.repeat(wave[..., np.newaxis], size, axis=-1)
 
-        return value
+        return values
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        """Times (s) at which the signal jumps: none."""
+        return ()
 
 
 @dataclass(frozen=True)
@@ -87,12 +93,20 @@ class Multisine:
         phases = random.uniform(0.0, 2.0 * np.pi, (size, self.components))
         amplitude = self.rms * np.sqrt(2.0 / self.components)
 
-        def value(t: float) -> np.ndarray:
-            if t < self.start_time:
-                return np.zeros(size)
-            return amplitude * np.sin(2.0 * np.pi * frequencies * (t - self.start_time) + phases).sum(axis=1)
+        def values(times: float | np.ndarray) -> np.ndarray:
+            since = np.asarray(times)[..., np.newaxis] - self.start_time
+            waves = sum(
+                np.sin(2.0 * np.pi * frequency * since + phase)  # one component at a time, for memory
+                for frequency, phase in zip(frequencies.T, phases.T, strict=True)
+            )
+            return np.where(since < 0.0, 0.0, amplitude * waves)
 
-        return value
+        return values
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        """Times (s) at which the signal jumps: where it sets in."""
+        return (self.start_time,)
 
 
 #: Signal classes by the `shape` that scenarios write.

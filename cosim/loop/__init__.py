@@ -1,0 +1,1 @@
+"""The compiled stepping loop: C, built when the package is installed."""

@@ -1,0 +1,130 @@
+"""The compiled loop as Python sees it: its library, and the layout of what it reads."""
+
+from __future__ import annotations
+
+import ctypes
+from ctypes import POINTER, c_bool, c_char_p, c_double, c_int32, c_int64, c_size_t, c_uint8, c_uint32, c_void_p
+from enum import IntEnum
+from functools import cache
+from typing import Any
+
+from cosim.errors import CosimError
+from cosim.loop.source import LIBRARY, source_hash
+
+_REMEDY = "install the package again (pip install .), or in a checkout: python hatch_build.py"
+
+
+class LoopLibraryError(CosimError):
+    """The compiled loop is missing, or belongs to another version of its source."""
+
+
+class Kind(IntEnum):
+    """What an operation does."""
+
+    SAMPLE = 0
+    SET = 1
+    GET = 2
+    RATES = 3
+    STEP = 4
+
+
+#: Sources of a rate in place of a column of the samples: the last two values, or none: held.
+EXTRAPOLATED, HELD = -1, -2
+
+#: Statuses beyond those of FMI.
+NOT_FINITE, WANTS_TO_END, RETURNED_EARLY = 100, 101, 102
+
+#: C types of values, in the order of the loop's `Type`; a boolean travels as the integer of its size.
+TYPES: dict[Any, int] = {
+    ctypes.c_double: 0,
+    ctypes.c_float: 1,
+    ctypes.c_int8: 2,
+    ctypes.c_uint8: 3,
+    ctypes.c_bool: 3,
+    ctypes.c_int16: 4,
+    ctypes.c_uint16: 5,
+    ctypes.c_int32: 6,
+    ctypes.c_uint32: 7,
+    ctypes.c_int64: 8,
+    ctypes.c_uint64: 9,
+}
+
+
+class Operation(ctypes.Structure):
+    """One entry of the table; see loop.c."""
+
+    _fields_ = (
+        ("kind", c_int32),
+        ("type", c_int32),
+        ("version", c_int32),
+        ("every", c_int32),
+        ("function", c_void_p),
+        ("instance", c_void_p),
+        ("references", POINTER(c_uint32)),
+        ("n_references", c_int64),
+        ("buffer", c_void_p),
+        ("first", c_int64),
+        ("n", c_int64),
+        ("sources", POINTER(c_int32)),
+        ("targets", POINTER(c_int32)),
+        ("n_targets", c_int64),
+        ("previous", POINTER(c_double)),
+        ("rates", POINTER(c_double)),
+        ("base", POINTER(c_double)),
+        ("orders", POINTER(c_int32)),
+        ("point_time", c_double),
+    )
+
+
+class Loop(ctypes.Structure):
+    """What the loop needs to know, and where it says how it ended; see loop.c."""
+
+    _fields_ = (
+        ("start_time", c_double),
+        ("step_size", c_double),
+        ("last_point", c_int64),
+        ("values", POINTER(c_double)),
+        ("samples", POINTER(c_double)),
+        ("jumps", POINTER(c_uint8)),
+        ("n_samples", c_int64),
+        ("first_sample", c_int64),
+        ("n_rows", c_int64),
+        ("records", POINTER(c_double)),
+        ("recorded", POINTER(c_int32)),
+        ("n_recorded", c_int64),
+        ("record_every", c_int64),
+        ("first_record", c_int64),
+        ("at_point", POINTER(Operation)),
+        ("at_step", POINTER(Operation)),
+        ("n_at_point", c_int64),
+        ("n_at_step", c_int64),
+        ("point", c_int64),
+        ("failed", c_int64),
+        ("status", c_int32),
+        ("failed_at_step", c_int32),
+    )
+
+
+@cache
+def loop_library() -> ctypes.CDLL:
+    """The loaded library.
+
+    Raises
+    ------
+    LoopLibraryError
+        It is missing, or not that of this source.
+    """
+    try:
+        library = ctypes.CDLL(str(LIBRARY))
+    except OSError as error:
+        raise LoopLibraryError(f"the compiled loop {LIBRARY} can't be loaded: {error}; {_REMEDY}") from error
+    library.loop_hash.restype = c_char_p
+    library.loop_sizes.restype = c_size_t
+    if library.loop_hash().decode() != source_hash():
+        raise LoopLibraryError(f"the compiled loop {LIBRARY} belongs to another version of its source; {_REMEDY}")
+    if (library.loop_sizes(0), library.loop_sizes(1)) != (ctypes.sizeof(Operation), ctypes.sizeof(Loop)):
+        raise LoopLibraryError(f"the compiled loop {LIBRARY} lays out its data in another way than library.py")
+    library.loop_perform.argtypes = [POINTER(Loop), POINTER(Operation), c_int64]
+    library.loop_run.argtypes = [POINTER(Loop), c_int64, c_int64]
+    library.loop_perform.restype = library.loop_run.restype = c_bool
+    return library

@@ -1,0 +1,216 @@
+/* The stepping loop: walks a table of operations that Python has prepared, and calls the FMUs' C functions directly.
+ *
+ * It allocates nothing, knows no FMU, and needs no header of FMI: of both versions it calls four functions, whose types
+ * stand here. library.py lays `Operation` and `Loop` out once more; LOOP_HASH tells it whether it belongs to this file. */
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "loop_hash.h"
+
+#ifdef _WIN32
+#define EXPORT __declspec(dllexport)
+#else
+#define EXPORT __attribute__((visibility("default")))
+#endif
+
+typedef enum { SAMPLE, SET, GET, RATES, STEP } Kind;
+
+/* C type of the values that a function of an FMU takes. */
+typedef enum { FLOAT64, FLOAT32, INT8, UINT8, INT16, UINT16, INT32, UINT32, INT64, UINT64 } Type;
+
+/* Where a rate comes from: from the values at this and at the last point (extrapolation), or, for a signal, which is
+ * known beforehand, from those at this and at the next point (interpolation): then its column of the samples. */
+enum { EXTRAPOLATED = -1, HELD = -2 };
+
+typedef struct {
+    int32_t kind, type, version; /* of FMI: 2 or 3 */
+    int32_t every;               /* takes part in the communication points whose number is a multiple of this */
+    void *function, *instance;
+    const uint32_t *references;
+    int64_t n_references;
+    void *buffer;                /* values in the type of the function; NULL for doubles, which need no copy */
+    int64_t first, n;            /* the values that it gets or sets: contiguous */
+    const int32_t *sources, *targets; /* SET: copied first. SAMPLE: columns, positions. GET: targets must be finite.
+                                         RATES: columns or EXTRAPOLATED, positions. */
+    int64_t n_targets;
+    double *previous, *rates, *base; /* RATES: values at the last point, rates per second, values at this point */
+    const int32_t *orders;           /* RATES: all 1, as fmi2SetRealInputDerivatives wants them */
+    double point_time;               /* RATES: of the last point. STEP: where the FMU stopped */
+} Operation;
+
+typedef struct {
+    double start_time, step_size;
+    int64_t last_point;
+    double *values;
+    /* samples of the signals, and whether something jumps at a point or since the one before; rows from first_sample on */
+    const double *samples;
+    const uint8_t *jumps;
+    int64_t n_samples, first_sample, n_rows;
+    /* what is recorded, at the points whose number is a multiple of record_every; rows from first_record on */
+    double *records;
+    const int32_t *recorded;
+    int64_t n_recorded, record_every, first_record;
+    Operation *at_point, *at_step;
+    int64_t n_at_point, n_at_step;
+    /* where and how it ended */
+    int64_t point, failed;
+    int32_t status, failed_at_step;
+} Loop;
+
+/* Beyond the statuses of FMI. */
+enum { NOT_FINITE = 100, WANTS_TO_END, RETURNED_EARLY };
+
+typedef int Exchange2(void *, const uint32_t *, size_t, void *);
+typedef int Exchange3(void *, const uint32_t *, size_t, void *, size_t);
+typedef int Rates2(void *, const uint32_t *, size_t, const int32_t *, const double *);
+typedef int Step2(void *, double, double, int);
+typedef int Step3(void *, double, double, bool, bool *, bool *, bool *, double *);
+
+#define CONVERTED(CASE, ctype) \
+    case CASE: \
+        for (int64_t i = 0; i < n; i++) \
+            if (to_fmu) ((ctype *)buffer)[i] = (ctype)values[i]; \
+            else values[i] = (double)((ctype *)buffer)[i]; \
+        break
+
+static void convert(int32_t type, void *buffer, double *values, int64_t n, bool to_fmu) {
+    switch ((Type)type) {
+        CONVERTED(FLOAT64, double);
+        CONVERTED(FLOAT32, float);
+        CONVERTED(INT8, int8_t);
+        CONVERTED(UINT8, uint8_t);
+        CONVERTED(INT16, int16_t);
+        CONVERTED(UINT16, uint16_t);
+        CONVERTED(INT32, int32_t);
+        CONVERTED(UINT32, uint32_t);
+        CONVERTED(INT64, int64_t);
+        CONVERTED(UINT64, uint64_t);
+    }
+}
+
+static int exchange(const Operation *op, double *values, bool to_fmu) {
+    double *part = values + op->first;
+    void *data = op->buffer ? op->buffer : part;
+    if (to_fmu && op->buffer) convert(op->type, data, part, op->n, true);
+    int status = op->version == 2 ? ((Exchange2 *)op->function)(op->instance, op->references, (size_t)op->n_references, data)
+                                  : ((Exchange3 *)op->function)(op->instance, op->references, (size_t)op->n_references, data, (size_t)op->n);
+    if (!to_fmu && op->buffer) convert(op->type, data, part, op->n, false);
+    return status;
+}
+
+static bool is_finite(double value) { return value - value == 0.0; }
+
+/* Whether something jumps in (t_first, t_last], by the numbers of the points. */
+static bool jumps_within(const Loop *loop, int64_t first, int64_t last) {
+    for (int64_t i = first + 1; i <= last; i++) {
+        int64_t row = i - loop->first_sample;
+        if (row >= 0 && row < loop->n_rows && loop->jumps[row]) return true;
+    }
+    return false;
+}
+
+/* How fast the inputs of an FMU change over its next step. */
+static int set_rates(const Loop *loop, Operation *op, int64_t point, double time) {
+    double step = op->every * loop->step_size;
+    int64_t next = point + op->every, row = next - loop->first_sample;
+    bool fresh = point == 0 || jumps_within(loop, point - op->every, point); /* what was before says nothing */
+    bool known = row < loop->n_rows && !jumps_within(loop, point, next);
+    for (int64_t i = 0; i < op->n_targets; i++) {
+        double value = loop->values[op->targets[i]];
+        if (op->sources[i] == HELD)
+            op->rates[i] = 0.0;
+        else if (op->sources[i] != EXTRAPOLATED && known)
+            op->rates[i] = (loop->samples[row * loop->n_samples + op->sources[i]] - value) / step;
+        else
+            op->rates[i] = fresh ? 0.0 : (value - op->previous[i]) / step;
+        op->previous[i] = op->base[i] = value;
+    }
+    op->point_time = time;
+    if (op->version == 3) return 0; /* the FMU asks for its inputs during the step */
+    return ((Rates2 *)op->function)(op->instance, op->references, (size_t)op->n_references, op->orders, op->rates);
+}
+
+/* fmi3IntermediateUpdateCallback; the environment of the instance points to a pointer to its RATES operation, if any. */
+EXPORT void intermediate_update(void *environment, double time, bool set_requested, bool get_allowed, bool step_finished, bool can_return_early,
+                                bool *return_early, double *return_time) {
+    (void)get_allowed, (void)step_finished, (void)can_return_early;
+    Operation *op = environment ? *(Operation **)environment : NULL;
+    *return_early = false;
+    *return_time = time;
+    if (!set_requested || !op) return;
+    for (int64_t i = 0; i < op->n; i++) ((double *)op->buffer)[i] = op->base[i] + (time - op->point_time) * op->rates[i];
+    ((Exchange3 *)op->function)(op->instance, op->references, (size_t)op->n_references, op->buffer, (size_t)op->n);
+}
+
+static int do_step(Operation *op, double time, double step) {
+    if (op->version == 2) return ((Step2 *)op->function)(op->instance, time, step, 1);
+    bool event = false, terminate = false, early = false;
+    double last_time = time;
+    int status = ((Step3 *)op->function)(op->instance, time, step, true, &event, &terminate, &early, &last_time);
+    op->point_time = last_time; /* for the report of an early return */
+    return status > 1 ? status : terminate ? WANTS_TO_END : early ? RETURNED_EARLY : status;
+}
+
+static int perform(const Loop *loop, Operation *op, int64_t point, double time) {
+    double *values = loop->values;
+    int status;
+    switch ((Kind)op->kind) {
+        case SAMPLE: {
+            const double *row = loop->samples + (point - loop->first_sample) * loop->n_samples;
+            for (int64_t i = 0; i < op->n_targets; i++) values[op->targets[i]] = row[op->sources[i]];
+            return 0;
+        }
+        case SET:
+            for (int64_t i = 0; i < op->n_targets; i++) values[op->targets[i]] = values[op->sources[i]];
+            return exchange(op, values, true);
+        case GET:
+            status = exchange(op, values, false);
+            for (int64_t i = 0; status <= 1 && i < op->n_targets; i++)
+                if (!is_finite(values[op->targets[i]])) return NOT_FINITE;
+            return status;
+        case RATES:
+            return set_rates(loop, op, point, time);
+        case STEP:
+            return do_step(op, time, op->every * loop->step_size);
+    }
+    return 0;
+}
+
+/* Perform operations at a communication point; false, with the reason in `loop`, when one fails. */
+static bool perform_all(Loop *loop, Operation operations[], int64_t n, int64_t point, bool at_step) {
+    double time = loop->start_time + (double)point * loop->step_size;
+    for (int64_t k = 0; k < n; k++) {
+        if (point % operations[k].every) continue;
+        int status = perform(loop, &operations[k], point, time);
+        if (status < 0 || status > 1) { /* worse than a warning */
+            loop->point = point;
+            loop->status = status;
+            loop->failed = k;
+            loop->failed_at_step = at_step;
+            return false;
+        }
+    }
+    return true;
+}
+
+EXPORT const char *loop_hash(void) { return LOOP_HASH; }
+
+EXPORT size_t loop_sizes(int which) { return which ? sizeof(Loop) : sizeof(Operation); }
+
+/* Perform operations once, before the first communication point. */
+EXPORT bool loop_perform(Loop *loop, Operation operations[], int64_t n) { return perform_all(loop, operations, n, 0, false); }
+
+/* Go through the communication points first ... end - 1, with a step after each but the last one of the run. */
+EXPORT bool loop_run(Loop *loop, int64_t first, int64_t end) {
+    for (int64_t point = first; point < end; point++) {
+        if (!perform_all(loop, loop->at_point, loop->n_at_point, point, false)) return false;
+        if (point % loop->record_every == 0) {
+            double *row = loop->records + (point / loop->record_every - loop->first_record) * loop->n_recorded;
+            for (int64_t i = 0; i < loop->n_recorded; i++) row[i] = loop->values[loop->recorded[i]];
+        }
+        loop->point = point;
+        if (point < loop->last_point && !perform_all(loop, loop->at_step, loop->n_at_step, point, true)) return false;
+    }
+    return true;
+}

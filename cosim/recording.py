@@ -1,0 +1,94 @@
+"""Where the stepping loop records to: an array for the whole run, or a buffer that is passed on chunk by chunk."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Protocol
+
+import numpy as np
+
+from cosim.errors import SetupError
+
+#: Takes the times (n,) and the values (n, columns) of a chunk; both are only valid during the call.
+Sink = Callable[[np.ndarray, np.ndarray], None]
+
+#: Values in the buffer of a run that is passed on.
+_BUFFERED_VALUES = 1_000_000
+
+
+class Recorder(Protocol):
+    """What the loop needs: room for rows, and to say how many have come."""
+
+    def room(self, first: int, end: int) -> tuple[np.ndarray, int]:
+        """Array for the rows first ... end - 1, and the number of its first row."""
+        ...
+
+    def recorded(self, end: int) -> None:
+        """All rows before `end` are recorded."""
+        ...
+
+    def result(self) -> tuple[np.ndarray, np.ndarray]:
+        """Times (n,) and values (n, columns)."""
+        ...
+
+
+class InMemory:
+    """All rows in one array."""
+
+    def __init__(self, times: Callable[[int, int], np.ndarray], rows: int, columns: int) -> None:
+        self._times = times
+        try:
+            self._values = np.empty((rows, columns))
+        except MemoryError:
+            raise SetupError(
+                f"{columns} values at {rows} communication points need {8e-9 * rows * columns:.3g} GB of memory; "
+                "make the step longer, record less (record, record_every), or pass a sink"
+            ) from None
+        self._end = 0
+
+    def room(self, first: int, end: int) -> tuple[np.ndarray, int]:  # noqa: ARG002
+        """See `Recorder`."""
+        return self._values, 0
+
+    def recorded(self, end: int) -> None:
+        """See `Recorder`."""
+        self._end = end
+
+    def result(self) -> tuple[np.ndarray, np.ndarray]:
+        """See `Recorder`."""
+        return self._times(0, self._end), self._values[: self._end]
+
+
+class PassedOn:
+    """Rows in a buffer that goes to a sink when it is full."""
+
+    def __init__(self, times: Callable[[int, int], np.ndarray], rows: int, columns: int, sink: Sink) -> None:
+        self._times, self._sink = times, sink
+        self._buffer = np.empty((min(rows, max(1, _BUFFERED_VALUES // max(1, columns))), columns))
+        self._first = self._end = 0
+
+    @property
+    def capacity(self) -> int:
+        """Rows of the buffer."""
+        return len(self._buffer)
+
+    def room(self, first: int, end: int) -> tuple[np.ndarray, int]:
+        """See `Recorder`; `end - first` must not be more than `capacity`."""
+        if end - self._first > len(self._buffer):
+            self._pass_on()
+            self._first = first
+        return self._buffer, self._first
+
+    def recorded(self, end: int) -> None:
+        """See `Recorder`."""
+        self._end = end
+
+    def result(self) -> tuple[np.ndarray, np.ndarray]:
+        """Nothing is left: the sink has it all."""
+        self._pass_on()
+        self._first = self._end
+        return np.empty(0), np.empty((0, self._buffer.shape[1]))
+
+    def _pass_on(self) -> None:
+        if self._end > self._first:
+            self._sink(self._times(self._first, self._end), self._buffer[: self._end - self._first])

@@ -1,0 +1,149 @@
+"""Input signals, sampled at the communication points ahead of the stepping loop."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from cosim.instance import CallFailed
+from cosim.ports import fits
+from cosim.resolve import Drive
+
+#: Samples kept at once (values, not bytes); more are dropped behind the loop as it goes.
+_MOST_SAMPLES = 4_000_000
+
+#: A jump this near before a communication point (in steps) is taken to be at it, for rounding.
+_TOLERANCE = 1e-6
+
+
+class Samples:
+    """Values of the signals of a system at its communication points.
+
+    Parameters
+    ----------
+    drives : sequence of Drive
+    start_time, step_size : float
+        In s.
+    last_point : int
+        Number of the last communication point.
+    reach : int
+        By how many points the loop looks beyond those it performs, and back.
+
+    Attributes
+    ----------
+    values : array (rows, columns)
+        One column for each target of each drive.
+    jumps : array (rows,) of uint8
+        Whether a signal jumps at this point or since the one before.
+    first, end : int
+        Rows are the points first ... end - 1.
+    failure : CallFailed or None
+        Why there is no sample at point `end`.
+    failed : Drive or None
+        Which signal failed there.
+    """
+
+    def __init__(
+        self, drives: Sequence[Drive], start_time: float, step_size: float, last_point: int, reach: int
+    ) -> None:
+        self.drives = tuple(drives)
+        self._start_time, self._step_size = start_time, step_size
+        self._last_point, self._reach = last_point, reach
+        widths = [len(d.targets) for d in drives]
+        ends = np.cumsum([0, *widths])
+        self.columns = [np.arange(a, a + n, dtype=np.int32) for a, n in zip(ends, widths, strict=False)]
+        self._breakpoints = np.unique([b for d in drives for b in d.breakpoints])
+        self._rows = max(_MOST_SAMPLES // max(1, int(ends[-1])), 4 * reach + 1)
+        self.values = np.empty((min(self._rows, last_point + 1), int(ends[-1])))
+        self.jumps = np.zeros(len(self.values), dtype=np.uint8)
+        self.first = self.end = 0
+        self.failure: CallFailed | None = None
+        self.failed: Drive | None = None
+
+    def cover(self, first: int, end: int) -> int:
+        """Have samples for the points first ... end - 1; returns the end of those that can be had at once."""
+        wanted = min(end + self._reach, self._last_point + 1)
+        if wanted > self.first + len(self.values):  # drop what lies behind
+            self._drop(max(first - self._reach, 0))
+            wanted = min(wanted, self.first + len(self.values))
+        if wanted > self.end and self.failure is None:
+            self._sample(self.end, wanted)
+        return min(end, self.end)
+
+    def _drop(self, first: int) -> None:
+        kept = slice(first - self.first, self.end - self.first)
+        n = self.end - first
+        self.values[:n] = self.values[kept].copy()
+        self.jumps[:n] = self.jumps[kept].copy()
+        self.first = first
+
+    def _sample(self, first: int, end: int) -> None:
+        times = self._start_time + np.arange(first, end) * self._step_size
+        for drive, columns in zip(self.drives, self.columns, strict=True):
+            block, self.failure = sample(drive, times)
+            if self.failure is not None:  # the other signals are needed as far as this one goes only
+                self.failed, times = drive, times[: len(block)]
+            self.values[first - self.first : first - self.first + len(block), columns] = block
+        self.end = first + len(times)
+        before = np.searchsorted(self._breakpoints, times - (1.0 + _TOLERANCE) * self._step_size, side="right")
+        until = np.searchsorted(self._breakpoints, times + _TOLERANCE * self._step_size, side="right")
+        self.jumps[first - self.first : self.end - self.first] = until > before
+
+
+def sample(drive: Drive, times: np.ndarray) -> tuple[np.ndarray, CallFailed | None]:
+    """Values (n, size) of a signal at times (s); as many rows as could be had, and why there are no more."""
+    size = len(drive.targets)
+    name = f"{drive.component}.{drive.targets[0].name}"
+    if drive.vectorized:
+        try:
+            values = np.array(drive.function(times), dtype=np.float64, ndmin=1)
+            block = np.broadcast_to(values[:, None] if values.ndim == 1 else values, (len(times), size))
+        except Exception as error:
+            return np.empty((0, size)), _raised(name, error)
+        finite = np.isfinite(block).all(axis=1)
+        if not finite.all():
+            first = int(np.argmin(finite))
+            return block[:first], _not_finite(name, block[first])
+        if drive.targets[0].kind != "real":
+            return block, _wrong_type(drive, name, block)
+        return block, None
+    block = np.empty((len(times), size))
+    for i, time in enumerate(times.tolist()):
+        try:
+            block[i] = _one_sample(drive, time, name)
+        except CallFailed as error:
+            return block[:i], error
+    return block, None
+
+
+def _one_sample(drive: Drive, time: float, name: str) -> np.ndarray:
+    try:
+        value = np.atleast_1d(np.asarray(drive.function(time), dtype=float))
+    except Exception as error:
+        raise _raised(name, error) from error
+    if value.ndim != 1:
+        raise CallFailed(f"the signal that feeds '{name}' gives an array of shape {value.shape}; make it flat")
+    if value.size not in (1, len(drive.targets)):
+        raise CallFailed(f"the signal that feeds '{name}' gives {value.size} values, not {len(drive.targets)}")
+    if not np.isfinite(value).all():
+        raise _not_finite(name, value)
+    if drive.targets[0].kind != "real" and (wrong := _wrong_type(drive, name, value)):
+        raise wrong
+    return value
+
+
+def _wrong_type(drive: Drive, name: str, values: np.ndarray) -> CallFailed | None:
+    wrong = [v for v in values.ravel().tolist() if not fits(drive.targets[0], v)]
+    if not wrong:
+        return None
+    kind = drive.targets[0].variable.type
+    return CallFailed(f"the signal that feeds '{name}' gives {values.ravel()[:8].tolist()}, no value of type {kind}")
+
+
+def _raised(name: str, error: Exception) -> CallFailed:
+    return CallFailed(f"the signal that feeds '{name}' failed: {type(error).__name__}: {error}")
+
+
+def _not_finite(name: str, value: np.ndarray) -> CallFailed:
+    return CallFailed(f"the signal that feeds '{name}' gives {value.tolist()}, which is not finite")
