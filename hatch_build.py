@@ -32,7 +32,9 @@ def compile_loop() -> Path:
         There is no C compiler, or it fails.
     """
     sources = {"loop.c": SOURCE.read_bytes(), "loop_hash.h": f'#define LOOP_HASH "{source_hash()}"\n'.encode()}
-    LIBRARY.write_bytes(compile_library(sources, LIBRARY.stem))
+    part = LIBRARY.with_name(f"{LIBRARY.name}.part")
+    part.write_bytes(compile_library(sources, LIBRARY.stem))
+    part.replace(LIBRARY)  # a process that has the old one loaded keeps it
     return LIBRARY
 
 

@@ -34,6 +34,7 @@ class Drive:
     function: SignalFunction
     breakpoints: tuple[float, ...] = ()
     vectorized: bool = False
+    every: int = 1  # of its component
 
 
 @dataclass(frozen=True)
@@ -70,7 +71,7 @@ def resolve(system: System, ports: Mapping[str, Ports], order: str) -> ResolvedS
         the sequential order.
     """
     links = tuple(link for c in system.connections for link in _links(c, ports))
-    drives = tuple(_drive(s, ports) for s in system.signals)
+    drives = tuple(_drive(s, ports, system) for s in system.signals)
     starts = tuple(
         resolve_start_value(ports[c.name], name, value)
         for c in system.components.values()
@@ -125,9 +126,10 @@ def _links(connection: Connection, ports: Mapping[str, Ports]) -> list[Link]:
     return [Link(source_component, s, target_component, t) for s, t in zip(sources, targets, strict=True)]
 
 
-def _drive(signal: Signal, ports: Mapping[str, Ports]) -> Drive:
+def _drive(signal: Signal, ports: Mapping[str, Ports], system: System) -> Drive:
     component, targets = _find(signal.target, ports, "input", "target of a signal")
-    return Drive(component, tuple(targets), signal.function, signal.breakpoints, signal.vectorized)
+    every = system.components[component].every
+    return Drive(component, tuple(targets), signal.function, signal.breakpoints, signal.vectorized, every)
 
 
 def resolve_start_value(port: Ports, name: str, value: Any) -> StartValue:

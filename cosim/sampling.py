@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import time as clock
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -12,6 +13,9 @@ from cosim.resolve import Drive
 
 #: Samples kept at once (values, not bytes); more are dropped behind the loop as it goes.
 _MOST_SAMPLES = 4_000_000
+
+#: Sampling ahead may take this long (s) before the loop goes on, so that Ctrl-C and progress don't wait for it.
+_LONGEST = 0.05
 
 #: A jump this near before a communication point (in steps) is taken to be at it, for rounding.
 _TOLERANCE = 1e-6
@@ -61,14 +65,17 @@ class Samples:
         self.failure: CallFailed | None = None
         self.failed: Drive | None = None
 
-    def cover(self, first: int, end: int) -> int:
-        """Have samples for the points first ... end - 1; returns the end of those that can be had at once."""
+    def cover(self, first: int, end: int, stop: Callable[[], bool]) -> int:
+        """Have samples for the points first ... end - 1; returns the end of those that could be had.
+
+        There are fewer when a signal takes long, fails, or `stop` says so.
+        """
         wanted = min(end + self._reach, self._last_point + 1)
         if wanted > self.first + len(self.values):  # drop what lies behind
             self._drop(max(first - self._reach, 0))
             wanted = min(wanted, self.first + len(self.values))
         if wanted > self.end and self.failure is None:
-            self._sample(self.end, wanted)
+            self._sample(self.end, wanted, stop)
         return min(end, self.end)
 
     def _drop(self, first: int) -> None:
@@ -78,21 +85,31 @@ class Samples:
         self.jumps[:n] = self.jumps[kept].copy()
         self.first = first
 
-    def _sample(self, first: int, end: int) -> None:
-        times = self._start_time + np.arange(first, end) * self._step_size
+    def _sample(self, first: int, end: int, stop: Callable[[], bool]) -> None:
+        points = np.arange(first, end)
         for drive, columns in zip(self.drives, self.columns, strict=True):
-            block, self.failure = sample(drive, times)
-            if self.failure is not None:  # the other signals are needed as far as this one goes only
-                self.failed, times = drive, times[: len(block)]
-            self.values[first - self.first : first - self.first + len(block), columns] = block
-        self.end = first + len(times)
+            own = points % drive.every == 0  # the other rows of this signal are never read
+            block, failure = sample(drive, self._times(points[own]), stop)
+            if failure is not None:
+                self.failure, self.failed = failure, drive
+            if len(block) < own.sum():  # the other signals are needed as far as this one goes only
+                points = points[: np.flatnonzero(own)[len(block)]]
+                own = own[: len(points)]
+            self.values[np.ix_(points[own] - self.first, columns)] = block
+        self.end = first + len(points)
+        times = self._times(points)
         before = np.searchsorted(self._breakpoints, times - (1.0 + _TOLERANCE) * self._step_size, side="right")
         until = np.searchsorted(self._breakpoints, times + _TOLERANCE * self._step_size, side="right")
         self.jumps[first - self.first : self.end - self.first] = until > before
 
+    def _times(self, points: np.ndarray) -> np.ndarray:
+        return self._start_time + points * self._step_size
 
-def sample(drive: Drive, times: np.ndarray) -> tuple[np.ndarray, CallFailed | None]:
-    """Values (n, size) of a signal at times (s); as many rows as could be had, and why there are no more."""
+
+def sample(
+    drive: Drive, times: np.ndarray, stop: Callable[[], bool] = lambda: False
+) -> tuple[np.ndarray, CallFailed | None]:
+    """Values (n, size) of a signal at times (s), as many rows as could be had, and the failure that ended them."""
     size = len(drive.targets)
     name = f"{drive.component}.{drive.targets[0].name}"
     if drive.vectorized:
@@ -109,7 +126,10 @@ def sample(drive: Drive, times: np.ndarray) -> tuple[np.ndarray, CallFailed | No
             return block, _wrong_type(drive, name, block)
         return block, None
     block = np.empty((len(times), size))
+    began = clock.perf_counter()
     for i, time in enumerate(times.tolist()):
+        if i and (stop() or clock.perf_counter() - began > _LONGEST):
+            return block[:i], None
         try:
             block[i] = _one_sample(drive, time, name)
         except CallFailed as error:

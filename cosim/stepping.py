@@ -81,7 +81,7 @@ class Run:
                 _set_start_values(instance, own)
                 instance.enter_initialization_mode(time)
                 _set_start_elements(instance, own)
-        if self._samples.cover(0, 1) < 1:
+        if self._samples.cover(0, 1, self._stop) < 1:
             raise self._signal_failure(0)
         self._point_at_samples()
         at_start = self._exchange.at_start
@@ -112,6 +112,8 @@ class Run:
 
         grid, point, chunk = self._grid, 0, _FIRST_CHUNK
         self._loop.record_every = record_every
+        if progress is not None:
+            progress(grid.start_time)
         largest = record_every * recorder.capacity if isinstance(recorder, PassedOn) else _LARGEST_CHUNK
         try:
             while point <= grid.last_point:
@@ -137,7 +139,7 @@ class Run:
 
     def _go_on(self, recorder: Recorder, first: int, end: int, record_every: int) -> int:
         """Perform a chunk of points; returns the first point that is still to be performed."""
-        end = self._samples.cover(first, end)
+        end = self._samples.cover(first, end, self._stop)
         if end == first:
             raise self._signal_failure(first)
         self._point_at_samples()
@@ -149,6 +151,9 @@ class Run:
         stepping = bool(self._loop.failed_at_step)
         recorder.recorded(_rows(self._loop.point + stepping, record_every))
         raise self._failure(self._exchange.at_step if stepping else self._exchange.at_point)
+
+    def _stop(self) -> bool:
+        return self._interrupt.requested
 
     def _point_at_samples(self) -> None:
         samples, loop = self._samples, self._loop
@@ -165,7 +170,9 @@ class Run:
     def _signal_failure(self, point: int) -> SimulationError:
         samples = self._samples
         component = samples.failed.component if samples.failed else ""
-        return SimulationError(component, self._grid.time(point), str(samples.failure), "")
+        error = SimulationError(component, self._grid.time(point), str(samples.failure), "")
+        error.__cause__ = samples.failure
+        return error
 
     def _failure(self, table: Table) -> SimulationError:
         """The error that the loop has ended with."""

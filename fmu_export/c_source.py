@@ -26,6 +26,10 @@ _ARGUMENTS = {
     "outputs_direction": ("t", "x", "u", "p", "dx", "du", "dp"),
 }
 
+#: An FMU exports the functions of the standard only, whoever compiles it.
+_HIDE = "\n#if defined(__GNUC__) && !defined(_WIN32)\n#pragma GCC visibility push(hidden)\n#endif\n"
+_SHOW = "\n#if defined(__GNUC__) && !defined(_WIN32)\n#pragma GCC visibility pop\n#endif\n"
+
 _HEADER = "/* Generated from the model by tracing; do not edit. */\n"
 
 
@@ -63,6 +67,7 @@ def _header(traced: TracedModel, interface: Interface, guid: str, functions: Seq
         + f'#define MODEL_IDENTIFIER "{traced.model.name}"\n'
         + f"#define MODEL_GUID {json.dumps(guid)}\n\n"
         + "".join(f"#define {name} {size}\n" for name, size in sizes.items())
+        + _HIDE
         + "\n/* Arrays of length zero are no C: every table has one element more than it needs. */\n"
         + "extern const char *const model_names[N_P + N_U + N_Y + N_X + 1];\n"
         + "extern const double model_limits[N_P + 1][2];\n"
@@ -71,6 +76,7 @@ def _header(traced: TracedModel, interface: Interface, guid: str, functions: Seq
         + "extern const char *const model_start_requirements[N_START_REQUIREMENTS + 1];\n"
         + "extern const char *const model_step_requirements[N_STEP_REQUIREMENTS + 1];\n\n"
         + "".join(f"{_prototype(f)};\n" for f in functions)
+        + _SHOW
         + "\n#endif\n"
     )
 

@@ -112,7 +112,8 @@ class Requirement:
         margin(t, x, u, p) -> scalar; the requirement holds while it is positive.
     at : {"start", "step"}
         "start": depends on parameters only, checked before the initial state is computed;
-        "step": checked at the start and before every integration step.
+        "step": checked at the start and before every integration step. A model without states has none of these; its
+        outputs must not be finite where a requirement is violated, which is then the reason given.
     """
 
     message: str

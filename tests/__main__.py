@@ -9,7 +9,8 @@ CHECKS = (
     ("ruff", "check", "."),
     ("ruff", "format", "--check", "."),
     ("mypy",),
-    ("pytest", "-n", "2", "--dist", "loadgroup", "--cov", "--cov-report=term"),
+    # by file: the tests of a file share FMUs and runs
+    ("pytest", "-n", "2", "--dist", "loadfile", "--cov", "--cov-report=term"),
 )
 
 

@@ -48,9 +48,6 @@ from tests.native_fmus import (
     unpacked,  # noqa: F401 -- a fixture
 )
 
-# one worker for all of them: they share the built FMUs
-pytestmark = pytest.mark.xdist_group("native")
-
 CHECKOUT = Path(__file__).resolve().parents[1]
 NAMES = [model.name for model in MODELS.values()]
 BOTH = pytest.mark.parametrize("flavour", FLAVOURS)
@@ -98,7 +95,9 @@ def tracking(robot_fmus: Path, native_fmus: Path) -> dict[str, Results]:  # noqa
     scenario = load_scenario("tracking")
     folders = {"pythonfmu": robot_fmus} | dict.fromkeys(FLAVOURS, native_fmus)
     return {
-        flavour: simulate(scenario.system(folder, flavour), 3.0, scenario.step_size, order="sequential")
+        flavour: simulate(
+            scenario.system(folder, flavour), 3.0, scenario.step_size, order="sequential", coupling="hold"
+        )
         for flavour, folder in folders.items()
     }
 

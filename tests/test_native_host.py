@@ -26,7 +26,6 @@ from fmu_export.trace import trace
 from plant_fmu.model import MODEL as PLANT
 
 pytestmark = [
-    pytest.mark.xdist_group("native host"),
     pytest.mark.skipif(sys.platform == "win32", reason="the hosts are built by the options of gcc and clang"),
 ]
 

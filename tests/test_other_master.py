@@ -104,7 +104,7 @@ def ours(fmus):
             system.add("trajectory", fmus / "RobotTrajectory.fmu")
             for source, target in CONNECTIONS:
                 system.connect(source, target)
-            runs[order, step] = simulate(system, stop_time=N_STEPS * STEP, step_size=step, order=order)
+            runs[order, step] = simulate(system, stop_time=N_STEPS * STEP, step_size=step, order=order, coupling="hold")
         return runs[order, step]
 
     return run

@@ -112,7 +112,7 @@ static bool jumps_within(const Loop *loop, int64_t first, int64_t last) {
 
 /* How fast the inputs of an FMU change over its next step. */
 static int set_rates(const Loop *loop, Operation *op, int64_t point, double time) {
-    double step = op->every * loop->step_size;
+    double per_second = 1.0 / (op->every * loop->step_size);
     int64_t next = point + op->every, row = next - loop->first_sample;
     bool fresh = point == 0 || jumps_within(loop, point - op->every, point); /* what was before says nothing */
     bool known = row < loop->n_rows && !jumps_within(loop, point, next);
@@ -121,9 +121,9 @@ static int set_rates(const Loop *loop, Operation *op, int64_t point, double time
         if (op->sources[i] == HELD)
             op->rates[i] = 0.0;
         else if (op->sources[i] != EXTRAPOLATED && known)
-            op->rates[i] = (loop->samples[row * loop->n_samples + op->sources[i]] - value) / step;
+            op->rates[i] = (loop->samples[row * loop->n_samples + op->sources[i]] - value) * per_second;
         else
-            op->rates[i] = fresh ? 0.0 : (value - op->previous[i]) / step;
+            op->rates[i] = fresh ? 0.0 : (value - op->previous[i]) * per_second;
         op->previous[i] = op->base[i] = value;
     }
     op->point_time = time;
@@ -181,7 +181,7 @@ static int perform(const Loop *loop, Operation *op, int64_t point, double time) 
 static bool perform_all(Loop *loop, Operation operations[], int64_t n, int64_t point, bool at_step) {
     double time = loop->start_time + (double)point * loop->step_size;
     for (int64_t k = 0; k < n; k++) {
-        if (point % operations[k].every) continue;
+        if (operations[k].every > 1 && point % operations[k].every) continue; /* a division costs more than a call */
         int status = perform(loop, &operations[k], point, time);
         if (status < 0 || status > 1) { /* worse than a warning */
             loop->point = point;
@@ -205,8 +205,9 @@ EXPORT bool loop_perform(Loop *loop, Operation operations[], int64_t n) { return
 EXPORT bool loop_run(Loop *loop, int64_t first, int64_t end) {
     for (int64_t point = first; point < end; point++) {
         if (!perform_all(loop, loop->at_point, loop->n_at_point, point, false)) return false;
-        if (point % loop->record_every == 0) {
-            double *row = loop->records + (point / loop->record_every - loop->first_record) * loop->n_recorded;
+        if (loop->record_every == 1 || point % loop->record_every == 0) {
+            int64_t record = loop->record_every == 1 ? point : point / loop->record_every;
+            double *row = loop->records + (record - loop->first_record) * loop->n_recorded;
             for (int64_t i = 0; i < loop->n_recorded; i++) row[i] = loop->values[loop->recorded[i]];
         }
         loop->point = point;

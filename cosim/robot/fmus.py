@@ -109,7 +109,8 @@ def _sources() -> str:
     root = Path(__file__).resolve().parents[2]
     packages = [root / name for name in ("plant_fmu", "controller_fmu", "fmu_export")]
     robot = [Path(__file__).with_name(name) for name in ("trajectory.py", "README.md")]
-    return fingerprint_of_sources([*packages, *robot])
+    licence = [path for path in [root / "LICENSE"] if path.is_file()]  # an installed package keeps it elsewhere
+    return fingerprint_of_sources([*packages, *robot, *licence])
 
 
 def build_missing(folder: Path, flavour: str) -> list[Path]:

@@ -51,12 +51,6 @@ CoreStatus core_fail(Core *core, CoreStatus status, const char *format, ...) {
     return status;
 }
 
-int core_allowed(Core *core, int phases, const char *function) {
-    if (core->state.phase & phases) return 1;
-    core_fail(core, CORE_ERROR, "%s can't be called in this state; see the state machine of the FMI standard", function);
-    return 0;
-}
-
 /* Start values */
 
 /* Read a number and nothing after it, whatever decimal point the locale of the importer has. */
@@ -170,33 +164,46 @@ CoreStatus core_exit_initialization(Core *core) {
 
 static const char *name_of(size_t reference) { return model_names[reference]; }
 
-CoreStatus core_set(Core *core, size_t reference, double value) {
-    int initialized = !(core->state.phase & (INSTANTIATED | INITIALIZATION));
-    if (reference >= N_PU) {
-        if (reference >= N_VALUES) return core_fail(core, CORE_ERROR, "no variable has the value reference %lu", (unsigned long)reference);
-        return core_fail(core, CORE_ERROR, "'%s' is computed and can't be set", name_of(reference));
-    }
-    if (reference < N_P && initialized)
+/* Why a variable can't be set to a value; CORE_OK when it can. */
+static CoreStatus refuse_set(Core *core, size_t reference, double value) {
+    if (reference >= N_VALUES) return core_fail(core, CORE_ERROR, "no variable has the value reference %lu", (unsigned long)reference);
+    if (reference >= N_PU) return core_fail(core, CORE_ERROR, "'%s' is computed and can't be set", name_of(reference));
+    if (reference < N_P && !(core->state.phase & (INSTANTIATED | INITIALIZATION)))
         return core_fail(core, CORE_ERROR, "parameter '%s' is fixed after the initialisation; reset the instance to change it", name_of(reference));
     if (!isfinite(value)) return core_fail(core, CORE_ERROR, "'%s' can't be %g; set a finite number", name_of(reference), value);
-    core->state.values[reference] = value;
-    if (reference >= N_P) core->state.u_rate[reference - N_P] = 0.0;
-    core->state.valid = 0;
     return CORE_OK;
 }
 
-CoreStatus core_set_input_rate(Core *core, size_t reference, double rate) {
-    if (reference < N_P || reference >= N_PU)
-        return core_fail(core, CORE_ERROR, "value reference %lu is no input and has no derivative to set", (unsigned long)reference);
-    if (!isfinite(rate)) return core_fail(core, CORE_ERROR, "the derivative of '%s' can't be %g", name_of(reference), rate);
-    core->state.u_rate[reference - N_P] = rate;
+CoreStatus core_set(Core *core, const unsigned references[], size_t n, const double values[]) {
+    CoreState *s = &core->state;
+    for (size_t i = 0; i < n; i++) {
+        size_t reference = references[i];
+        if (!(reference >= N_P && reference < N_PU && isfinite(values[i]))) { /* no good value for an input */
+            CoreStatus status = refuse_set(core, reference, values[i]);
+            if (status != CORE_OK) return status;
+        } else {
+            s->u_rate[reference - N_P] = 0.0;
+        }
+        s->values[reference] = values[i];
+        s->valid = 0;
+    }
     return CORE_OK;
 }
 
-/* Compute outputs or state derivatives, when they don't belong to the present state and inputs. */
+CoreStatus core_set_input_rates(Core *core, const unsigned references[], size_t n, const double rates[]) {
+    for (size_t i = 0; i < n; i++) {
+        size_t reference = references[i];
+        if (!(reference >= N_P && reference < N_PU))
+            return core_fail(core, CORE_ERROR, "value reference %lu is no input and has no derivative to set", (unsigned long)reference);
+        if (!isfinite(rates[i])) return core_fail(core, CORE_ERROR, "the derivative of '%s' can't be %g", name_of(reference), rates[i]);
+        core->state.u_rate[reference - N_P] = rates[i];
+    }
+    return CORE_OK;
+}
+
+/* Compute outputs or state derivatives. */
 static CoreStatus compute(Core *core, int which) {
     CoreState *s = &core->state;
-    if (s->valid & which) return CORE_OK;
     if (s->phase & (INSTANTIATED | INITIALIZATION)) {
         CoreStatus status = compute_initial_state(core);
         if (status != CORE_OK) return status;
@@ -212,40 +219,52 @@ static CoreStatus compute(Core *core, int which) {
     return CORE_OK;
 }
 
-CoreStatus core_get(Core *core, size_t reference, double *value) {
+CoreStatus core_get(Core *core, const unsigned references[], size_t n, double values[]) {
     CoreState *s = &core->state;
-    if (reference == TIME) {
-        *value = s->time;
-        return CORE_OK;
-    }
-    if (reference >= N_VALUES) return core_fail(core, CORE_ERROR, "no variable has the value reference %lu", (unsigned long)reference);
-    if (reference >= N_PU) {
-        int state = reference < N_VARIABLES ? model_output_states[reference - N_PU] : -1;
-        if (state >= 0 && !(s->phase & (INSTANTIATED | INITIALIZATION))) { /* nothing to compute */
-            *value = s->x[state];
-            return CORE_OK;
+    int initialized = !(s->phase & (INSTANTIATED | INITIALIZATION));
+    for (size_t i = 0; i < n; i++) {
+        size_t reference = references[i];
+        if (reference >= N_PU && reference < N_VALUES) {
+            int state = reference < N_VARIABLES ? model_output_states[reference - N_PU] : -1;
+            if (state >= 0 && initialized) { /* nothing to compute */
+                values[i] = s->x[state];
+                continue;
+            }
+            int which = reference < N_VARIABLES ? OUTPUTS_VALID : DERIVATIVES_VALID;
+            CoreStatus status = s->valid & which ? CORE_OK : compute(core, which);
+            if (status != CORE_OK) return status;
+        } else if (reference >= N_VALUES) {
+            if (reference != TIME) return core_fail(core, CORE_ERROR, "no variable has the value reference %lu", (unsigned long)reference);
+            values[i] = s->time;
+            continue;
         }
-        CoreStatus status = compute(core, reference < N_VARIABLES ? OUTPUTS_VALID : DERIVATIVES_VALID);
-        if (status != CORE_OK) return status;
+        values[i] = s->values[reference];
     }
-    *value = s->values[reference];
     return CORE_OK;
 }
 
 /* Co-simulation */
 
-CoreStatus core_do_step(Core *core, double time, double step) {
-    CoreState *s = &core->state;
-    double u[N_U + 1], rate[N_U + 1], x[N_X + 1], next[N_X + 1];
-    if (!isfinite(time) || !(step > 0.0 && isfinite(time + step)))
-        return core_fail(core, CORE_ERROR, "communication step %g s at %g s is not positive and finite", step, time);
 #if N_X > 0
-    double max_step = PARAMETERS(core)[N_P - 1], exact = step / max_step;
+/* One internal step from `x`, where the inputs are `u` and change at `rate`; the result replaces `x`. */
+static CoreStatus internal_step(Core *core, double time, double h, double x[], const double u[], const double rate[]) {
+    double next[N_X];
+    CoreStatus status = check_step(core, time, x, u, CORE_DISCARD);
+    if (status != CORE_OK) return status;
+    model_linear_step(time, x, u, PARAMETERS(core), h, rate, next);
+    memcpy(x, next, sizeof next);
+    return CORE_OK;
+}
+
+static CoreStatus integrate(Core *core, double time, double step, double x[]) {
+    CoreState *s = &core->state;
+    double max_step = PARAMETERS(core)[N_P - 1], exact = 1.0;
+    if (step > max_step * (1.0 + 1e-6)) exact = step / max_step; /* longer by rounding only: that stays one step */
     if (exact > MOST_INTERNAL_STEPS)
         return core_fail(core, CORE_DISCARD, "communication step %g s needs %.4g internal steps; make it shorter, or max_step (%g s) longer", step, exact, max_step);
-    int n = (int)fmax(1.0, ceil(exact - 1e-6)); /* a step that is longer by rounding only stays one step */
-    double h = step / n;
-    memcpy(x, s->x, sizeof x);
+    if (exact == 1.0 && !core->request_inputs) return internal_step(core, time, step, x, INPUTS(core), s->u_rate);
+    int n = (int)ceil(exact - 1e-6);
+    double h = step / n, u[N_U + 1], rate[N_U + 1];
     for (int i = 0; i < n; i++) {
         if (core->request_inputs) { /* linear between the inputs at both ends of the internal step */
             memcpy(u, INPUTS(core), N_U * sizeof *u);
@@ -255,18 +274,25 @@ CoreStatus core_do_step(Core *core, double time, double step) {
             for (int j = 0; j < N_U; j++) u[j] = INPUTS(core)[j] + i * h * s->u_rate[j];
             memcpy(rate, s->u_rate, N_U * sizeof *rate);
         }
-        CoreStatus status = check_step(core, time + i * h, x, u, CORE_DISCARD);
+        CoreStatus status = internal_step(core, time + i * h, h, x, u, rate);
         if (status != CORE_OK) return status;
-        model_linear_step(time + i * h, x, u, PARAMETERS(core), h, rate, next);
-        memcpy(x, next, N_X * sizeof *x);
     }
+    return CORE_OK;
+}
+#endif
+
+CoreStatus core_do_step(Core *core, double time, double step) {
+    CoreState *s = &core->state;
+    if (!isfinite(time) || !(step > 0.0 && isfinite(time + step)))
+        return core_fail(core, CORE_ERROR, "communication step %g s at %g s is not positive and finite", step, time);
+#if N_X > 0
+    double x[N_X];
+    memcpy(x, s->x, sizeof x);
+    CoreStatus status = integrate(core, time, step, x);
+    if (status != CORE_OK) return status;
     if (!all_finite(x, N_X))
         return core_fail(core, CORE_DISCARD, "step from t = %.9g s: the state is no longer finite; reduce the step or the inputs", time);
-    memcpy(s->x, x, N_X * sizeof *x);
-#else
-    CoreStatus status = check_step(core, time, s->x, INPUTS(core), CORE_DISCARD);
-    if (status != CORE_OK) return status;
-    (void)u, (void)rate, (void)x, (void)next;
+    memcpy(s->x, x, sizeof x);
 #endif
     for (int j = 0; j < N_U; j++) { /* where linear inputs have arrived */
         INPUTS(core)[j] += step * s->u_rate[j];

@@ -5,6 +5,10 @@
 #include <stddef.h>
 #include "model.h"
 
+#if defined(__GNUC__) && !defined(_WIN32)
+#pragma GCC visibility push(hidden) /* an FMU exports the functions of the standard only, whoever compiles it */
+#endif
+
 /* Values of the interface stand in one array: parameters, inputs, outputs, state derivatives; then comes the time. */
 enum { N_PU = N_P + N_U, N_VARIABLES = N_P + N_U + N_Y, N_VALUES = N_P + N_U + N_Y + N_X, TIME = N_VALUES };
 
@@ -53,15 +57,20 @@ void core_free(Core *core);
 CoreStatus core_fail(Core *core, CoreStatus status, const char *format, ...);
 
 /* Whether `function` may be called in the current phase; logs when it may not. */
-int core_allowed(Core *core, int phases, const char *function);
+static inline int core_allowed(Core *core, int phases, const char *function) {
+    if (core->state.phase & phases) return 1;
+    core_fail(core, CORE_ERROR, "%s can't be called in this state; see the state machine of the FMI standard", function);
+    return 0;
+}
 
 CoreStatus core_reset(Core *core);
 CoreStatus core_start_at(Core *core, double time);
 CoreStatus core_exit_initialization(Core *core);
 
-CoreStatus core_set(Core *core, size_t reference, double value);
-CoreStatus core_get(Core *core, size_t reference, double *value);
-CoreStatus core_set_input_rate(Core *core, size_t reference, double rate);
+/* Of n variables by value reference; after a failure those before it are set. */
+CoreStatus core_set(Core *core, const unsigned references[], size_t n, const double values[]);
+CoreStatus core_get(Core *core, const unsigned references[], size_t n, double values[]);
+CoreStatus core_set_input_rates(Core *core, const unsigned references[], size_t n, const double rates[]);
 
 CoreStatus core_do_step(Core *core, double time, double step);
 
@@ -77,5 +86,9 @@ CoreStatus core_direction(Core *core, const unsigned unknowns[], size_t n, const
 size_t core_serialized_size(void);
 void core_serialize(const CoreState *state, char bytes[]);
 CoreStatus core_deserialize(Core *core, const char bytes[], size_t size, CoreState *state);
+
+#if defined(__GNUC__) && !defined(_WIN32)
+#pragma GCC visibility pop
+#endif
 
 #endif

@@ -111,21 +111,13 @@ fmi2Status fmi2Reset(fmi2Component c) {
 fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2Real value[]) {
     CHECK(c, ANY);
     if (n && (!vr || !value)) return MISSING;
-    for (size_t i = 0; i < n; i++) {
-        CoreStatus status = core_get(instance->core, vr[i], &value[i]);
-        if (status != CORE_OK) return (fmi2Status)status;
-    }
-    return fmi2OK;
+    return (fmi2Status)core_get(instance->core, vr, n, value);
 }
 
 fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2Real value[]) {
     CHECK(c, INSTANTIATED | INITIALIZATION | RUNNING);
     if (n && (!vr || !value)) return MISSING;
-    for (size_t i = 0; i < n; i++) {
-        CoreStatus status = core_set(instance->core, vr[i], value[i]);
-        if (status != CORE_OK) return (fmi2Status)status;
-    }
-    return fmi2OK;
+    return (fmi2Status)core_set(instance->core, vr, n, value);
 }
 
 static fmi2Status no_such_type(fmi2Component c, size_t n, const char *function) {
@@ -150,12 +142,9 @@ REFUSE(String)
 fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2Integer order[], const fmi2Real value[]) {
     CHECK(c, INITIALIZATION | STEP);
     if (n && (!vr || !order || !value)) return MISSING;
-    for (size_t i = 0; i < n; i++) {
+    for (size_t i = 0; i < n; i++)
         if (order[i] != 1) return (fmi2Status)core_fail(instance->core, CORE_ERROR, "input derivatives of order %d are not used, only of order 1", (int)order[i]);
-        CoreStatus status = core_set_input_rate(instance->core, vr[i], value[i]);
-        if (status != CORE_OK) return (fmi2Status)status;
-    }
-    return fmi2OK;
+    return (fmi2Status)core_set_input_rates(instance->core, vr, n, value);
 }
 
 fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2Integer order[], fmi2Real value[]) {

@@ -144,21 +144,13 @@ static fmi3Status check_arrays(Instance *instance, const void *references, size_
 fmi3Status fmi3GetFloat64(fmi3Instance c, const fmi3ValueReference references[], size_t n, fmi3Float64 values[], size_t n_values) {
     CHECK(c, ANY);
     if (check_arrays(instance, references, n, values, n_values, __func__)) return fmi3Error;
-    for (size_t i = 0; i < n; i++) {
-        CoreStatus status = core_get(instance->core, references[i], &values[i]);
-        if (status != CORE_OK) return (fmi3Status)status;
-    }
-    return fmi3OK;
+    return (fmi3Status)core_get(instance->core, references, n, values);
 }
 
 fmi3Status fmi3SetFloat64(fmi3Instance c, const fmi3ValueReference references[], size_t n, const fmi3Float64 values[], size_t n_values) {
     CHECK(c, INSTANTIATED | INITIALIZATION | RUNNING);
     if (check_arrays(instance, references, n, values, n_values, __func__)) return fmi3Error;
-    for (size_t i = 0; i < n; i++) {
-        CoreStatus status = core_set(instance->core, references[i], values[i]);
-        if (status != CORE_OK) return (fmi3Status)status;
-    }
-    return fmi3OK;
+    return (fmi3Status)core_set(instance->core, references, n, values);
 }
 
 static fmi3Status no_such_type(fmi3Instance c, size_t n, const char *function) {

@@ -29,9 +29,6 @@ char *path_of_uri(const char *uri) {
             uri += 2;
             while (*uri && *uri != '/') uri++; /* the host, which is this one */
         }
-#ifdef _WIN32
-        if (uri[0] == '/' && uri[1] && uri[2] == ':') uri++; /* /C:/... */
-#endif
     }
     char *path = malloc(strlen(uri) + 1), *end = path;
     if (!path) return NULL;
@@ -46,5 +43,11 @@ char *path_of_uri(const char *uri) {
         }
     }
     *end = '\0';
+#ifdef _WIN32
+    if (escaped && path[0] == '/' && path[1] && (path[2] == ':' || path[2] == '|')) { /* /C:/... */
+        path[2] = ':';
+        memmove(path, path + 1, strlen(path));
+    }
+#endif
     return path;
 }

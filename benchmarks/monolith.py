@@ -1,0 +1,95 @@
+"""The paper's closed loop as one C program, from the same models: what a master without FMUs could do at best.
+
+Same arithmetic as the coupled FMUs in the sequential order, inputs linear between communication points, everything
+recorded; no checks, no function pointers, no tables.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import re
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from cosim.robot.models import MODELS
+from fmu_export.c_source import model_sources
+from fmu_export.interface import interface_of
+from fmu_export.toolchain import compile_library, host_target
+from fmu_export.trace import trace
+
+#: Columns of the record: outputs of plant, controller and trajectory, inputs of plant and controller.
+COLUMNS = [
+    *(f"plant.{n}" for n in MODELS["plant"].outputs.names),
+    *(f"controller.{n}" for n in MODELS["controller"].outputs.names),
+    *(f"trajectory.{n}" for n in MODELS["trajectory"].outputs.names),
+    *(f"plant.{n}" for n in MODELS["plant"].inputs.names),
+    *(f"controller.{n}" for n in MODELS["controller"].inputs.names),
+]
+
+_LOOP = """
+#define RATES(rate, now, last, n) for (int j = 0; j < n; j++) { rate[j] = fresh ? 0.0 : (now[j] - last[j]) * per_second; last[j] = now[j]; }
+
+EXPORT void run(long n, double h, const double p[], const double c[], const double r[], const double signals[], const unsigned char jumps[], double *row) {
+    /* plant: u = tau_a, tau_d, dm; controller: v = theta_a, omega_a, theta_ref, omega_ref */
+    double x[12], x_next[12], psi[2], psi_next[2], u[7], v[12], y[22], z[5], w[8], u_rate[7], v_rate[12], last_u[7], last_v[12];
+    double per_second = 1.0 / h;
+    plant_initial_state(p, x);
+    controller_initial_state(c, psi);
+    for (long i = 0; i <= n; i++, row += COLUMNS) {
+        double t = i * h;
+        int fresh = jumps[i];
+        for (int j = 0; j < 4; j++) u[3 + j] = signals[4 * i + j];
+        trajectory_outputs(t, 0, 0, r, w);
+        for (int j = 0; j < 3; j++) v[j] = x[j], v[3 + j] = x[6 + j], v[6 + j] = w[j], v[9 + j] = w[3 + j];
+        controller_outputs(t, psi, v, c, z);
+        for (int j = 0; j < 3; j++) u[j] = z[j];
+        plant_outputs(t, x, u, p, y);
+        memcpy(row, y, sizeof y), memcpy(row + 22, z, sizeof z), memcpy(row + 27, w, sizeof w);
+        memcpy(row + 35, u, sizeof u), memcpy(row + 42, v, sizeof v);
+        if (i == n) break;
+        RATES(v_rate, v, last_v, 12)
+        RATES(u_rate, u, last_u, 3)
+        if (!jumps[i + 1])
+            for (int j = 0; j < 4; j++) u_rate[3 + j] = (signals[4 * (i + 1) + j] - u[3 + j]) * per_second, last_u[3 + j] = u[3 + j];
+        else
+            for (int j = 3; j < 7; j++) { u_rate[j] = fresh ? 0.0 : (u[j] - last_u[j]) * per_second; last_u[j] = u[j]; }
+        plant_linear_step(t, x, u, p, h, u_rate, x_next);
+        controller_linear_step(t, psi, v, c, h, v_rate, psi_next);
+        memcpy(x, x_next, sizeof x), memcpy(psi, psi_next, sizeof psi);
+    }
+}
+"""
+
+
+def source() -> bytes:
+    """The program."""
+    parts = ["#include <math.h>\n#include <string.h>\n", f"#define COLUMNS {len(COLUMNS)}\n"]
+    parts.append("#ifdef _WIN32\n#define EXPORT __declspec(dllexport)\n#else\n")
+    parts.append('#define EXPORT __attribute__((visibility("default")))\n#endif\n')
+    for name, model in MODELS.items():
+        traced = trace(model)
+        text = model_sources(traced, interface_of(traced), "")["model.c"].decode()
+        functions = re.findall(r"^void model_(?:initial_state|outputs|linear_step)\(.*?^}\n", text, re.MULTILINE | re.DOTALL)
+        parts += ["static " + f.replace("model_", f"{name}_", 1) for f in functions]
+    return "".join([*parts, _LOOP]).encode()
+
+
+class Monolith:
+    """The compiled program."""
+
+    def __init__(self) -> None:
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / f"monolith{host_target().suffix}"
+            path.write_bytes(compile_library({"monolith.c": source()}, "monolith"))
+            self._run = ctypes.CDLL(str(path)).run
+
+    def run(self, n: int, step: float, signals: np.ndarray, jumps: np.ndarray) -> np.ndarray:
+        """Record (n + 1, len(COLUMNS)) of n steps (s); `signals` (n + 1, 4) are tau_d and dm, `jumps` (n + 1,) uint8."""
+        record = np.empty((n + 1, len(COLUMNS)))
+        parameters = [np.append(model.parameters.starts, 1e-3) for model in MODELS.values()]
+        arrays = [*parameters, np.ascontiguousarray(signals), np.ascontiguousarray(jumps), record]
+        pointers = [a.ctypes.data_as(ctypes.c_void_p) for a in arrays]
+        self._run(ctypes.c_long(n), ctypes.c_double(step), *pointers)
+        return record

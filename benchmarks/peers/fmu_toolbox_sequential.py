@@ -1,0 +1,19 @@
+"""The container of the FMU Manipulation Toolbox in its sequential mode: more accurate, and slower."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from benchmarks.peers import fmu_toolbox
+from benchmarks.peers.case import Case, PeerRun
+
+NAME = "fmu_toolbox_sequential"
+TITLE = "FMU Manipulation Toolbox, container, sequential"
+PACKAGE = fmu_toolbox.PACKAGE
+
+unavailable = fmu_toolbox.unavailable
+
+
+def run(case: Case, folder: Path) -> PeerRun:
+    """As `fmu_toolbox`, each FMU stepping after those that feed it."""
+    return fmu_toolbox.run(case, folder, sequential=True)

@@ -1,0 +1,76 @@
+"""libcosim through libcosimpy: its fixed-step algorithm, all recorded in memory by its time-series observer."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from benchmarks.peers.availability import missing
+from benchmarks.peers.case import PATH, Case, PeerRun, split
+
+if TYPE_CHECKING:
+    from libcosimpy.CosimObserver import CosimObserver
+
+NAME = "libcosim"
+TITLE = "libcosim, time-series observer"
+PACKAGE = "libcosimpy"
+
+_NANOSECONDS = 1e9
+
+
+def unavailable() -> str | None:
+    """Its wheel is self-contained."""
+    return missing("libcosimpy", "pip install libcosimpy")
+
+
+def run(case: Case, folder: Path) -> PeerRun:  # noqa: ARG001 - nothing is written
+    """One call of libcosim simulates until the stop time."""
+    from libcosimpy.CosimEnums import CosimVariableType
+    from libcosimpy.CosimExecution import CosimExecution
+    from libcosimpy.CosimLogging import CosimLogLevel, log_output_level
+    from libcosimpy.CosimObserver import CosimObserver
+    from libcosimpy.CosimSlave import CosimLocalSlave
+
+    log_output_level(CosimLogLevel.WARNING)
+    began = time.perf_counter()
+    references = case.references()
+    execution = CosimExecution.from_step_size(round(case.step_size * _NANOSECONDS))
+    slaves = {i: CosimLocalSlave(fmu_path=str(fmu), instance_name=i) for i, fmu in case.fmus.items()}
+    indices = {i: execution.add_local_slave(slave) for i, slave in slaves.items()}
+    for source, target in ((split(s), split(t)) for s, t in case.connections):
+        execution.connect_real_variables(
+            indices[source[0]], references[source[0]][source[1]], indices[target[0]], references[target[0]][target[1]]
+        )
+    for instance, values in case.start.items():
+        for name, value in values.items():
+            execution.real_initial_value(indices[instance], references[instance][name], value)
+
+    # by default the observer forgets all but the last 10,000 samples
+    observer = CosimObserver.create_time_series(buffer_size=case.steps + 1)
+    execution.add_observer(observer)
+    recorded = {name: (indices[i], references[i][v]) for name in case.recorded for i, v in [split(name)]}
+    for index, reference in recorded.values():
+        observer.start_time_series(index, reference, CosimVariableType.REAL)
+    # the first step initialises the FMUs, and only then is there a sample of the start
+    loop_began = time.perf_counter()
+    if not execution.simulate_until(round(case.stop_time * _NANOSECONDS)):
+        raise RuntimeError("libcosim could not simulate until the stop time")
+    loop_time = time.perf_counter() - loop_began
+
+    table = {name: _samples(observer, *at, case.steps) for name, at in recorded.items()}
+    x_E, y_E = (table[name] for name in PATH)
+    total = time.perf_counter() - began
+    note = "loop time holds the initialisation of the FMUs"
+    return PeerRun(loop_time, total, case.times, x_E, y_E, "parallel (Jacobi)", len(recorded), note)
+
+
+def _samples(observer: CosimObserver, index: int, reference: int, steps: int) -> np.ndarray:
+    """All samples of a variable (steps + 1,).
+
+    libcosimpy counts the samples by their step numbers that are not 0, so a call that covers step 0 lacks its last one.
+    """
+    start = observer.time_series_real_samples(index, reference, from_step=0, sample_count=2)[2]
+    return np.array(start + observer.time_series_real_samples(index, reference, from_step=1, sample_count=steps)[2])
