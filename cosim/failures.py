@@ -5,6 +5,7 @@ from __future__ import annotations
 from cosim.errors import CosimError
 from cosim.instance import CallFailed, Instance
 from cosim.results import Results
+from cosim.stored import StoredResults
 
 
 class SimulationError(CosimError):
@@ -28,16 +29,16 @@ class SimulationError(CosimError):
         self.component = component
         self.time = time
         self.log = log
-        self.results: Results | None = None
+        self.results: Results | StoredResults | None = None
 
 
 class SimulationInterrupted(KeyboardInterrupt):
     """Ctrl-C ended a run; `results` holds what had been recorded."""
 
-    def __init__(self, time: float, results: Results) -> None:
+    def __init__(self, time: float, results: Results | StoredResults) -> None:
         super().__init__(f"interrupted at t = {time:.9g} s")
         self.time = time
-        self.results = results
+        self.results: Results | StoredResults = results
 
 
 class Failing:

@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 
 from cosim.errors import CosimError, nearest
-
-TIME = "time"
+from cosim.tables import TIME, Table, save, write_csv
 
 
 class ResultsError(CosimError):
@@ -59,19 +58,29 @@ class Results:
             return self.time
         if name in self.names:
             return self.values[:, self.names.index(name)]
-        elements = re.compile(re.escape(name) + r"\[\d+(,\d+)*\]")
-        columns = [i for i, n in enumerate(self.names) if elements.fullmatch(n)]
-        columns.sort(key=lambda i: [int(k) for k in re.findall(r"\d+", self.names[i][len(name) :])])
+        columns = matching(name, self.names)
         if not columns:
             raise ResultsError(f"nothing was recorded as '{name}'; {nearest(name, self.names)}")
         return self.values[:, columns]
 
     def __contains__(self, name: str) -> bool:
-        try:
-            self[name]
-        except ResultsError:
-            return False
-        return True
+        return name == TIME or name in self.names or bool(matching(name, self.names))
+
+    def thinned(self, every: int) -> Results:
+        """Every so many-th row."""
+        return Results(self.time[::every], self.names, self.values[::every], self.info)
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write a file whose ending says how: .csv, .parquet, .npz or .mat (Dymola's and OpenModelica's).
+
+        Raises
+        ------
+        CosimError
+            The ending is another one.
+        OSError
+            The file can't be written; an unfinished one is left behind under the name `<path>.part`.
+        """
+        save(Table(self.time, self.names, self.values), path)
 
     def to_csv(self, path: str | PathLike[str]) -> None:
         """Write one header line with quoted names, then a line a communication point; floats round-trip.
@@ -81,13 +90,7 @@ class Results:
         OSError
             The file can't be written; an unfinished one is left behind under the name `<path>.part`.
         """
-        target = Path(path)
-        part = target.with_name(target.name + ".part")
-        with part.open("w", encoding="utf-8", newline="") as stream:
-            stream.write(",".join(_quoted([TIME, *self.names])) + "\n")
-            table = np.column_stack([self.time, self.values])
-            stream.writelines(",".join(map(repr, row)) + "\n" for row in table.tolist())
-        part.replace(target)
+        write_csv(Table(self.time, self.names, self.values), Path(path))
 
     @classmethod
     def from_csv(cls, path: str | PathLike[str]) -> Results:
@@ -111,8 +114,11 @@ class Results:
         return cls(time=table[:, 0], names=header[1:], values=table[:, 1:])
 
 
-def _quoted(names: Sequence[str]) -> list[str]:
-    return ['"' + name.replace('"', '""') + '"' for name in names]
+def matching(name: str, names: Sequence[str]) -> list[int]:
+    """Positions of the elements of a vector, in the order of their indices."""
+    elements = re.compile(re.escape(name) + r"\[\d+(,\d+)*\]")
+    columns = [i for i, n in enumerate(names) if elements.fullmatch(n)]
+    return sorted(columns, key=lambda i: [int(k) for k in re.findall(r"\d+", names[i][len(name) :])])
 
 
 def _numbers(path: str | PathLike[str], line: int, row: list[str], expected: int) -> list[float]:

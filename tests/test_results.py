@@ -60,7 +60,7 @@ def test_any_name_survives_the_header(tmp_path_factory, names):
 def test_header_is_one_line_of_quoted_names(tmp_path):
     results(["a.x[1,2]", "a.'say \"no\"'"]).to_csv(tmp_path / "r.csv")
     lines = (tmp_path / "r.csv").read_text(encoding="utf-8").splitlines()
-    assert lines == ['"time","a.x[1,2]","a.\'say ""no""\'"', "0.0,0.0,1.0"]
+    assert lines == ['"time","a.x[1,2]","a.\'say ""no""\'"', "0,0,1"]
     assert next(csv.reader(lines)) == ["time", "a.x[1,2]", "a.'say \"no\"'"]
 
 

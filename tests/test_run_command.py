@@ -271,6 +271,8 @@ def test_no_line_of_the_table_is_wider_than_100_characters_whatever_the_numbers(
     error = dict.fromkeys(("max", "rms", "accumulated", "steady_max", "steady_rms"), number)
     summary = {
         "loop_time_s": 12345.678,
+        "coupling": {"mode": "auto", "linear": ["plant.tau_a[1]"], "held": ["plant.tau_d[1]"] * 1000},
+        "realtime": {"factor": 1.0, "overruns": 10**9, "lateness_max_s": 1.234e-5, "jitter_rms_s": 1.234e-5},
         "metrics": {
             "tracking": dict.fromkeys(("x", "theta_a[1]"), error),
             "control_effort": {"max": 1.234e-05, "integral": 1.234e-05},
@@ -466,7 +468,7 @@ def test_ctrl_c_half_way_keeps_what_was_recorded(here):
 @pytest.mark.parametrize("out", ["file/out", "file"])
 def test_an_impossible_out_is_refused_before_anything_runs(here, capsys, monkeypatch, out):
     Path("file").write_text("a regular file")
-    for name in ("simulate", "write_somewhere"):
+    for name in ("_simulate", "write_somewhere"):
         monkeypatch.setattr(run_command, name, lambda *_, **__: pytest.fail("something ran"))
     monkeypatch.setattr(run_command.fmus, "build_missing", lambda *_: pytest.fail("something was built"))
     assert main(["run", "--out", out]) == 1
@@ -513,7 +515,7 @@ def test_results_that_the_folder_refuses_go_to_another(here, capsys, monkeypatch
         return write
 
     if step == "results.csv":
-        monkeypatch.setattr(Results, "to_csv", refuse(Results.to_csv, lambda _, path: path.parent))
+        monkeypatch.setattr(Results, "save", refuse(Results.save, lambda _, path: path.parent))
     elif step == "summary.json":
         monkeypatch.setattr(run_command, "write_json", refuse(run_command.write_json, lambda path, _: path.parent))
     else:
@@ -530,14 +532,14 @@ def test_results_that_the_folder_refuses_go_to_another(here, capsys, monkeypatch
 
 def test_a_failed_run_whose_folder_refuses_says_both(here, no_figures, capsys, monkeypatch):
     Path("mine.toml").write_text(INDEFINITE, encoding="utf-8")
-    original = Results.to_csv
+    original = Results.save
 
-    def to_csv(results, path):
+    def save(results, path):
         if path.parent == Path("results/mine"):
             raise OSError(28, "No space left on device")
         original(results, path)
 
-    monkeypatch.setattr(Results, "to_csv", to_csv)
+    monkeypatch.setattr(Results, "save", save)
     assert main(["run", "mine.toml"]) == 1
     line = error_line(capsys)
     assert "the results are in" in line

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import shutil
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,15 +16,23 @@ from tqdm import tqdm
 
 from cosim.errors import CosimError, SetupError, nearest
 from cosim.failures import SimulationError, SimulationInterrupted
-from cosim.master import simulate
 from cosim.output import OutputError, check_writable, write_json, write_somewhere
 from cosim.results import Results
 from cosim.robot import fmus
 from cosim.robot.metrics import metrics
 from cosim.robot.scenario import Scenario, load_scenario, names
 from cosim.robot.signals import SHAPES
+from cosim.simulation import Simulation, number_of_steps
+from cosim.stored import StoredResults
 from cosim.system import System
+from cosim.tables import FORMATS, TableWriter
 from cosim.versions import versions
+
+#: A run that records more values than this is written as it goes, and not kept in memory.
+MOST_VALUES_IN_MEMORY = 10_000_000
+
+#: About this many bytes a value, by the ending of the file.
+BYTES_PER_VALUE = {".parquet": 8, ".csv": 20}
 
 SHAPE_NAMES = {kind: name for name, kind in SHAPES.items()}
 
@@ -52,6 +62,19 @@ def register(subparsers: Any) -> None:
         default="auto",
         help="inputs between communication points: held, or linear (auto: linear where the FMU can)",
     )
+    parser.add_argument("--record", action="append", metavar="NAME", help="record this variable only; may be repeated")
+    parser.add_argument(
+        "--record-every", type=int, default=1, metavar="N", help="record at every N-th communication point"
+    )
+    parser.add_argument(
+        "--format",
+        action="append",
+        choices=FORMATS,
+        help="format of the results (default csv), mat for Dymola and OpenModelica; may be repeated",
+    )
+    parser.add_argument(
+        "--realtime", type=float, metavar="FACTOR", help="pace the run: simulated seconds in a second (1: real time)"
+    )
     parser.add_argument("--seed", type=int, help="seed of the random signals")
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder of the results (default results/<scenario>)")
     parser.add_argument(
@@ -79,29 +102,73 @@ def run(args: argparse.Namespace) -> int:
         print(f"note: the sources have changed since {outdated[0]} was built; rebuild with: python build_fmus.py")
     system = scenario.system(args.fmus, flavour)
     _check_overrides(args.set, system)
+    formats = args.format or ["csv"]
     try:
-        with _progress(scenario.stop_time) as progress:
-            results = simulate(
-                system,
-                scenario.stop_time,
-                scenario.step_size,
-                order=scenario.order,
-                coupling=args.coupling,
-                progress=progress,
-            )
+        results = _simulate(system, scenario, args, folder, formats)
     except SetupError as error:
         raise UsageError(f"{args.scenario}: {error}") from error
     except SimulationError as error:
         if error.results is None:
             raise
-        raise CosimError(f"{error}; {_rescue(error.results, scenario, folder, str(error))}") from error
+        where = _rescue(error.results, scenario, folder, formats, str(error))
+        raise CosimError(f"{error}; {where}") from error
     except SimulationInterrupted as interrupt:
-        where = _rescue(interrupt.results, scenario, folder, str(interrupt))
+        where = _rescue(interrupt.results, scenario, folder, formats, str(interrupt))
         print(f"cosim: {interrupt}; {where}", file=sys.stderr)
         return 130
-    summary = _write(results, scenario, folder)
+    summary = _write(results, scenario, folder, formats)
     print(_table(summary, scenario, folder))
     return 0
+
+
+def _simulate(
+    system: System, scenario: Scenario, args: argparse.Namespace, folder: Path, formats: list[str]
+) -> Results | StoredResults:
+    """Run the scenario; a run that is too long for memory goes to the disk as it comes.
+
+    Raises
+    ------
+    SetupError, SimulationError, SimulationInterrupted
+        As `Simulation.run`; their results are those on the disk for a long run.
+    """
+    with (
+        Simulation(system, order=scenario.order, coupling=args.coupling, record=args.record) as simulation,
+        _progress(scenario.stop_time) as progress,
+    ):
+        run = partial(
+            simulation.run,
+            scenario.stop_time,
+            scenario.step_size,
+            record_every=args.record_every,
+            realtime=args.realtime,
+            progress=progress,
+        )
+        points = number_of_steps(0.0, scenario.stop_time, scenario.step_size) + 1
+        n_values = points // max(1, args.record_every) * (len(simulation.names) + 1)
+        if n_values <= MOST_VALUES_IN_MEMORY:
+            return run()
+        path = folder / "results.parquet"
+        files = {folder / f"results.{name}" for name in formats} | {path}
+        _check_room(folder, n_values, files)
+        try:
+            with TableWriter(sorted(files), simulation.names) as writer:
+                results = run(sink=writer)
+        except (SimulationError, SimulationInterrupted) as error:
+            if error.results is not None:
+                error.results = StoredResults(path, error.results.info)
+            raise
+        return StoredResults(path, results.info)
+
+
+def _check_room(folder: Path, n_values: int, files: set[Path]) -> None:
+    """A long run must not find out after hours that the disk is full."""
+    size = n_values * sum(BYTES_PER_VALUE[path.suffix] for path in files if path.suffix in BYTES_PER_VALUE)
+    free = shutil.disk_usage(folder).free
+    if size > free:
+        raise UsageError(
+            f"the results need about {size / 1e9:.3g} GB, but {folder} has {free / 1e9:.3g} GB of free space; "
+            "record less (--record, --record-every), or make the step longer"
+        )
 
 
 def _scenario(args: argparse.Namespace) -> Scenario:
@@ -151,17 +218,23 @@ def _progress(stop_time: float) -> Iterator[Callable[[float], None]]:
         yield report
 
 
-def _rescue(results: Results, scenario: Scenario, folder: Path, error: str) -> str:
+def _rescue(results: Results | StoredResults, scenario: Scenario, folder: Path, formats: list[str], error: str) -> str:
     """Write what a run had recorded when it ended early; says where, or why not."""
     try:
-        _write(results, scenario, folder, error)
+        _write(results, scenario, folder, formats, error)
     except OutputError as second:
         return str(second)
     return f"what was recorded is in {folder}"
 
 
-def _write(results: Results, scenario: Scenario, folder: Path, error: str | None = None) -> dict[str, Any]:
-    """Write results, summary and figures; returns the summary."""
+def _write(
+    results: Results | StoredResults,
+    scenario: Scenario,
+    folder: Path,
+    formats: list[str],
+    error: str | None = None,
+) -> dict[str, Any]:
+    """Write results, unless they are on the disk already, summary and figures; returns the summary."""
     summary = {
         "scenario": scenario.name,
         "title": scenario.title,
@@ -177,7 +250,9 @@ def _write(results: Results, scenario: Scenario, folder: Path, error: str | None
     from cosim.robot.figures import write_figures
 
     def write(folder: Path) -> None:
-        results.to_csv(folder / "results.csv")
+        if isinstance(results, Results):
+            for name in formats:
+                results.save(folder / f"results.{name}")
         write_json(folder / "summary.json", summary)
         if len(results.time) > 1:
             write_figures(results, scenario.title, scenario.steady_after, folder)
@@ -193,7 +268,13 @@ def _table(summary: dict[str, Any], scenario: Scenario, folder: Path) -> str:
         scenario.title,
         f"{scenario.stop_time:g} s at {scenario.step_size * 1e3:g} ms, {scenario.order} order: "
         f"loop {summary['loop_time_s']:.2f} s",
+        _coupling(summary["coupling"]),
     ]
+    if pace := summary.get("realtime"):
+        lines.append(
+            f"real time times {pace['factor']:g}: {pace['overruns']} overruns, points late by at most "
+            f"{pace['lateness_max_s'] * 1e3:.3g} ms, jitter {pace['jitter_rms_s'] * 1e3:.3g} ms rms"
+        )
     if found["tracking"]:
         steady = f"steady max (t >= {scenario.steady_after:g} s)"
         lines.append(f"\n{'tracking error':<16}{'max':>14}{'rms':>14}{'accumulated':>16}{steady:>28}")
@@ -212,3 +293,13 @@ def _table(summary: dict[str, Any], scenario: Scenario, folder: Path) -> str:
         ]
     lines.append(f"results, summary and figures: {folder}")
     return "\n".join(lines)
+
+
+def _coupling(coupling: dict[str, Any]) -> str:
+    """In words what inputs do between communication points."""
+    linear, held = coupling["linear"], coupling["held"]
+    if not linear:
+        return "inputs held between communication points (first-order coupling)"
+    if not held:
+        return "inputs linear between communication points (second-order coupling)"
+    return f"inputs linear between communication points, but for {len(held)} held ones (see summary.json)"

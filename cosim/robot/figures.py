@@ -11,16 +11,17 @@ from matplotlib.figure import Figure
 
 from cosim.results import Results
 from cosim.robot.metrics import tracking_errors
+from cosim.stored import StoredResults
 
 #: Okabe and Ito's colours, which colour-blind readers can tell apart; dashes tell them apart in greyscale.
 _COLOURS = ("#0072B2", "#D55E00", "#009E73")
 _DASHES = ("-", "--", "-.")
 
 #: A figure shows at most about this many points of a curve; more are not seen and make files large.
-_MOST_POINTS = 4000
+_MOST_POINTS = 2000
 
 
-def write_figures(results: Results, title: str, steady_after: float, folder: Path) -> list[Path]:
+def write_figures(results: Results | StoredResults, title: str, steady_after: float, folder: Path) -> list[Path]:
     """Draw what a run recorded, as PNG files.
 
     Parameters
@@ -41,7 +42,7 @@ def write_figures(results: Results, title: str, steady_after: float, folder: Pat
         A file can't be written.
     """
     every = max(1, len(results.time) // _MOST_POINTS)
-    thinned = Results(results.time[::every], results.names, results.values[::every], results.info)
+    thinned = results.thinned(every)
     drawings: dict[str, tuple[bool, Callable[[Figure, Results, float], None]]] = {
         "path": ("plant.x_E" in results, _path),
         "tracking_errors": ("trajectory.x_ref" in results and "plant.x_E" in results, _tracking_errors),
@@ -52,7 +53,9 @@ def write_figures(results: Results, title: str, steady_after: float, folder: Pat
     written = []
     for name, (recorded, draw) in drawings.items():
         if recorded:
-            figure = Figure(figsize=(9.0, 6.0), layout="constrained", dpi=150)
+            figure = Figure(figsize=(9.0, 6.0), dpi=120)
+            # margins by hand: matplotlib's layout engines take longer than the run
+            figure.subplots_adjust(left=0.09, right=0.97, bottom=0.09, top=0.88, hspace=0.45, wspace=0.2)
             figure.suptitle(title, fontsize=10, parse_math=False)
             draw(figure, thinned, steady_after)
             written.append(folder / f"{name}.png")

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from cosim.results import Results
+from cosim.stored import StoredResults
 
 #: Tracking error name -> actual and desired variable.
 _PAIRS = {
@@ -16,7 +17,7 @@ _PAIRS = {
 }
 
 
-def tracking_errors(results: Results) -> dict[str, np.ndarray]:
+def tracking_errors(results: Results | StoredResults) -> dict[str, np.ndarray]:
     """Errors actual - desired (n,) of x and y (m) and of the active joints (rad, (32)); empty without a trajectory."""
     return {
         name: results[actual] - results[desired]
@@ -25,7 +26,7 @@ def tracking_errors(results: Results) -> dict[str, np.ndarray]:
     }
 
 
-def metrics(results: Results, steady_after: float) -> dict[str, Any]:
+def metrics(results: Results | StoredResults, steady_after: float) -> dict[str, Any]:
     """Summarise a run.
 
     Parameters
