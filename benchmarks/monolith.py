@@ -28,12 +28,28 @@ COLUMNS = [
     *(f"controller.{n}" for n in MODELS["controller"].inputs.names),
 ]
 
-_LOOP = """
-#define RATES(rate, now, last, n) for (int j = 0; j < n; j++) { rate[j] = fresh ? 0.0 : (now[j] - last[j]) * per_second; last[j] = now[j]; }
+_HEAD = f"""
+#include <string.h>
+#define COLUMNS {len(COLUMNS)}
+#ifdef _WIN32
+#define EXPORT __declspec(dllexport)
+#else
+#define EXPORT __attribute__((visibility("default")))
+#endif
+"""
 
-EXPORT void run(long n, double h, const double p[], const double c[], const double r[], const double signals[], const unsigned char jumps[], double *row) {
+_LOOP = """
+#define RATES(rate, now, last, n) \\
+    for (int j = 0; j < n; j++) { \\
+        rate[j] = fresh ? 0.0 : (now[j] - last[j]) * per_second; \\
+        last[j] = now[j]; \\
+    }
+
+EXPORT void run(long n, double h, const double p[], const double c[], const double r[], const double signals[],
+                const unsigned char jumps[], double *row) {
     /* plant: u = tau_a, tau_d, dm; controller: v = theta_a, omega_a, theta_ref, omega_ref */
-    double x[12], x_next[12], psi[2], psi_next[2], u[7], v[12], y[22], z[5], w[8], u_rate[7], v_rate[12], last_u[7], last_v[12];
+    double x[12], x_next[12], psi[2], psi_next[2], u[7], v[12], y[22], z[5], w[8];
+    double u_rate[7], v_rate[12], last_u[7], last_v[12];
     double per_second = 1.0 / h;
     plant_initial_state(p, x);
     controller_initial_state(c, psi);
@@ -52,7 +68,8 @@ EXPORT void run(long n, double h, const double p[], const double c[], const doub
         RATES(v_rate, v, last_v, 12)
         RATES(u_rate, u, last_u, 3)
         if (!jumps[i + 1])
-            for (int j = 0; j < 4; j++) u_rate[3 + j] = (signals[4 * (i + 1) + j] - u[3 + j]) * per_second, last_u[3 + j] = u[3 + j];
+            for (int j = 0; j < 4; j++)
+                u_rate[3 + j] = (signals[4 * (i + 1) + j] - u[3 + j]) * per_second, last_u[3 + j] = u[3 + j];
         else
             for (int j = 3; j < 7; j++) { u_rate[j] = fresh ? 0.0 : (u[j] - last_u[j]) * per_second; last_u[j] = u[j]; }
         plant_linear_step(t, x, u, p, h, u_rate, x_next);
@@ -63,17 +80,20 @@ EXPORT void run(long n, double h, const double p[], const double c[], const doub
 """
 
 
-def source() -> bytes:
-    """The program."""
-    parts = ["#include <math.h>\n#include <string.h>\n", f"#define COLUMNS {len(COLUMNS)}\n"]
-    parts.append("#ifdef _WIN32\n#define EXPORT __declspec(dllexport)\n#else\n")
-    parts.append('#define EXPORT __attribute__((visibility("default")))\n#endif\n')
+def sources() -> dict[str, bytes]:
+    """The program: a file for each model, as a programmer would have it, and one with the loop."""
+    files, prototypes = {}, []
     for name, model in MODELS.items():
         traced = trace(model)
         text = model_sources(traced, interface_of(traced), "")["model.c"].decode()
-        functions = re.findall(r"^void model_(?:initial_state|outputs|linear_step)\(.*?^}\n", text, re.MULTILINE | re.DOTALL)
-        parts += ["static " + f.replace("model_", f"{name}_", 1) for f in functions]
-    return "".join([*parts, _LOOP]).encode()
+        functions = re.findall(
+            r"^void model_(?:initial_state|outputs|linear_step)\(.*?^}\n", text, re.MULTILINE | re.DOTALL
+        )
+        renamed = [f.replace("model_", f"{name}_", 1) for f in functions]
+        files[f"{name}.c"] = ("#include <math.h>\n" + "".join(renamed)).encode()
+        prototypes += [f.partition("\n")[0] + ";\n" for f in renamed]
+    files["loop.c"] = (_HEAD + "".join(prototypes) + _LOOP).encode()
+    return files
 
 
 class Monolith:
@@ -82,11 +102,11 @@ class Monolith:
     def __init__(self) -> None:
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / f"monolith{host_target().suffix}"
-            path.write_bytes(compile_library({"monolith.c": source()}, "monolith"))
+            path.write_bytes(compile_library(sources(), "monolith"))
             self._run = ctypes.CDLL(str(path)).run
 
     def run(self, n: int, step: float, signals: np.ndarray, jumps: np.ndarray) -> np.ndarray:
-        """Record (n + 1, len(COLUMNS)) of n steps (s); `signals` (n + 1, 4) are tau_d and dm, `jumps` (n + 1,) uint8."""
+        """Record (n + 1, columns) of n steps (s); `signals` (n + 1, 4) are tau_d and dm, `jumps` (n + 1,) uint8."""
         record = np.empty((n + 1, len(COLUMNS)))
         parameters = [np.append(model.parameters.starts, 1e-3) for model in MODELS.values()]
         arrays = [*parameters, np.ascontiguousarray(signals), np.ascontiguousarray(jumps), record]

@@ -1,4 +1,4 @@
-"""Time of one 1 ms step of the plant FMU, by flavour, interleaved in one run: `python benchmarks/plant_step.py [FMUS]`.
+"""Time of one 1 ms step of the plant FMU, by flavour.
 
 The calls come from a loop in C, as in a simulation tool; in a Python process, for the pythonfmu flavour needs one.
 """
@@ -7,14 +7,15 @@ from __future__ import annotations
 
 import ctypes
 import statistics
-import sys
 import tempfile
 import time
+from functools import partial
 from pathlib import Path
 
 import fmpy
 from fmpy.fmi2 import FMU2Slave
 
+from benchmarks.measure import Section, interleaved, ratio
 from fmu_export.toolchain import compile_library, host_target
 
 FLAVOURS = ("fmi2", "pythonfmu")
@@ -65,26 +66,28 @@ def time_per_step(loop: ctypes.CDLL, instance: FMU2Slave, n: int) -> float:
     return seconds / n
 
 
-def main(fmus: Path) -> None:
-    """Measure and print medians."""
+def measure_plant_step(fmus: Path) -> Section:
+    """One step of the plant in each flavour."""
     with tempfile.TemporaryDirectory() as temporary:
         instances = {f: plant(fmus / f / "RobotPlant.fmu", Path(temporary) / f) for f in FLAVOURS}
         library = Path(temporary) / f"steps{host_target().suffix}"
         library.write_bytes(compile_library({"steps.c": LOOP}, "steps"))
         loop = ctypes.CDLL(str(library))
-        times: dict[str, list[float]] = {f: [] for f in FLAVOURS}
-        for _ in range(ROUNDS):
-            for flavour, instance in instances.items():
-                times[flavour].append(time_per_step(loop, instance, CALLS[flavour]))
-        steps = {flavour: statistics.median(values) for flavour, values in times.items()}
-        for flavour, seconds in steps.items():
-            print(f"{flavour:<10} {seconds * 1e6:8.2f} us a step of 1 ms")
-        ratios = [slow / fast for slow, fast in zip(times["pythonfmu"], times["fmi2"], strict=True)]
-        print(f"ratio      {statistics.median(ratios):8.1f}")
+        seconds = interleaved(
+            {f: partial(time_per_step, loop, instance, CALLS[f]) for f, instance in instances.items()}, ROUNDS
+        )
         for instance in instances.values():
             instance.terminate()
             instance.freeInstance()
-
-
-if __name__ == "__main__":
-    main(Path(sys.argv[1] if len(sys.argv) > 1 else "fmus"))
+    native, times = statistics.median(seconds["fmi2"]), ratio(seconds["pythonfmu"], seconds["fmi2"])
+    return Section(
+        "One step of the plant",
+        f"fmi2DoStep over 1 ms in a loop in C, medians of {ROUNDS} interleaved rounds.",
+        ("flavour", "us a step"),
+        [(f, f"{statistics.median(v) * 1e6:.2f}") for f, v in seconds.items()],
+        {"seconds": seconds, "ratio": times},
+        [
+            (f"native: {native * 1e6:.2f} us, under 2 us", native < 2e-6),
+            (f"pythonfmu / native: {times:.1f}, at least 50", times >= 50.0),
+        ],
+    )

@@ -25,7 +25,8 @@ import numpy as np
 
 from cosim.coupling import LinearInputs
 from cosim.instance import Batch, Instance
-from cosim.loop.library import EXTRAPOLATED, HELD, TYPES, Kind, Operation
+from cosim.loop.arena import Arena
+from cosim.loop.library import EXTRAPOLATED, HELD, TYPES, Kind, Operation, Rates
 from cosim.ports import Element, variables_of
 from cosim.resolve import Drive, ResolvedSystem
 
@@ -87,7 +88,8 @@ class Exchange:
         self._instances = instances
         self._positions: dict[tuple[str, str], int] = {}
         self._parts: list[tuple[str, list[Element], int]] = []  # component, elements, first position
-        self._alive: list[Any] = []  # arrays that operations point into
+        self._arena = Arena()
+        self._batches: list[Batch] = []  # whose buffers operations point into
         fed = {(k.target_component, k.target.variable.name) for k in system.links}
         fed |= {(d.component, e.variable.name) for d in system.drives for e in d.targets}
         self._sources = {(k.source_component, k.source.variable.name) for k in system.links}
@@ -188,28 +190,17 @@ class Exchange:
             **fields,
         )
 
-    def _integers(self, values: Sequence[int]) -> Any:
-        """An array of the loop's indices."""
-        array = (ctypes.c_int32 * max(1, len(values)))(*values)
-        self._alive.append(array)
-        return array
-
-    def _doubles(self, n: int) -> Any:
-        array = (ctypes.c_double * max(1, n))()
-        self._alive.append(array)
-        return array
-
     def _exchange(self, kind: Kind, part: int, **fields: Any) -> tuple[Operation, str]:
         component, elements, first = self._parts[part]
         batch = Batch(self._instances[component], variables_of(elements), self.values[first : first + len(elements)])
-        self._alive.append(batch)
+        self._batches.append(batch)
         name = batch.setter_name if kind is Kind.SET else batch.getter_name
         operation = self._operation(
             kind,
             component,
             type=TYPES[batch.c_type],
             function=self._instances[component].function_address(name),
-            references=batch.references,
+            references=self._arena.references(list(batch.references)),
             n_references=len(batch.references),
             buffer=batch.buffer_address,
             first=first,
@@ -222,7 +213,7 @@ class Exchange:
         component, elements, first = self._parts[part]
         feeding = {k.source.name for k in self._system.links if k.source_component == component}
         finite = tuple((e.name, first + i) for i, e in enumerate(elements) if e.name in feeding)
-        positions = self._integers([position for _, position in finite])
+        positions = self._arena.integers([position for _, position in finite])
         operation, name = self._exchange(Kind.GET, part, targets=positions, n_targets=len(finite))
         return Entry(operation, component, name, finite)
 
@@ -233,8 +224,8 @@ class Exchange:
         operation, name = self._exchange(
             Kind.SET,
             part,
-            targets=self._integers([index[k.target.name] for k in links]),
-            sources=self._integers([self._positions[k.source_component, k.source.name] for k in links]),
+            targets=self._arena.integers([index[k.target.name] for k in links]),
+            sources=self._arena.integers([self._positions[k.source_component, k.source.name] for k in links]),
             n_targets=len(links),
         )
         return Entry(operation, component, name)
@@ -244,8 +235,8 @@ class Exchange:
         operation = self._operation(
             Kind.SAMPLE,
             drive.component,
-            targets=self._integers([self._positions[key] for key in keys]),
-            sources=self._integers([self._columns[key] for key in keys]),
+            targets=self._arena.integers([self._positions[key] for key in keys]),
+            sources=self._arena.integers([self._columns[key] for key in keys]),
             n_targets=len(keys),
         )
         return Entry(operation, drive.component)
@@ -253,29 +244,37 @@ class Exchange:
     def _rates(self, component: str, elements: Sequence[Element], linear: LinearInputs) -> Entry:
         instance = self._instances[component]
         keys = [(component, e.name) for e in elements]
-        references = (ctypes.c_uint32 * len(elements))(*(v.valueReference for v in variables_of(elements)))
-        buffer = self._doubles(len(elements))
-        self._alive.append(references)
+        n = len(elements)
+        references = [v.valueReference for v in variables_of(elements)]
+        buffer = self._arena.zeros(n)
+        rates = Rates(
+            previous=self._arena.zeros(n),
+            per_second=self._arena.zeros(n),
+            base=self._arena.zeros(n),
+            orders=self._arena.integers([1] * n),
+        )
         name = "fmi2SetRealInputDerivatives" if instance.version == 2 else "fmi3SetFloat64"
         operation = self._operation(
             Kind.RATES,
             component,
             function=instance.function_address(name),
-            references=references,
-            n_references=len(variables_of(elements)),
+            references=self._arena.references(references),
+            n_references=len(references),
             buffer=ctypes.addressof(buffer),
-            n=len(elements),
-            targets=self._integers([self._positions[key] for key in keys]),
-            sources=self._integers([self._columns.get(k, EXTRAPOLATED) if k in linear.moving else HELD for k in keys]),
-            n_targets=len(elements),
-            previous=self._doubles(len(elements)),
-            rates=self._doubles(len(elements)),
-            base=self._doubles(len(elements)),
-            orders=self._integers([1] * len(elements)),
+            n=n,
+            targets=self._arena.integers([self._positions[key] for key in keys]),
+            sources=self._arena.integers(
+                [self._columns.get(k, EXTRAPOLATED) if k in linear.moving else HELD for k in keys]
+            ),
+            n_targets=n,
+            rates=ctypes.pointer(rates),
         )
         return Entry(operation, component, name)
 
     def _step(self, component: str) -> Entry:
         instance = self._instances[component]
         name = f"fmi{instance.version}DoStep"
-        return Entry(self._operation(Kind.STEP, component, function=instance.function_address(name)), component, name)
+        operation = self._operation(
+            Kind.STEP, component, function=instance.function_address(name), rates=ctypes.pointer(Rates())
+        )
+        return Entry(operation, component, name)

@@ -98,7 +98,7 @@ class Samples:
             self.values[np.ix_(points[own] - self.first, columns)] = block
         self.end = first + len(points)
         times = self._times(points)
-        before = np.searchsorted(self._breakpoints, times - (1.0 + _TOLERANCE) * self._step_size, side="right")
+        before = np.searchsorted(self._breakpoints, times - (1.0 - _TOLERANCE) * self._step_size, side="right")
         until = np.searchsorted(self._breakpoints, times + _TOLERANCE * self._step_size, side="right")
         self.jumps[first - self.first : self.end - self.first] = until > before
 

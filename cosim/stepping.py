@@ -190,7 +190,7 @@ class Run:
         if status == WANTS_TO_END:
             return f"{entry.function} asked to end the simulation"
         if status == RETURNED_EARLY:
-            return f"{entry.function} returned early, at t = {operation.point_time!r} s"
+            return f"{entry.function} returned early, at t = {operation.rates.contents.time!r} s"
         return str(instance.failure(entry.function, status))
 
 

@@ -50,29 +50,37 @@ TYPES: dict[Any, int] = {
 }
 
 
+class Rates(ctypes.Structure):
+    """How the inputs of an FMU change over a step; see loop.c."""
+
+    _fields_ = (
+        ("previous", POINTER(c_double)),
+        ("per_second", POINTER(c_double)),
+        ("base", POINTER(c_double)),
+        ("orders", POINTER(c_int32)),
+        ("time", c_double),
+    )
+
+
 class Operation(ctypes.Structure):
     """One entry of the table; see loop.c."""
 
     _fields_ = (
-        ("kind", c_int32),
-        ("type", c_int32),
-        ("version", c_int32),
+        ("kind", c_uint8),
+        ("type", c_uint8),
+        ("version", c_uint8),
         ("every", c_int32),
         ("function", c_void_p),
         ("instance", c_void_p),
         ("references", POINTER(c_uint32)),
-        ("n_references", c_int64),
         ("buffer", c_void_p),
-        ("first", c_int64),
-        ("n", c_int64),
         ("sources", POINTER(c_int32)),
         ("targets", POINTER(c_int32)),
-        ("n_targets", c_int64),
-        ("previous", POINTER(c_double)),
-        ("rates", POINTER(c_double)),
-        ("base", POINTER(c_double)),
-        ("orders", POINTER(c_int32)),
-        ("point_time", c_double),
+        ("rates", POINTER(Rates)),
+        ("n_references", c_int32),
+        ("first", c_int32),
+        ("n", c_int32),
+        ("n_targets", c_int32),
     )
 
 
@@ -122,7 +130,7 @@ def loop_library() -> ctypes.CDLL:
     library.loop_sizes.restype = c_size_t
     if library.loop_hash().decode() != source_hash():
         raise LoopLibraryError(f"the compiled loop {LIBRARY} belongs to another version of its source; {_REMEDY}")
-    if (library.loop_sizes(0), library.loop_sizes(1)) != (ctypes.sizeof(Operation), ctypes.sizeof(Loop)):
+    if [library.loop_sizes(i) for i in range(3)] != [ctypes.sizeof(kind) for kind in (Operation, Loop, Rates)]:
         raise LoopLibraryError(f"the compiled loop {LIBRARY} lays out its data in another way than library.py")
     library.loop_perform.argtypes = [POINTER(Loop), POINTER(Operation), c_int64]
     library.loop_run.argtypes = [POINTER(Loop), c_int64, c_int64]

@@ -23,20 +23,23 @@ typedef enum { FLOAT64, FLOAT32, INT8, UINT8, INT16, UINT16, INT32, UINT32, INT6
  * known beforehand, from those at this and at the next point (interpolation): then its column of the samples. */
 enum { EXTRAPOLATED = -1, HELD = -2 };
 
+/* How the inputs of an FMU change over a step. */
 typedef struct {
-    int32_t kind, type, version; /* of FMI: 2 or 3 */
+    double *previous, *per_second, *base; /* values at the last point, rates, values at this point */
+    const int32_t *orders;                /* all 1, as fmi2SetRealInputDerivatives wants them */
+    double time;                          /* of this point */
+} Rates;
+
+typedef struct {
+    uint8_t kind, type, version; /* version of FMI: 2 or 3 */
     int32_t every;               /* takes part in the communication points whose number is a multiple of this */
     void *function, *instance;
     const uint32_t *references;
-    int64_t n_references;
     void *buffer;                /* values in the type of the function; NULL for doubles, which need no copy */
-    int64_t first, n;            /* the values that it gets or sets: contiguous */
     const int32_t *sources, *targets; /* SET: copied first. SAMPLE: columns, positions. GET: targets must be finite.
-                                         RATES: columns or EXTRAPOLATED, positions. */
-    int64_t n_targets;
-    double *previous, *rates, *base; /* RATES: values at the last point, rates per second, values at this point */
-    const int32_t *orders;           /* RATES: all 1, as fmi2SetRealInputDerivatives wants them */
-    double point_time;               /* RATES: of the last point. STEP: where the FMU stopped */
+                                         RATES: columns, EXTRAPOLATED or HELD, and positions. */
+    Rates *rates;                /* RATES. STEP: where `time` is that at which the FMU stopped */
+    int32_t n_references, first, n, n_targets; /* first, n: the values that it gets or sets, contiguous */
 } Operation;
 
 typedef struct {
@@ -51,7 +54,7 @@ typedef struct {
     double *records;
     const int32_t *recorded;
     int64_t n_recorded, record_every, first_record;
-    Operation *at_point, *at_step;
+    const Operation *at_point, *at_step;
     int64_t n_at_point, n_at_step;
     /* where and how it ended */
     int64_t point, failed;
@@ -111,62 +114,64 @@ static bool jumps_within(const Loop *loop, int64_t first, int64_t last) {
 }
 
 /* How fast the inputs of an FMU change over its next step. */
-static int set_rates(const Loop *loop, Operation *op, int64_t point, double time) {
+static int set_rates(const Loop *loop, const Operation *op, int64_t point, double time) {
+    Rates *rates = op->rates;
     double per_second = 1.0 / (op->every * loop->step_size);
     int64_t next = point + op->every, row = next - loop->first_sample;
     bool fresh = point == 0 || jumps_within(loop, point - op->every, point); /* what was before says nothing */
     bool known = row < loop->n_rows && !jumps_within(loop, point, next);
-    for (int64_t i = 0; i < op->n_targets; i++) {
+    for (int32_t i = 0; i < op->n_targets; i++) {
         double value = loop->values[op->targets[i]];
         if (op->sources[i] == HELD)
-            op->rates[i] = 0.0;
+            rates->per_second[i] = 0.0;
         else if (op->sources[i] != EXTRAPOLATED && known)
-            op->rates[i] = (loop->samples[row * loop->n_samples + op->sources[i]] - value) * per_second;
+            rates->per_second[i] = (loop->samples[row * loop->n_samples + op->sources[i]] - value) * per_second;
         else
-            op->rates[i] = fresh ? 0.0 : (value - op->previous[i]) * per_second;
-        op->previous[i] = op->base[i] = value;
+            rates->per_second[i] = fresh ? 0.0 : (value - rates->previous[i]) * per_second;
+        rates->previous[i] = rates->base[i] = value;
     }
-    op->point_time = time;
+    rates->time = time;
     if (op->version == 3) return 0; /* the FMU asks for its inputs during the step */
-    return ((Rates2 *)op->function)(op->instance, op->references, (size_t)op->n_references, op->orders, op->rates);
+    return ((Rates2 *)op->function)(op->instance, op->references, (size_t)op->n_references, rates->orders, rates->per_second);
 }
 
 /* fmi3IntermediateUpdateCallback; the environment of the instance points to a pointer to its RATES operation, if any. */
 EXPORT void intermediate_update(void *environment, double time, bool set_requested, bool get_allowed, bool step_finished, bool can_return_early,
                                 bool *return_early, double *return_time) {
     (void)get_allowed, (void)step_finished, (void)can_return_early;
-    Operation *op = environment ? *(Operation **)environment : NULL;
+    const Operation *op = environment ? *(const Operation **)environment : NULL;
     *return_early = false;
     *return_time = time;
     if (!set_requested || !op) return;
-    for (int64_t i = 0; i < op->n; i++) ((double *)op->buffer)[i] = op->base[i] + (time - op->point_time) * op->rates[i];
+    const Rates *rates = op->rates;
+    for (int32_t i = 0; i < op->n; i++) ((double *)op->buffer)[i] = rates->base[i] + (time - rates->time) * rates->per_second[i];
     ((Exchange3 *)op->function)(op->instance, op->references, (size_t)op->n_references, op->buffer, (size_t)op->n);
 }
 
-static int do_step(Operation *op, double time, double step) {
+static int do_step(const Operation *op, double time, double step) {
     if (op->version == 2) return ((Step2 *)op->function)(op->instance, time, step, 1);
     bool event = false, terminate = false, early = false;
     double last_time = time;
     int status = ((Step3 *)op->function)(op->instance, time, step, true, &event, &terminate, &early, &last_time);
-    op->point_time = last_time; /* for the report of an early return */
+    op->rates->time = last_time; /* for the report of an early return */
     return status > 1 ? status : terminate ? WANTS_TO_END : early ? RETURNED_EARLY : status;
 }
 
-static int perform(const Loop *loop, Operation *op, int64_t point, double time) {
+static int perform(const Loop *loop, const Operation *op, int64_t point, double time) {
     double *values = loop->values;
     int status;
     switch ((Kind)op->kind) {
         case SAMPLE: {
             const double *row = loop->samples + (point - loop->first_sample) * loop->n_samples;
-            for (int64_t i = 0; i < op->n_targets; i++) values[op->targets[i]] = row[op->sources[i]];
+            for (int32_t i = 0; i < op->n_targets; i++) values[op->targets[i]] = row[op->sources[i]];
             return 0;
         }
         case SET:
-            for (int64_t i = 0; i < op->n_targets; i++) values[op->targets[i]] = values[op->sources[i]];
+            for (int32_t i = 0; i < op->n_targets; i++) values[op->targets[i]] = values[op->sources[i]];
             return exchange(op, values, true);
         case GET:
             status = exchange(op, values, false);
-            for (int64_t i = 0; status <= 1 && i < op->n_targets; i++)
+            for (int32_t i = 0; status <= 1 && i < op->n_targets; i++)
                 if (!is_finite(values[op->targets[i]])) return NOT_FINITE;
             return status;
         case RATES:
@@ -178,7 +183,7 @@ static int perform(const Loop *loop, Operation *op, int64_t point, double time) 
 }
 
 /* Perform operations at a communication point; false, with the reason in `loop`, when one fails. */
-static bool perform_all(Loop *loop, Operation operations[], int64_t n, int64_t point, bool at_step) {
+static bool perform_all(Loop *loop, const Operation operations[], int64_t n, int64_t point, bool at_step) {
     double time = loop->start_time + (double)point * loop->step_size;
     for (int64_t k = 0; k < n; k++) {
         if (operations[k].every > 1 && point % operations[k].every) continue; /* a division costs more than a call */
@@ -196,10 +201,10 @@ static bool perform_all(Loop *loop, Operation operations[], int64_t n, int64_t p
 
 EXPORT const char *loop_hash(void) { return LOOP_HASH; }
 
-EXPORT size_t loop_sizes(int which) { return which ? sizeof(Loop) : sizeof(Operation); }
+EXPORT size_t loop_sizes(int which) { return which == 0 ? sizeof(Operation) : which == 1 ? sizeof(Loop) : sizeof(Rates); }
 
 /* Perform operations once, before the first communication point. */
-EXPORT bool loop_perform(Loop *loop, Operation operations[], int64_t n) { return perform_all(loop, operations, n, 0, false); }
+EXPORT bool loop_perform(Loop *loop, const Operation operations[], int64_t n) { return perform_all(loop, operations, n, 0, false); }
 
 /* Go through the communication points first ... end - 1, with a step after each but the last one of the run. */
 EXPORT bool loop_run(Loop *loop, int64_t first, int64_t end) {

@@ -1,0 +1,90 @@
+"""All measurements in one go: `python -m benchmarks [--out DIR] [--only NAME]`; takes about ten minutes.
+
+Writes benchmarks.txt and benchmarks.json. Other masters are the project's extra `peers`; one that is not installed is
+named with the reason.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import sys
+from collections.abc import Callable
+from datetime import UTC, datetime
+from pathlib import Path
+
+from tqdm import tqdm
+
+from benchmarks.coupling import measure_coupling
+from benchmarks.loop import measure_loop, measure_pythonfmu
+from benchmarks.masters import measure_masters
+from benchmarks.measure import Section
+from benchmarks.plant_step import measure_plant_step
+from benchmarks.scaling import measure_chain, measure_program
+from cosim.robot.fmus import FLAVOURS, build
+from cosim.versions import versions
+
+PARTS: dict[str, Callable[[Path], Section | list[Section]]] = {
+    "plant-step": measure_plant_step,
+    "loop": measure_loop,
+    "pythonfmu": measure_pythonfmu,
+    "coupling": measure_coupling,
+    "chain": lambda _: measure_chain(),
+    "program": measure_program,
+    "masters": measure_masters,
+}
+
+
+def main() -> int:
+    """Measure and write; returns 0 when all that must hold does."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
+    parser.add_argument("--out", type=Path, default=Path("benchmarks/results"), metavar="DIR")
+    parser.add_argument("--fmus", type=Path, default=Path("fmus"), metavar="DIR", help="built when missing or outdated")
+    parser.add_argument("--only", choices=PARTS, action="append", help="part to run (default all)")
+    options = parser.parse_args()
+    for flavour in FLAVOURS:
+        build(options.fmus, flavour)
+    sections: list[Section] = []
+    for name in tqdm(options.only or PARTS, desc="measuring", disable=None):
+        found = PARTS[name](options.fmus)
+        sections += found if isinstance(found, list) else [found]
+        print(text_of(sections[-1]) if not isinstance(found, list) else "\n".join(map(text_of, found)), flush=True)
+    machine = {
+        **versions(),
+        "processor": processor(),
+        "cores": os.cpu_count(),
+        "date": datetime.now(UTC).isoformat("T", "minutes"),
+    }
+    options.out.mkdir(parents=True, exist_ok=True)
+    head = "\n".join(f"{key}: {value}" for key, value in machine.items())
+    (options.out / "benchmarks.txt").write_text(head + "\n\n" + "\n".join(map(text_of, sections)), encoding="utf-8")
+    data = {"machine": machine, "sections": {s.title: {"data": s.data, "verdicts": s.verdicts} for s in sections}}
+    (options.out / "benchmarks.json").write_text(json.dumps(data, indent=1, default=str) + "\n", encoding="utf-8")
+    print(f"written: {options.out / 'benchmarks.txt'}, {options.out / 'benchmarks.json'}")
+    return int(not all(holds for s in sections for _, holds in s.verdicts))
+
+
+def text_of(section: Section) -> str:
+    """A section as Markdown, readable as text."""
+    widths = [max(len(row[i]) for row in (section.header, *section.rows)) for i in range(len(section.header))]
+    lines = [
+        "| " + " | ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)) + " |"
+        for row in (section.header, tuple("-" * w for w in widths), *section.rows)
+    ]
+    verdicts = [f"- {'holds' if holds else 'DOES NOT HOLD'}: {text}" for text, holds in section.verdicts]
+    return "\n".join([f"## {section.title}", "", section.method, "", *lines, "", *verdicts, ""])
+
+
+def processor() -> str:
+    """Name of the processor."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+        return next(line.partition(": ")[2] for line in lines if line.startswith("model name"))
+    except (OSError, StopIteration):
+        return platform.processor() or platform.machine()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

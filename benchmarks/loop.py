@@ -1,0 +1,100 @@
+"""Our loop against one C program of the same arithmetic, and against the pythonfmu FMUs' own time."""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.bare import bare_times
+from benchmarks.measure import Section, interleaved, ratio
+from benchmarks.monolith import COLUMNS, Monolith
+from benchmarks.system import STEP, STOP_TIME, disturbed
+from cosim import Simulation
+
+ROUNDS = 11
+
+
+def loop_time(simulation: Simulation) -> Callable[[], float]:
+    """A run that returns the time of its loop."""
+    return lambda: float(simulation.run(STOP_TIME, STEP).info["loop_time_s"])
+
+
+def measure_loop(folder: Path) -> Section:
+    """Native FMUs against the monolith."""
+    scenario, monolith, n = disturbed(), Monolith(), round(STOP_TIME / STEP)
+    with (
+        Simulation(scenario.system(folder, "fmi2")) as linear,
+        Simulation(scenario.system(folder, "fmi2"), coupling="hold") as held,
+        Simulation(scenario.system(folder, "fmi3")) as version_3,
+    ):
+        results = linear.run(STOP_TIME, STEP)
+        signals = np.column_stack([results["plant.tau_d"], results["plant.dm"]])
+        jumps = np.zeros(n + 1, dtype=np.uint8)
+        jumps[[0, round(4.0 / STEP)]] = 1  # the start, and where the disturbance sets in
+
+        def one_program() -> float:
+            began = time.perf_counter()
+            monolith.run(n, STEP, signals, jumps)
+            return time.perf_counter() - began
+
+        def whole_run() -> float:
+            began = time.perf_counter()
+            linear.run(STOP_TIME, STEP)
+            return time.perf_counter() - began
+
+        record = monolith.run(n, STEP, signals, jumps)
+        difference = max(np.abs(record[:, i] - results[name]).max() for i, name in enumerate(COLUMNS))
+        seconds = interleaved(
+            {
+                "one C program, inputs linear": one_program,
+                "our master, FMI 2, inputs linear": loop_time(linear),
+                "our master, FMI 2, inputs held": loop_time(held),
+                "our master, FMI 3, inputs linear (intermediate update)": loop_time(version_3),
+                "a whole Simulation.run, FMI 2, inputs linear": whole_run,
+            },
+            ROUNDS,
+        )
+    names = list(seconds)
+    against = {name: ratio(values, seconds[names[0]]) for name, values in seconds.items()}
+    rate = 1.0 / statistics.median(seconds[names[-1]])
+    return Section(
+        "Our loop against one C program",
+        f"15 s at 1 ms, mass change and disturbance, {len(COLUMNS)} values recorded at each point; medians of {ROUNDS} "
+        "interleaved runs. The C program is generated from the same models, a file each, and gives the same numbers "
+        f"(largest difference {difference:.1e}).",
+        ("what", "ms a run", "us a step", "ratio"),
+        [
+            (n, f"{statistics.median(v) * 1e3:.1f}", f"{statistics.median(v) / 15e-3:.2f}", f"{against[n]:.2f}")
+            for n, v in seconds.items()
+        ],
+        {"seconds": seconds, "ratios": against, "runs_per_second": rate},
+        [
+            (f"our master / one C program: {against[names[1]]:.2f}, at most 1.25", against[names[1]] <= 1.25),
+            (f"complete runs a second through Simulation.run: {rate:.1f}, at least 30", rate >= 30.0),
+        ],
+    )
+
+
+def measure_pythonfmu(folder: Path) -> Section:
+    """The pythonfmu flavour: our master against the FMUs called in a bare loop."""
+    scenario, steps = disturbed(), 2000
+    with Simulation(scenario.system(folder, "pythonfmu")) as simulation:
+
+        def ours() -> float:
+            return float(simulation.run(steps * STEP, STEP).info["loop_time_s"])
+
+        seconds = interleaved({"our master": ours, "bare loop": lambda: bare_times(folder, "pythonfmu", steps)}, 7)
+    against = ratio(seconds["our master"], seconds["bare loop"])
+    return Section(
+        "With pythonfmu FMUs",
+        f"{steps} steps of the same system; the bare loop makes the same calls (set inputs, do step, get outputs) with "
+        "constant inputs and nothing between them. Medians of 7 interleaved runs.",
+        ("what", "us a step"),
+        [(n, f"{statistics.median(v) / steps * 1e6:.1f}") for n, v in seconds.items()],
+        {"seconds": seconds, "ratio": against},
+        [(f"our master / the FMUs alone: {against:.2f}, at most 1.1", against <= 1.1)],
+    )

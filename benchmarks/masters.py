@@ -1,0 +1,202 @@
+"""Our master against others on the same FMU files: equal work, and time to equal accuracy."""
+
+from __future__ import annotations
+
+import importlib
+import statistics
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.measure import Section, ratio
+from benchmarks.peers import PEERS
+from benchmarks.peers.case import Case, PeerRun
+from benchmarks.system import STEP, STOP_TIME, case, undisturbed
+from cosim import Simulation
+from tests.continuous_loop import end_effector, solve
+
+ROUNDS = 5
+ACCURACY = 1e-6  # m
+#: Peers that take longer than this (s) for one run of the time to accuracy are left out of it, with the reason.
+PATIENCE = 60.0
+EVERY = 0.06  # s, where paths are compared: points of all steps used
+
+
+class PeerFailed(Exception):
+    """A peer did not finish; one line says why."""
+
+
+def run_peer(name: str, given: Case) -> PeerRun:
+    """One run in a process of its own."""
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
+        case_file, out = Path(folder) / "case.json", Path(folder) / "out.npz"
+        given.to_json(case_file)
+        command = [sys.executable, "-m", "benchmarks.peers", name, str(case_file), str(out)]
+        done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=1800)
+        if not out.is_file():
+            raise PeerFailed((done.stderr.strip().splitlines() or [f"exit code {done.returncode}"])[-1])
+        return PeerRun.from_npz(out)
+
+
+def available() -> tuple[list[str], dict[str, str]]:
+    """Peers that can run here, and why the others can't."""
+    reasons = {name: importlib.import_module(f"benchmarks.peers.{name}").unavailable() for name in PEERS}
+    return [n for n, r in reasons.items() if r is None], {n: r for n, r in reasons.items() if r is not None}
+
+
+def _version(name: str) -> str:
+    package = importlib.import_module(f"benchmarks.peers.{name}").PACKAGE
+    try:
+        return f"{package} {version(package)}"
+    except PackageNotFoundError:
+        return str(package)
+
+
+def reference_path() -> np.ndarray:
+    """End effector (n, 2) of the continuous loop, every `EVERY` seconds."""
+    times = np.arange(round(STOP_TIME / EVERY) + 1) * EVERY
+    return end_effector(solve(times, lambda _: np.zeros(4), [], rtol=1e-11))
+
+
+def error(times: np.ndarray, path: np.ndarray, reference: np.ndarray) -> float:
+    """Largest distance (m) from the continuous loop."""
+    points = np.round(times / EVERY).astype(int)
+    compared = np.abs(times - points * EVERY) < 1e-9
+    return float(np.hypot(*(path[compared] - reference[points[compared]]).T).max())
+
+
+def measure_masters(folder: Path) -> list[Section]:
+    """Equal work, then equal accuracy."""
+    peers, missing = available()
+    reference = reference_path()
+    with (
+        Simulation(undisturbed(folder), coupling="hold") as held,
+        Simulation(undisturbed(folder), coupling="linear") as linear,
+        Simulation(undisturbed(folder), coupling="linear", record=["plant.x_E", "plant.y_E"]) as path_only,
+    ):
+
+        def ours(simulation: Simulation, step: float = STEP) -> Callable[[], tuple[float, float]]:
+            def run() -> tuple[float, float]:
+                r = simulation.run(STOP_TIME, step)
+                path = np.column_stack([r["plant.x_E"], r["plant.y_E"]])
+                return r.info["loop_time_s"], error(r.time, path, reference)
+
+            return run
+
+        def theirs(name: str, step: float = STEP, only_path: bool = False) -> Callable[[], tuple[float, float]]:
+            def run() -> tuple[float, float]:
+                r = run_peer(name, case(folder, step, path_only=only_path))
+                return r.loop_time_s, error(r.time, np.column_stack([r.x_E, r.y_E]), reference)
+
+            return run
+
+        equal_work = _equal_work(
+            {"ours, inputs linear": ours(linear), "ours, inputs held": ours(held)},
+            {n: theirs(n) for n in peers},
+            missing,
+        )
+        errors: dict[str, float] = equal_work.data["errors"]  # type: ignore[assignment]
+        return [equal_work, _equal_accuracy(ours(path_only, 2e-3), theirs, errors, equal_work)]
+
+
+def _equal_work(
+    ours: dict[str, Callable[[], tuple[float, float]]],
+    theirs: dict[str, Callable[[], tuple[float, float]]],
+    missing: dict[str, str],
+) -> Section:
+    calls = {**ours, **theirs}
+    seconds: dict[str, list[float]] = {name: [] for name in calls}
+    errors: dict[str, float] = {}
+    for _ in range(ROUNDS):
+        for name, call in list(calls.items()):
+            try:
+                taken, errors[name] = call()
+            except PeerFailed as failure:
+                missing[name] = f"failed: {failure}"
+                del calls[name], seconds[name]
+                continue
+            seconds[name].append(taken)
+    mine = seconds["ours, inputs linear"]
+    against = {name: ratio(values, mine) for name, values in seconds.items()}
+    peers = {n: r for n, r in against.items() if n not in ours}
+    rows = [
+        (
+            n,
+            "" if n in ours else _version(n),
+            f"{statistics.median(v) * 1e3:.0f}",
+            f"{against[n]:.1f}",
+            f"{errors[n]:.1e}",
+        )
+        for n, v in sorted(seconds.items(), key=lambda item: statistics.median(item[1]))
+    ]
+    rows += [(name, reason, "-", "-", "-") for name, reason in missing.items()]
+    verdicts = []
+    if peers:
+        fastest = min(peers, key=lambda n: peers[n])
+        verdicts.append(
+            (f"the fastest other master ({fastest}) / ours: {peers[fastest]:.1f}, at least 2", peers[fastest] >= 2)
+        )
+    for name, least in (("libcosim", 8), ("omsimulator", 8), ("fmpy_loop", 20)):
+        if name in peers:
+            verdicts.append((f"{name} / ours: {peers[name]:.1f}, at least {least}", peers[name] >= least))
+    return Section(
+        "Other masters, equal work",
+        f"15 s at 1 ms without disturbance (not every master can feed signals), FMI 2.0 FMUs, inputs and outputs "
+        f"recorded where the master can; medians of {ROUNDS} interleaved runs, each peer in its own process, set-up "
+        "excluded. Error: largest distance of the end effector from the continuous loop.",
+        ("master", "version, or why not", "ms a run", "/ ours", "error (m)"),
+        rows,
+        {"seconds": seconds, "ratios": against, "errors": errors, "missing": missing},
+        verdicts,
+    )
+
+
+def _equal_accuracy(
+    mine: Callable[[], tuple[float, float]],
+    theirs: Callable[[str, float, bool], Callable[[], tuple[float, float]]],
+    errors: dict[str, float],
+    equal_work: Section,
+) -> Section:
+    """The longest step of each master that stays below the accuracy, from its first-order error; then verified."""
+    times: dict[str, list[float]] = equal_work.data["seconds"]  # type: ignore[assignment]
+    rows, data, verdicts = [], {}, []
+    taken, found = zip(*(mine() for _ in range(ROUNDS)), strict=True)
+    fastest = statistics.median(taken)
+    rows.append(("ours, inputs linear", "2", f"{max(found):.1e}", f"{fastest * 1e3:.1f}", "1"))
+    data["ours"] = {"step": 2e-3, "error": max(found), "seconds": taken}
+    assert max(found) < ACCURACY
+    for name in times:
+        if name.startswith("ours"):
+            continue
+        step = EVERY / np.ceil(EVERY / (STEP * 0.97 * ACCURACY / errors[name]))
+        expected = statistics.median(times[name]) * STEP / step
+        if expected > PATIENCE:
+            rows.append(
+                (name, f"{step * 1e3:.3g}", "-", f"not run, about {expected:.0f} s", f"about {expected / fastest:.0f}")
+            )
+            continue
+        try:
+            seconds, reached = theirs(name, float(step), True)()
+        except PeerFailed as failure:
+            rows.append((name, f"{step * 1e3:.3g}", "-", f"failed: {failure}", "-"))
+            continue
+        rows.append((name, f"{step * 1e3:.3g}", f"{reached:.1e}", f"{seconds * 1e3:.0f}", f"{seconds / fastest:.0f}"))
+        data[name] = {"step": step, "error": reached, "seconds": seconds}
+        verdicts.append(
+            (f"{name} / ours: {seconds / fastest:.0f}, at least 100 (error {reached:.1e} m)", seconds / fastest >= 100)
+        )
+    return Section(
+        "Time to accuracy",
+        f"The same run with the end effector within {ACCURACY:g} m of the continuous loop over 15 s; each with its "
+        "longest step that is accurate enough (from its error at 1 ms, of first order for all others), recording "
+        "the path only. One run each, ours the median of several.",
+        ("master", "step (ms)", "error (m)", "ms a run", "/ ours"),
+        rows,
+        data,
+        verdicts,
+    )

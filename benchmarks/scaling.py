@@ -1,0 +1,99 @@
+"""How cost grows: with the number of FMUs, the length of a run, and at the start of the program."""
+
+from __future__ import annotations
+
+import json
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from benchmarks.measure import Section
+from cosim import Simulation, System
+from fmu_export.model import DefaultExperiment, Layout, Model, Variable
+from fmu_export.native_backend import build_native
+
+GAIN = Model(
+    name="Gain",
+    description="y = 0.5 u",
+    parameters=Layout([Variable("K", "1", "Gain", start=0.5)]),
+    inputs=Layout([Variable("u", "1", "Input")]),
+    outputs=Layout([Variable("y", "1", "Output")]),
+    states=(),
+    initial_state=lambda p: p[:0],
+    derivatives=lambda t, x, u, p: x,
+    output_values=lambda t, x, u, p: p[:1] * u,
+    default_experiment=DefaultExperiment(stop_time=1.0, step_size=1e-3),
+)
+
+
+def measure_chain() -> Section:
+    """A chain of gains."""
+    counts, times = (1, 10, 100, 1000), {}
+    with tempfile.TemporaryDirectory() as folder:
+        fmu = build_native(GAIN, Path(folder), "fmi2")
+        for n in counts:
+            system = System()
+            for i in range(n):
+                system.add(f"g{i}", fmu, start={"u": 1.0} if i == 0 else None)
+                if i:
+                    system.connect(f"g{i - 1}.y", f"g{i}.u")
+            steps = 2_000_000 // n // 10 if n > 1 else 100_000
+            with Simulation(system, coupling="hold", record=[f"g{n - 1}.y"]) as simulation:
+                loops = [simulation.run(steps * 1e-3, 1e-3).info["loop_time_s"] / steps for _ in range(7)]
+            times[n] = statistics.median(loops)
+    each = {n: t / n for n, t in times.items()}
+    factor = each[1000] / each[10]
+    return Section(
+        "Number of FMUs",
+        "A chain of gains, one instance each of one FMI 2.0 FMU; medians of 7 runs.",
+        ("instances", "us a step", "ns a step and instance"),
+        [(str(n), f"{times[n] * 1e6:.2f}", f"{each[n] * 1e9:.1f}") for n in counts],
+        {"seconds_per_step": {str(n): t for n, t in times.items()}},
+        [(f"cost of a connection, 1000 instances / 10 instances: {factor:.2f}, at most 1.5", factor <= 1.5)],
+    )
+
+
+def _cosim(arguments: list[str], folder: Path) -> tuple[float, float]:
+    """Wall time (s) and largest resident memory (MB) of a call of the program."""
+    code = (
+        "import resource, subprocess, sys\n"
+        "done = subprocess.run(sys.argv[1:], capture_output=True)\n"
+        "print(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)\n"
+        "sys.exit(done.returncode)\n"
+    )
+    command = [sys.executable, "-c", code, sys.executable, "-m", "cosim", *arguments]
+    began = time.perf_counter()
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=True)
+    return time.perf_counter() - began, int(done.stdout) / 1024
+
+
+def measure_program(fmus: Path) -> Section:
+    """`cosim run` as its users start it, and an hour of simulated time."""
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = Path(temporary)
+        options = ["run", "--fmus", str(fmus.resolve()), "--flavour", "fmi2"]
+        starts = [_cosim([*options, "--out", "warm"], folder) for _ in range(6)][1:]
+        loop = json.loads((folder / "warm/summary.json").read_text(encoding="utf-8"))["loop_time_s"]
+        hour, memory = _cosim([*options, "--stop", "3600", "--format", "parquet", "--out", "hour"], folder)
+        size = (folder / "hour/results.parquet").stat().st_size
+    warm = statistics.median(t for t, _ in starts)
+    return Section(
+        "The program",
+        "`cosim run` from the start of the process to results, summary and figures on the disk, median of 5 after one "
+        "one; and an hour of simulated time, 3.6 million steps, everything recorded in a Parquet file.",
+        ("what", "seconds", "largest memory (MB)"),
+        [
+            ("cosim run", f"{warm:.2f} (loop {loop:.3f})", f"{statistics.median(m for _, m in starts):.0f}"),
+            (f"cosim run --stop 3600 --format parquet ({size / 1e9:.1f} GB)", f"{hour:.1f}", f"{memory:.0f}"),
+        ],
+        {"warm_s": [t for t, _ in starts], "loop_s": loop, "hour_s": hour, "hour_MB": memory},
+        [
+            (f"cosim run from a warm start: {warm:.2f} s, under 2 s", warm < 2.0),
+            (f"its loop: {loop:.3f} s, under 0.1 s", loop < 0.1),
+            (f"an hour: {hour:.0f} s, well under a minute", hour < 45.0),
+            (f"memory of the hour: {memory:.0f} MB, under 500 MB", memory < 500.0),
+        ],
+    )

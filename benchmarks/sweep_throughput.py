@@ -1,0 +1,204 @@
+"""What a sweep adds to the runs themselves: `python benchmarks/sweep_throughput.py [--fmus DIR] [--json FILE]`.
+
+Rates of one worker process and of one for each core against a bare loop of `Simulation.run` that records the same,
+interleaved in one run; ratios are medians over rounds. Then what one task costs a scheduler, the network and the
+memory, with the scheduler and each worker in a process of its own.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from multiprocessing import get_context
+from pathlib import Path
+
+import numpy as np
+import psutil
+
+from cosim.robot.fmus import build_missing
+from cosim.robot.scenario import load_scenario
+from cosim.robot.sweep import RobotStudy, robot_study
+from cosim.sweep import sizes
+from cosim.sweep.design import Points, design
+from cosim.sweep.engine import sweep
+from cosim.sweep.factors import Range
+
+FACTORS = (Range("controller.alpha", 0.5, 3.0), Range("controller.beta", 1.0, 2.0))
+
+#: Runs in a task of the second part: as many as in a task of 1.5 s with runs of 40 ms.
+RUNS_IN_A_TASK = 40
+
+CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def points_of(n: int, seed: int) -> Points:
+    """Gains, as a user would vary them."""
+    return design("lhs", FACTORS, n, seed)
+
+
+def bare_loop(study: RobotStudy, files: dict[str, Path], n: int, seed: int) -> float:
+    """Runs a second of a plain loop in this process, the first run excluded."""
+    columns = points_of(n, seed).take(np.arange(n))
+    with study.simulation(study.case({}).variant, files.__getitem__) as simulation:
+        case = study.case({})
+        simulation.run(case.stop_time, case.step_size)
+        began = time.perf_counter()
+        for k in range(n):
+            simulation.run(case.stop_time, case.step_size, start={name: v[k] for name, v in columns.items()})
+        return n / (time.perf_counter() - began)
+
+
+def bare_loops(study: RobotStudy, files: dict[str, Path], n: int, seed: int) -> float:
+    """Runs a second of plain loops in as many processes as there are cores: what the machine gives."""
+    with ProcessPoolExecutor(CORES, mp_context=get_context("spawn")) as pool:
+        return sum(pool.map(bare_loop, *zip(*[(study, files, n, seed)] * CORES, strict=True)))
+
+
+def swept(study: RobotStudy, files: dict[str, Path], n: int, seed: int, workers: int) -> float:
+    """Runs a second of a sweep on this machine's own workers, from the first point sent to the last row on disk."""
+    with tempfile.TemporaryDirectory() as folder:
+        outcome = sweep(study, files, points_of(n, seed), Path(folder) / "out", workers=workers)
+    return outcome.runs / outcome.seconds
+
+
+def rates(study: RobotStudy, files: dict[str, Path], n: int, rounds: int) -> dict[str, list[float]]:
+    """Runs a second of each way, round by round."""
+    ways: dict[str, Callable[[int], float]] = {
+        "bare loop": lambda seed: bare_loop(study, files, n // 2, seed),
+        "sweep, 1 worker": lambda seed: swept(study, files, n, seed, 1),
+        f"bare loops, {CORES} processes": lambda seed: bare_loops(study, files, n // 2, seed),
+        f"sweep, {CORES} workers": lambda seed: swept(study, files, CORES * n, seed, CORES),
+    }
+    found: dict[str, list[float]] = {way: [] for way in ways}
+    for seed in range(rounds):
+        for way, rate in ways.items():
+            found[way].append(rate(seed))
+    return found
+
+
+@contextmanager
+def cluster(folder: Path, workers: int) -> Iterator[tuple[str, psutil.Process, list[psutil.Process]]]:
+    """A scheduler and workers in processes of their own."""
+    file = folder / "scheduler.json"
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    python = [sys.executable, "-m"]
+    scheduler = [*python, "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard"]
+    worker = [*python, "distributed.cli.dask_worker", "--nthreads", "1", "--no-nanny", "--no-dashboard"]
+    started = [subprocess.Popen([*scheduler, "--scheduler-file", str(file)], **quiet)]
+    try:
+        while not file.is_file() or not file.read_text():
+            time.sleep(0.05)
+        address = json.loads(file.read_text())["address"]
+        command = [*worker, "--local-directory", str(folder), address]
+        started += [subprocess.Popen(command, **quiet) for _ in range(workers)]
+        processes = [psutil.Process(p.pid) for p in started]
+        yield address, processes[0], processes[1:]
+    finally:
+        for process in started:
+            process.terminate()
+            process.wait()
+
+
+def cpu(process: psutil.Process) -> float:
+    """CPU time (s) that a process has used."""
+    times = process.cpu_times()
+    return float(times.user + times.system)
+
+
+def loopback() -> int:
+    """Bytes that have gone over the loopback interface, whoever sent them."""
+    return psutil.net_io_counters(pernic=True)["lo"].bytes_sent if "lo" in psutil.net_if_stats() else 0
+
+
+def loads(study: RobotStudy, files: dict[str, Path], tasks: int) -> dict[str, float]:
+    """What tasks of many short runs cost besides the runs, and what rows take on disk.
+
+    A task of 40 runs costs the scheduler the same whatever its runs take, so short ones show it soon.
+    """
+    scenarios = {name: dataclasses.replace(s, stop_time=0.01) for name, s in study.scenarios.items()}
+    short = dataclasses.replace(study, scenarios=scenarios)
+    sizes._BATCH_TIME, sizes._MOST_RUNS = 1e9, RUNS_IN_A_TASK
+    own = psutil.Process()
+    with tempfile.TemporaryDirectory() as name, cluster(Path(name), CORES) as (address, scheduler, workers):
+        sweep(short, files, points_of(CORES, 0), Path(name) / "first", scheduler=address)  # all have started
+        idle, sent, began = cpu(scheduler), loopback(), time.perf_counter()
+        time.sleep(5.0)
+        seconds = time.perf_counter() - began
+        idle, idle_sent = (cpu(scheduler) - idle) / seconds, (loopback() - sent) / seconds
+        before, mine, sent = cpu(scheduler), cpu(own), loopback()
+        outcome = sweep(short, files, points_of(tasks * RUNS_IN_A_TASK, 1), Path(name) / "second", scheduler=address)
+        used, mine, sent = cpu(scheduler) - before, cpu(own) - mine, loopback() - sent
+        rows = outcome.summary.done
+        parts = list((Path(name) / "second" / "results").iterdir())
+        return {
+            "scheduler CPU, ms a task": 1e3 * (used - idle * outcome.seconds) / tasks,
+            "scheduler CPU when idle, ms a second": 1e3 * idle,
+            "submitting process CPU, ms a task": 1e3 * mine / tasks,
+            "network (two hops each way), kB a task": 1e-3 * (sent - idle_sent * outcome.seconds) / tasks,
+            "scheduler memory, MB": 1e-6 * scheduler.memory_info().rss,
+            "worker memory after short runs, MB": 1e-6 * max(w.memory_info().rss for w in workers),
+            "result files, bytes a row": sum(p.stat().st_size for p in parts) / rows,
+            "plan, bytes a point": (Path(name) / "second" / "plan.parquet").stat().st_size / rows,
+            "FMUs and study, kB a worker": 1e-3 * sum(p.stat().st_size for p in files.values()),
+        }
+
+
+def worker_memory(study: RobotStudy, files: dict[str, Path], n: int) -> float:
+    """Largest resident memory (MB) of a worker in a sweep of full runs."""
+    with tempfile.TemporaryDirectory() as name, cluster(Path(name), CORES) as (address, _, workers):
+        largest = [0.0]
+
+        def look(*_: int) -> None:
+            largest[0] = max(largest[0], *(1e-6 * w.memory_info().rss for w in workers))
+
+        sweep(study, files, points_of(n, 0), Path(name) / "out", scheduler=address, progress=look)
+        return largest[0]
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--fmus", type=Path, default=Path("fmus"), metavar="DIR")
+    parser.add_argument("--points", type=int, default=300, help="runs of a sweep for each worker (default %(default)s)")
+    parser.add_argument("--rounds", type=int, default=7, help="default %(default)s")
+    parser.add_argument("--tasks", type=int, default=1000, help="tasks of the second part (default %(default)s)")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write all figures there")
+    options = parser.parse_args()
+    build_missing(options.fmus, "fmi2")
+    study, files = robot_study({"tracking": load_scenario("tracking")}, options.fmus, ["fmi2"], {}, "auto")
+    found = rates(study, files, options.points, options.rounds)
+    one, many = (found[way] for way in ("sweep, 1 worker", f"sweep, {CORES} workers"))
+    bare, bares = found["bare loop"], found[f"bare loops, {CORES} processes"]
+    print(f"{'runs of 15,000 steps a second':<44}{'median':>9}{'least':>9}{'most':>9}")
+    for way, values in found.items():
+        print(f"{way:<44}{statistics.median(values):>9.1f}{min(values):>9.1f}{max(values):>9.1f}")
+    ratios = {
+        f"sweep, {CORES} workers / sweep, 1 worker": [b / a for a, b in zip(one, many, strict=True)],
+        f"bare loops, {CORES} processes / bare loop": [b / a for a, b in zip(bare, bares, strict=True)],
+        "sweep, 1 worker / bare loop": [b / a for a, b in zip(bare, one, strict=True)],
+        f"sweep, {CORES} workers / bare loops, {CORES} processes": [b / a for a, b in zip(bares, many, strict=True)],
+        f"sweep, {CORES} workers / ({CORES} x bare loop)": [b / a / CORES for a, b in zip(bare, many, strict=True)],
+    }
+    print(f"\n{'ratios, median over rounds':<44}{'median':>9}{'least':>9}{'most':>9}")
+    for name, values in ratios.items():
+        print(f"{name:<44}{statistics.median(values):>9.3f}{min(values):>9.3f}{max(values):>9.3f}")
+    figures = {"worker memory, MB": worker_memory(study, files, 100), **loads(study, files, options.tasks)}
+    print(f"\ntasks of {RUNS_IN_A_TASK} runs")
+    for name, value in figures.items():
+        print(f"{name:<44}{value:>9.3g}")
+    if options.json:
+        options.json.write_text(json.dumps({"rates": found, "ratios": ratios, "figures": figures}, indent=2) + "\n")
+
+
+if __name__ == "__main__":
+    main()
