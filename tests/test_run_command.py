@@ -28,6 +28,7 @@ from cosim.results import Results
 from cosim.robot import figures, fmus
 from cosim.robot.fmus import FLAVOURS, fmu_path
 from cosim.robot.models import MODELS
+from cosim.stored import StoredResults
 from fmu_export.record import RECORD
 from tests.conftest import DEFAULT_FLAVOUR
 
@@ -622,3 +623,69 @@ def test_the_contract_names_three_flavours(here):
 def test_a_start_value_of_a_fed_input_is_refused(here, capsys, path):
     assert main(["run", "--stop", "0.01", "--set", f"{path}=0.1"]) == 1
     assert f"'{path}' is fed by a connection or a signal" in capsys.readouterr().err
+
+
+# Recording, formats, pacing
+
+
+def test_chosen_variables_at_chosen_points_in_chosen_formats(here, no_figures):
+    options = ["--record", "plant.x_E", "--record", "plant.theta_a", "--record-every", "5"]
+    assert main(["run", "--stop", "0.1", *options, "--format", "npz", "--format", "csv"]) == 0
+    results = Results.from_csv("results/tracking/results.csv")
+    assert results.names == ["plant.x_E", *(f"plant.theta_a[{i}]" for i in (1, 2, 3))]
+    assert results.time.tolist() == [5 * i * 1e-3 for i in range(21)]
+    assert (np.load("results/tracking/results.npz")["values"] == results.values).all()
+    assert summary_of()["record_every"] == 5
+
+
+@pytest.mark.parametrize("formats", [[], ["--format", "parquet"]])
+def test_a_long_run_goes_to_the_disk_and_says_the_same(here, no_figures, monkeypatch, formats):
+    assert main(["run", "--stop", "0.2", "--out", "short"]) == 0
+    monkeypatch.setattr(run_command, "MOST_VALUES_IN_MEMORY", 1000)
+    assert main(["run", "--stop", "0.2", "--out", "long", *formats]) == 0
+    short = Results.from_csv("short/results.csv")
+    stored = StoredResults(Path("long/results.parquet"), {})
+    assert all((stored[name] == short[name]).all() for name in ("time", *short.names))
+    assert summary_of("long")["metrics"] == summary_of("short")["metrics"]
+    assert Path("long/results.csv").exists() == (not formats)
+    if not formats:
+        assert Path("long/results.csv").read_bytes() == Path("short/results.csv").read_bytes()
+
+
+def test_a_long_run_that_fails_keeps_what_it_had(here, no_figures, capsys, monkeypatch):
+    Path("mine.toml").write_text(INDEFINITE, encoding="utf-8")
+    monkeypatch.setattr(run_command, "MOST_VALUES_IN_MEMORY", 100)
+    assert main(["run", "mine.toml"]) == 1
+    assert "what was recorded is in results/mine" in error_line(capsys)
+    stored = StoredResults(Path("results/mine/results.parquet"), {})
+    assert 0.0 < stored.time[-1] < 0.1
+    assert summary_of("results/mine")["status"] == "failed"
+
+
+def test_a_disk_too_small_for_a_long_run_is_known_beforehand(here, capsys, monkeypatch):
+    monkeypatch.setattr("shutil.disk_usage", lambda _: shutil._ntuple_diskusage(10**9, 10**9, 10**6))
+    assert main(["run", "--stop", "3600"]) == 1
+    line = error_line(capsys)
+    assert "the results need about 5.54 GB" in line
+    assert "record less (--record, --record-every)" in line
+
+
+def test_real_time_is_kept_and_reported(here, no_figures, capsys):
+    assert main(["run", "--stop", "0.2", "--realtime", "1"]) == 0
+    assert "real time times 1: " in capsys.readouterr().out
+    summary = summary_of()
+    assert summary["loop_time_s"] >= 0.2
+    assert summary["realtime"]["factor"] == 1.0
+    assert main(["run", "--stop", "0.2", "--realtime", "0"]) == 1
+    assert "real-time factor 0.0 must be a positive number" in error_line(capsys)
+
+
+def test_the_coupling_is_said_and_can_be_demanded(here, no_figures, capsys):
+    if DEFAULT_FLAVOUR == "pythonfmu":
+        pytest.skip("there is no C compiler: no FMU here takes linear inputs")
+    for coupling, words in (("auto", "second-order"), ("linear", "second-order"), ("hold", "first-order")):
+        assert main(["run", "--stop", "0.01", "--coupling", coupling]) == 0
+        assert words in capsys.readouterr().out
+        assert summary_of()["coupling"]["mode"] == coupling
+    assert main(["run", "--stop", "0.01", "--coupling", "linear", "--flavour", "pythonfmu"]) == 1
+    assert "can only be held, for its FMU can't interpolate inputs" in error_line(capsys)
