@@ -87,6 +87,8 @@ def _obstacle(system: ResolvedSystem, component: str, element: Element, every: i
     description = system.ports[component].description
     if element.variable.type not in ("Real", "Float64"):
         return f"it is of type {element.variable.type}"
+    if element.variable.variability not in (None, "continuous"):
+        return f"it is {element.variable.variability} and changes at communication points only"
     if description.fmiMajorVersion == 2 and not description.coSimulation.canInterpolateInputs:
         return "its FMU can't interpolate inputs (canInterpolateInputs)"
     if description.fmiMajorVersion == 3:

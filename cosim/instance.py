@@ -9,6 +9,7 @@ from __future__ import annotations
 import ctypes
 import itertools
 import os
+import threading
 from collections import deque
 from collections.abc import Sequence
 from contextlib import chdir
@@ -53,6 +54,8 @@ _MOST_MESSAGES = 100
 #: Instances by the number that their FMUs pass to the logger.
 _instances: WeakValueDictionary[int, Instance] = WeakValueDictionary()
 _numbers = itertools.count(1)
+
+_loading = threading.Lock()
 
 
 def _dispatch_fmi2(environment: int | None, name: bytes, status: int, category: bytes, message: bytes) -> None:
@@ -149,7 +152,8 @@ class Instance:
             "instanceName": name,
         }
         try:
-            with chdir(folder):  # fmpy changes it, and leaves it changed when a library can't be loaded
+            # fmpy changes the working folder, which all threads share, and leaves it when a library can't be loaded
+            with _loading, chdir(folder):
                 self.fmu: Any = self._instantiate(arguments)
         except CallFailed:
             raise

@@ -25,7 +25,8 @@ class Pacer:
     """
 
     def __init__(self, factor: float) -> None:
-        if not (factor > 0.0 and math.isfinite(factor)):
+        number = isinstance(factor, int | float) and not isinstance(factor, bool)
+        if not (number and factor > 0.0 and math.isfinite(factor)):
             raise SetupError(f"real-time factor {factor!r} must be a positive number")
         self._factor = factor
         self._began: float | None = None

@@ -66,17 +66,24 @@ class Samples:
         self.failed: Drive | None = None
 
     def cover(self, first: int, end: int, stop: Callable[[], bool]) -> int:
-        """Have samples for the points first ... end - 1; returns the end of those that could be had.
+        """Have samples for the points first ... end - 1, and for as many beyond as the loop looks ahead.
 
-        There are fewer when a signal takes long, fails, or `stop` says so.
+        Returns the end of those that could be had: fewer when a signal takes long or fails, none when `stop` says so.
         """
         wanted = min(end + self._reach, self._last_point + 1)
         if wanted > self.first + len(self.values):  # drop what lies behind
             self._drop(max(first - self._reach, 0))
             wanted = min(wanted, self.first + len(self.values))
-        if wanted > self.end and self.failure is None:
+        while self.end < wanted and self.failure is None:
             self._sample(self.end, wanted, stop)
-        return min(end, self.end)
+            if stop() or self._usable() > first:
+                break
+        return max(first, min(end, self._usable()))
+
+    def _usable(self) -> int:
+        """End of the points for which the loop finds all that it looks at."""
+        whole = self.end > self._last_point or self.failure is not None
+        return self.end if whole else self.end - self._reach
 
     def _drop(self, first: int) -> None:
         kept = slice(first - self.first, self.end - self.first)
@@ -87,15 +94,20 @@ class Samples:
 
     def _sample(self, first: int, end: int, stop: Callable[[], bool]) -> None:
         points = np.arange(first, end)
+        failures: list[tuple[int, Drive, CallFailed]] = []
         for drive, columns in zip(self.drives, self.columns, strict=True):
             own = points % drive.every == 0  # the other rows of this signal are never read
-            block, failure = sample(drive, self._times(points[own]), stop)
-            if failure is not None:
-                self.failure, self.failed = failure, drive
+            times = _at_breakpoints(self._times(points[own]), drive.breakpoints, _TOLERANCE * self._step_size)
+            block, failure = sample(drive, times, stop)
             if len(block) < own.sum():  # the other signals are needed as far as this one goes only
                 points = points[: np.flatnonzero(own)[len(block)]]
                 own = own[: len(points)]
+            if failure is not None:
+                failures.append((len(points), drive, failure))
             self.values[np.ix_(points[own] - self.first, columns)] = block
+        for row, drive, failure in failures:
+            if row == len(points):  # no signal has been cut before
+                self.failed, self.failure = drive, failure
         self.end = first + len(points)
         times = self._times(points)
         before = np.searchsorted(self._breakpoints, times - (1.0 - _TOLERANCE) * self._step_size, side="right")
@@ -106,25 +118,54 @@ class Samples:
         return self._start_time + points * self._step_size
 
 
+def _at_breakpoints(times: np.ndarray, breakpoints: Sequence[float], tolerance: float) -> np.ndarray:
+    """Times (s), moved to a breakpoint where they lie before it by rounding: what comes after the jump counts."""
+    moved = times.copy()
+    for breakpoint_ in breakpoints:
+        moved[(moved < breakpoint_) & (moved > breakpoint_ - tolerance)] = breakpoint_
+    return moved
+
+
 def sample(
     drive: Drive, times: np.ndarray, stop: Callable[[], bool] = lambda: False
 ) -> tuple[np.ndarray, CallFailed | None]:
     """Values (n, size) of a signal at times (s), as many rows as could be had, and the failure that ended them."""
-    size = len(drive.targets)
     name = f"{drive.component}.{drive.targets[0].name}"
-    if drive.vectorized:
-        try:
-            values = np.array(drive.function(times), dtype=np.float64, ndmin=1)
-            block = np.broadcast_to(values[:, None] if values.ndim == 1 else values, (len(times), size))
-        except Exception as error:
-            return np.empty((0, size)), _raised(name, error)
-        finite = np.isfinite(block).all(axis=1)
-        if not finite.all():
-            first = int(np.argmin(finite))
-            return block[:first], _not_finite(name, block[first])
-        if drive.targets[0].kind != "real":
-            return block, _wrong_type(drive, name, block)
-        return block, None
+    return _vectorized(drive, times, name) if drive.vectorized else _one_by_one(drive, times, name, stop)
+
+
+def _vectorized(drive: Drive, times: np.ndarray, name: str) -> tuple[np.ndarray, CallFailed | None]:
+    try:
+        values = np.array(drive.function(times), dtype=np.float64, ndmin=1)
+        block = np.broadcast_to(values[:, None] if values.ndim == 1 else values, (len(times), len(drive.targets)))
+    except Exception as error:
+        if len(times) == 1:
+            return np.empty((0, len(drive.targets))), _raised(name, error)
+        return _until_it_raises(drive, times, name)
+    for i in np.flatnonzero(~np.isfinite(block).all(axis=1))[:1]:
+        return block[:i], _not_finite(name, block[i])
+    if drive.targets[0].kind != "real":
+        for i, row in enumerate(block):
+            if wrong := _wrong_type(drive, name, row):
+                return block[:i], wrong
+    return block, None
+
+
+def _until_it_raises(drive: Drive, times: np.ndarray, name: str) -> tuple[np.ndarray, CallFailed | None]:
+    """Point by point, since a function of many times does not say at which one it raised."""
+    rows = [np.empty((0, len(drive.targets)))]
+    for i in range(len(times)):
+        row, failure = _vectorized(drive, times[i : i + 1], name)
+        if failure is not None:
+            return np.vstack(rows), failure
+        rows.append(row)
+    return np.vstack(rows), None
+
+
+def _one_by_one(
+    drive: Drive, times: np.ndarray, name: str, stop: Callable[[], bool]
+) -> tuple[np.ndarray, CallFailed | None]:
+    size = len(drive.targets)
     block = np.empty((len(times), size))
     began = clock.perf_counter()
     for i, time in enumerate(times.tolist()):

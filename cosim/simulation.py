@@ -109,8 +109,11 @@ class Simulation:
         Raises
         ------
         SetupError
-            An FMU can't be unpacked or instantiated.
+            An FMU can't be unpacked or instantiated, or the simulation is open already.
         """
+        if self._stack is not None:
+            raise SetupError("the simulation is open already; make another one of the same system")
+        self._folders.clear()
         with ExitStack() as stack:
             for name, fmu in self._fmus.items():
                 if fmu.sha256 not in self._folders:
@@ -137,7 +140,6 @@ class Simulation:
         if self._stack is not None:
             self._stack.close()
             self._stack = None
-            self._folders.clear()
 
     def _instantiate(self, name: str) -> None:
         fmu = self._fmus[name]
@@ -157,13 +159,18 @@ class Simulation:
 
     def _fresh_exchange(self) -> Exchange:
         """Instances as they are after their instantiation, and the table of operations for them."""
-        for name, instance in list(self._instances.items()) if self._used else []:
+        for name in self._resolved.components if self._used else ():
             try:
-                instance.reset()
+                self._instances[name].reset()
             except CallFailed:  # not every FMU can
-                instance.close()
-                self._instantiate(name)
+                self._instances.pop(name).close()
+                try:
+                    self._instantiate(name)
+                except SetupError:
+                    self.close()
+                    raise
         self._used = True
+        self._instances = {name: self._instances[name] for name in self._resolved.components}
         if self._exchange is None:
             try:
                 self._exchange = Exchange(self._resolved, self._instances, self._order, self._recorded, self._linear)
@@ -229,7 +236,11 @@ class Simulation:
         grid = Grid(start_time, step_size, number_of_steps(start_time, stop_time, step_size))
         if isinstance(record_every, bool) or not isinstance(record_every, int) or record_every < 1:
             raise SetupError(f"record_every = {record_every!r} must be a positive whole number of steps")
-        starts = [*self._resolved.starts, *self._extra_starts(start or {})]
+        extra = self._extra_starts(start or {})
+        given = {(s.component, e.name) for s in extra for e in s.elements}
+        # a vector of this run replaces what the system gives for its elements
+        starts = [s for s in self._resolved.starts if not {(s.component, e.name) for e in s.elements} <= given]
+        starts += extra
         samples = self._samples_of(self._drives(signals), grid)
         pacer = None if realtime is None else Pacer(realtime)
         recorder = self._recorder(grid, record_every, sink)
@@ -290,7 +301,8 @@ class Simulation:
             known, samples = self._samples
             if known == (drives, grid) and samples.first == 0 and samples.failure is None:
                 return samples
-        reach = max(component.every for component in self._resolved.components.values())
+        ahead = any((d.component, e.name) in self._linear.moving for d in drives for e in d.targets)
+        reach = max(component.every for component in self._resolved.components.values()) if ahead else 0
         samples = Samples(drives, grid.start_time, grid.step_size, grid.last_point, reach)
         self._samples = ((drives, grid), samples)
         return samples

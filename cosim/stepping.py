@@ -81,7 +81,7 @@ class Run:
                 _set_start_values(instance, own)
                 instance.enter_initialization_mode(time)
                 _set_start_elements(instance, own)
-        if self._samples.cover(0, 1, self._stop) < 1:
+        if self._samples.cover(0, 1, lambda: False) < 1:
             raise self._signal_failure(0)
         self._point_at_samples()
         at_start = self._exchange.at_start
@@ -110,11 +110,12 @@ class Run:
                 results.info["realtime"] = pacer.report()
             return results
 
-        grid, point, chunk = self._grid, 0, _FIRST_CHUNK
+        grid, point = self._grid, 0
         self._loop.record_every = record_every
         if progress is not None:
             progress(grid.start_time)
         largest = record_every * recorder.capacity if isinstance(recorder, PassedOn) else _LARGEST_CHUNK
+        chunk = min(_FIRST_CHUNK, largest)
         try:
             while point <= grid.last_point:
                 if self._interrupt.requested:
@@ -126,7 +127,7 @@ class Run:
                     chunk = 1
                 point = self._go_on(recorder, point, min(point + chunk, grid.last_point + 1), record_every)
                 if progress is not None:
-                    progress(grid.time(point - 1))
+                    progress(grid.time(max(0, point - 1)))
                 quick = clock.perf_counter() - began < _CHUNK_TIME
                 chunk = min(2 * chunk, largest) if quick else max(1, chunk // 2)
             self._terminate(grid.time(grid.last_point))
@@ -141,6 +142,8 @@ class Run:
         """Perform a chunk of points; returns the first point that is still to be performed."""
         end = self._samples.cover(first, end, self._stop)
         if end == first:
+            if self._samples.failure is None:  # Ctrl-C came while a signal was sampled
+                return first
             raise self._signal_failure(first)
         self._point_at_samples()
         rows, self._loop.first_record = recorder.room(_rows(first, record_every), _rows(end, record_every))

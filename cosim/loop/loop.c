@@ -70,12 +70,18 @@ typedef int Rates2(void *, const uint32_t *, size_t, const int32_t *, const doub
 typedef int Step2(void *, double, double, int);
 typedef int Step3(void *, double, double, bool, bool *, bool *, bool *, double *);
 
-#define CONVERTED(CASE, ctype) \
+#define CONVERTED_BY(CASE, ctype, conversion) \
     case CASE: \
         for (int64_t i = 0; i < n; i++) \
-            if (to_fmu) ((ctype *)buffer)[i] = (ctype)values[i]; \
+            if (to_fmu) ((ctype *)buffer)[i] = conversion(values[i]); \
             else values[i] = (double)((ctype *)buffer)[i]; \
         break
+
+#define CONVERTED(CASE, ctype) CONVERTED_BY(CASE, ctype, (ctype))
+
+/* 64-bit integers travel as doubles, which round the largest one up to a number that they can't hold. */
+static int64_t to_int64(double value) { return value >= 9223372036854775808.0 ? INT64_MAX : (int64_t)value; }
+static uint64_t to_uint64(double value) { return value >= 18446744073709551616.0 ? UINT64_MAX : (uint64_t)value; }
 
 static void convert(int32_t type, void *buffer, double *values, int64_t n, bool to_fmu) {
     switch ((Type)type) {
@@ -87,8 +93,8 @@ static void convert(int32_t type, void *buffer, double *values, int64_t n, bool 
         CONVERTED(UINT16, uint16_t);
         CONVERTED(INT32, int32_t);
         CONVERTED(UINT32, uint32_t);
-        CONVERTED(INT64, int64_t);
-        CONVERTED(UINT64, uint64_t);
+        CONVERTED_BY(INT64, int64_t, to_int64);
+        CONVERTED_BY(UINT64, uint64_t, to_uint64);
     }
 }
 
