@@ -28,7 +28,7 @@ from cosim.instance import Batch, Instance
 from cosim.loop.arena import Arena
 from cosim.loop.library import EXTRAPOLATED, HELD, TYPES, Kind, Operation, Rates
 from cosim.ports import Element, variables_of
-from cosim.resolve import Drive, ResolvedSystem
+from cosim.resolve import Drive, Link, ResolvedSystem
 
 Order = Literal["sequential", "parallel"]
 
@@ -93,6 +93,11 @@ class Exchange:
         fed = {(k.target_component, k.target.variable.name) for k in system.links}
         fed |= {(d.component, e.variable.name) for d in system.drives for e in d.targets}
         self._sources = {(k.source_component, k.source.variable.name) for k in system.links}
+        self._links_from: dict[str, list[Link]] = {}
+        self._links_to: dict[str, list[Link]] = {}
+        for link in system.links:
+            self._links_from.setdefault(link.source_component, []).append(link)
+            self._links_to.setdefault(link.target_component, []).append(link)
         read = self._sources | {(component, e.variable.name) for component, e in recorded}
         constant = {key for key in read - fed if self._is_constant(key)}
         varying = read - fed - constant
@@ -148,13 +153,13 @@ class Exchange:
         """
         level = {key: self._level(*key) for key in keys}
         last: dict[str, int] = {}
+        feeding: dict[str, list[int]] = {}
+        for key in keys & self._sources:
+            feeding.setdefault(key[0], []).append(level[key])
         for key in keys - self._sources:
             last[key[0]] = max(last.get(key[0], 0), level[key])
-        for component, latest in last.items():
-            feeding = [level[key] for key in keys & self._sources if key[0] == component]
-            together = min((f for f in feeding if f >= latest), default=latest)
-            level |= {key: together for key in keys - self._sources if key[0] == component}
-        return level
+        together = {c: min((f for f in feeding.get(c, ()) if f >= at), default=at) for c, at in last.items()}
+        return level | {key: together[key[0]] for key in keys - self._sources}
 
     def _group(self, level_of: Mapping[tuple[str, str], int]) -> dict[int, list[int]]:
         """Lay variables out in contiguous parts, one for each level, component and type; indices by level."""
@@ -211,7 +216,7 @@ class Exchange:
 
     def _get(self, part: int) -> Entry:
         component, elements, first = self._parts[part]
-        feeding = {k.source.name for k in self._system.links if k.source_component == component}
+        feeding = {k.source.name for k in self._links_from.get(component, ())}
         finite = tuple((e.name, first + i) for i, e in enumerate(elements) if e.name in feeding)
         positions = self._arena.integers([position for _, position in finite])
         operation, name = self._exchange(Kind.GET, part, targets=positions, n_targets=len(finite))
@@ -220,7 +225,7 @@ class Exchange:
     def _set(self, part: int) -> Entry:
         component, elements, first = self._parts[part]
         index = {e.name: first + i for i, e in enumerate(elements)}
-        links = [k for k in self._system.links if k.target_component == component and k.target.name in index]
+        links = [k for k in self._links_to.get(component, ()) if k.target.name in index]
         operation, name = self._exchange(
             Kind.SET,
             part,

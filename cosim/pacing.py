@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import math
 import time as clock
+from collections.abc import Callable
 
 import numpy as np
 
 from cosim.errors import SetupError
+
+#: While waiting, Ctrl-C is looked for after this time (s) at the latest.
+_LOOK = 0.1
 
 
 class Pacer:
@@ -33,16 +37,16 @@ class Pacer:
         self._lateness: list[float] = []
         self._overruns = 0
 
-    def wait(self, elapsed: float) -> None:
-        """Wait until `elapsed` simulated seconds after the first call are due."""
+    def wait(self, elapsed: float, stop: Callable[[], bool]) -> None:
+        """Wait until `elapsed` simulated seconds after the first call are due, or `stop` says so."""
         now = clock.perf_counter()
         if self._began is None:
             self._began = now
         due = self._began + elapsed / self._factor
         if now > due and self._lateness:  # the point before took longer than its step
             self._overruns += 1
-        while (rest := due - clock.perf_counter()) > 0.0:
-            clock.sleep(rest)
+        while (rest := due - clock.perf_counter()) > 0.0 and not stop():
+            clock.sleep(min(rest, _LOOK))
         self._lateness.append(clock.perf_counter() - due)
 
     def report(self) -> dict[str, float]:

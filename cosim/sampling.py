@@ -32,7 +32,9 @@ class Samples:
     last_point : int
         Number of the last communication point.
     reach : int
-        By how many points the loop looks beyond those it performs, and back.
+        By how many points the loop looks back from those it performs.
+    ahead : bool
+        Whether it looks ahead by as many.
 
     Attributes
     ----------
@@ -49,11 +51,19 @@ class Samples:
     """
 
     def __init__(
-        self, drives: Sequence[Drive], start_time: float, step_size: float, last_point: int, reach: int
+        self,
+        drives: Sequence[Drive],
+        start_time: float,
+        step_size: float,
+        last_point: int,
+        reach: int,
+        *,
+        ahead: bool = True,
     ) -> None:
         self.drives = tuple(drives)
         self._start_time, self._step_size = start_time, step_size
         self._last_point, self._reach = last_point, reach
+        self._ahead = reach if ahead else 0
         widths = [len(d.targets) for d in drives]
         ends = np.cumsum([0, *widths])
         self.columns = [np.arange(a, a + n, dtype=np.int32) for a, n in zip(ends, widths, strict=False)]
@@ -70,7 +80,7 @@ class Samples:
 
         Returns the end of those that could be had: fewer when a signal takes long or fails, none when `stop` says so.
         """
-        wanted = min(end + self._reach, self._last_point + 1)
+        wanted = min(end + self._ahead, self._last_point + 1)
         if wanted > self.first + len(self.values):  # drop what lies behind
             self._drop(max(first - self._reach, 0))
             wanted = min(wanted, self.first + len(self.values))
@@ -83,7 +93,7 @@ class Samples:
     def _usable(self) -> int:
         """End of the points for which the loop finds all that it looks at."""
         whole = self.end > self._last_point or self.failure is not None
-        return self.end if whole else self.end - self._reach
+        return self.end if whole else self.end - self._ahead
 
     def _drop(self, first: int) -> None:
         kept = slice(first - self.first, self.end - self.first)

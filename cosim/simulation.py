@@ -302,8 +302,8 @@ class Simulation:
             if known == (drives, grid) and samples.first == 0 and samples.failure is None:
                 return samples
         ahead = any((d.component, e.name) in self._linear.moving for d in drives for e in d.targets)
-        reach = max(component.every for component in self._resolved.components.values()) if ahead else 0
-        samples = Samples(drives, grid.start_time, grid.step_size, grid.last_point, reach)
+        reach = max(component.every for component in self._resolved.components.values())
+        samples = Samples(drives, grid.start_time, grid.step_size, grid.last_point, reach, ahead=ahead)
         self._samples = ((drives, grid), samples)
         return samples
 

@@ -118,13 +118,13 @@ class Run:
         chunk = min(_FIRST_CHUNK, largest)
         try:
             while point <= grid.last_point:
+                if pacer is not None:
+                    pacer.wait(grid.time(point) - grid.start_time, self._stop)
+                    chunk = 1
                 if self._interrupt.requested:
                     self._terminate(grid.time(point))
                     raise SimulationInterrupted(grid.time(point), finish("interrupted"))
                 began = clock.perf_counter()
-                if pacer is not None:
-                    pacer.wait(grid.time(point) - grid.start_time)
-                    chunk = 1
                 point = self._go_on(recorder, point, min(point + chunk, grid.last_point + 1), record_every)
                 if progress is not None:
                     progress(grid.time(max(0, point - 1)))
