@@ -11,6 +11,7 @@ import argparse
 import dataclasses
 import json
 import os
+import resource
 import statistics
 import subprocess
 import sys
@@ -27,16 +28,21 @@ import psutil
 
 from cosim.robot.fmus import build_missing
 from cosim.robot.scenario import load_scenario
-from cosim.robot.sweep import RobotStudy, robot_study
+from cosim.robot.sweep import METRICS, RobotStudy, robot_study
 from cosim.sweep import sizes
+from cosim.sweep.batch import Rows
 from cosim.sweep.design import Points, design
 from cosim.sweep.engine import sweep
 from cosim.sweep.factors import Range
+from cosim.sweep.store import Store, read
 
 FACTORS = (Range("controller.alpha", 0.5, 3.0), Range("controller.beta", 1.0, 2.0))
 
 #: Runs in a task of the second part: as many as in a task of 1.5 s with runs of 40 ms.
 RUNS_IN_A_TASK = 40
+
+#: Points of a large plan.
+PLANNED = 10_000_000
 
 CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
@@ -105,7 +111,7 @@ def cluster(folder: Path, workers: int) -> Iterator[tuple[str, psutil.Process, l
         yield address, processes[0], processes[1:]
     finally:
         for process in started:
-            process.terminate()
+            process.kill()
             process.wait()
 
 
@@ -138,8 +144,6 @@ def loads(study: RobotStudy, files: dict[str, Path], tasks: int) -> dict[str, fl
         before, mine, sent = cpu(scheduler), cpu(own), loopback()
         outcome = sweep(short, files, points_of(tasks * RUNS_IN_A_TASK, 1), Path(name) / "second", scheduler=address)
         used, mine, sent = cpu(scheduler) - before, cpu(own) - mine, loopback() - sent
-        rows = outcome.summary.done
-        parts = list((Path(name) / "second" / "results").iterdir())
         return {
             "scheduler CPU, ms a task": 1e3 * (used - idle * outcome.seconds) / tasks,
             "scheduler CPU when idle, ms a second": 1e3 * idle,
@@ -147,8 +151,6 @@ def loads(study: RobotStudy, files: dict[str, Path], tasks: int) -> dict[str, fl
             "network (two hops each way), kB a task": 1e-3 * (sent - idle_sent * outcome.seconds) / tasks,
             "scheduler memory, MB": 1e-6 * scheduler.memory_info().rss,
             "worker memory after short runs, MB": 1e-6 * max(w.memory_info().rss for w in workers),
-            "result files, bytes a row": sum(p.stat().st_size for p in parts) / rows,
-            "plan, bytes a point": (Path(name) / "second" / "plan.parquet").stat().st_size / rows,
             "FMUs and study, kB a worker": 1e-3 * sum(p.stat().st_size for p in files.values()),
         }
 
@@ -163,6 +165,53 @@ def worker_memory(study: RobotStudy, files: dict[str, Path], n: int) -> float:
 
         sweep(study, files, points_of(n, 0), Path(name) / "out", scheduler=address, progress=look)
         return largest[0]
+
+
+def cpu_of_runs(study: RobotStudy, files: dict[str, Path], n: int, rounds: int) -> list[tuple[float, float]]:
+    """CPU time (ms) of a run in a bare loop, and in a sweep with all its processes; busy neighbours matter little."""
+    own, found = psutil.Process(), []
+    with tempfile.TemporaryDirectory() as name, cluster(Path(name), CORES) as (address, scheduler, workers):
+        sweep(study, files, points_of(4 * CORES, 0), Path(name) / "first", scheduler=address)  # all have started
+        for seed in range(rounds):
+            before = cpu(own)
+            bare_loop(study, files, n, seed)
+            bare = 1e3 * (cpu(own) - before) / n
+            before = sum(map(cpu, [own, scheduler, *workers]))
+            sweep(study, files, points_of(CORES * n, seed), Path(name) / str(seed), scheduler=address)
+            found.append((bare, 1e3 * (sum(map(cpu, [own, scheduler, *workers])) - before) / (CORES * n)))
+    return found
+
+
+def on_disk(rows: int) -> dict[str, float]:
+    """What rows of random metrics, which don't compress, take on disk, and how fast they are read."""
+    values = np.random.default_rng(0).random((rows, len(METRICS)))
+    with tempfile.TemporaryDirectory() as name:
+        store = Store(Path(name), points_of(rows, 0), METRICS, {})
+        for indices in np.array_split(np.arange(rows), 100):
+            columns = {metric: values[indices, k].tolist() for k, metric in enumerate(METRICS)}
+            store.add(Rows(indices.tolist(), columns, [None] * len(indices), 1.0))
+            store.flush()
+        began = time.perf_counter()
+        read(Path(name))
+        seconds = time.perf_counter() - began
+        size = sum(p.stat().st_size for p in (Path(name) / "results").iterdir())
+    return {"result files, bytes a row": size / rows, "reading 100 files of 1,000 rows, s": seconds}
+
+
+def large_plan(n: int) -> dict[str, float]:
+    """What a plan of so many points costs the submitting process, which is this one, before anything runs."""
+    with tempfile.TemporaryDirectory() as name:
+        began = time.perf_counter()
+        store = Store(Path(name), design("sobol", FACTORS, n), METRICS, {})
+        missing = len(store.missing())
+        seconds = time.perf_counter() - began
+        size = (Path(name) / "plan.parquet").stat().st_size
+    return {
+        "plan, s": seconds,
+        "plan, MB on disk": 1e-6 * size,
+        "largest memory of the submitting process, MB": 1e-3 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss,
+        "points to run": missing,
+    }
 
 
 def main() -> None:
@@ -189,11 +238,15 @@ def main() -> None:
         f"sweep, {CORES} workers / bare loops, {CORES} processes": [b / a for a, b in zip(bares, many, strict=True)],
         f"sweep, {CORES} workers / ({CORES} x bare loop)": [b / a / CORES for a, b in zip(bare, many, strict=True)],
     }
+    by_cpu = cpu_of_runs(study, files, options.points, options.rounds)
+    ratios["CPU time of a run, bare loop / sweep"] = [bare / swept for bare, swept in by_cpu]
     print(f"\n{'ratios, median over rounds':<44}{'median':>9}{'least':>9}{'most':>9}")
     for name, values in ratios.items():
         print(f"{name:<44}{statistics.median(values):>9.3f}{min(values):>9.3f}{max(values):>9.3f}")
     figures = {"worker memory, MB": worker_memory(study, files, 100), **loads(study, files, options.tasks)}
-    print(f"\ntasks of {RUNS_IN_A_TASK} runs")
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        figures |= on_disk(100_000) | pool.submit(large_plan, PLANNED).result()
+    print(f"\ntasks of {RUNS_IN_A_TASK} runs; plan of {PLANNED:,} points")
     for name, value in figures.items():
         print(f"{name:<44}{value:>9.3g}")
     if options.json:

@@ -1,0 +1,99 @@
+"""Where the runs are made: processes of this machine, or a Dask cluster that is there already."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib.metadata import version
+
+import dask
+from dask.system import CPU_COUNT
+from distributed import Client, LocalCluster
+
+from cosim.sweep.errors import SweepError
+from cosim.versions import versions
+
+#: How long (s) to wait for a scheduler to answer, and for a first worker.
+_PATIENCE = 30.0
+
+#: Workers that a task of a local sweep may be involved in losing before it is run in isolation.
+_LOCAL_DEATHS = 1
+
+#: Run by each worker at its start. A terminal sends Ctrl-C to all processes; here only the sweep itself ends workers.
+_DEAF = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
+
+
+@contextmanager
+def connect(scheduler: str | None = None, workers: int | None = None) -> Iterator[Client]:
+    """A client of the scheduler at an address, or of one single-threaded process for each core of this machine.
+
+    Raises
+    ------
+    SweepError
+        Nothing answers at the address, there are no workers, or they have another version of this package.
+    """
+    if workers is not None and workers < 1:
+        raise SweepError(f"{workers} workers can't run anything; use at least one")
+    if scheduler is not None and workers is not None:
+        raise SweepError("--workers starts processes here; a scheduler has its own: leave out --workers or --scheduler")
+    with _quiet():
+        if scheduler is None:
+            with _local(workers or CPU_COUNT) as cluster, Client(cluster, set_as_default=False) as client:
+                yield client
+        else:
+            with _remote(scheduler) as client:
+                yield client
+
+
+def _local(workers: int) -> LocalCluster:
+    with dask.config.set({"distributed.scheduler.allowed-failures": _LOCAL_DEATHS}):
+        return LocalCluster(
+            n_workers=workers,
+            threads_per_worker=1,
+            dashboard_address=":0",  # any free port: another cluster may run here
+            silence_logs=logging.CRITICAL,
+            preload=_DEAF,
+        )
+
+
+@contextmanager
+def _remote(scheduler: str) -> Iterator[Client]:
+    try:
+        client = Client(scheduler, timeout=_PATIENCE, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise SweepError(f"--scheduler {scheduler}: no answer: {' '.join(str(error).split())}") from error
+    with client:
+        try:
+            client.wait_for_workers(1, timeout=_PATIENCE)
+        except TimeoutError:
+            raise SweepError(
+                f"--scheduler {scheduler} has no workers; start some: dask worker {scheduler} --nthreads 1"
+            ) from None
+        _check_versions(client)
+        yield client
+
+
+def _check_versions(client: Client) -> None:
+    """Workers that join later are checked by the first task they get."""
+    name = "closed-chain-cosim"
+    own = versions()[name]
+    # a function of the standard library: one of ours could not be called where ours is missing
+    for worker, found in client.run(version, name, on_error="return").items():
+        if found != own:
+            has = "none" if isinstance(found, BaseException) else found
+            raise SweepError(f"worker {worker} has {name} {has}, here it is {own}; install the same version there")
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Dask reports each lost worker and connection at length; here they are no failure, or an error of one line."""
+    loggers = [logging.getLogger(name) for name in logging.root.manager.loggerDict if name.startswith("distributed")]
+    before = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        for logger, level in zip(loggers, before, strict=True):
+            logger.setLevel(level)

@@ -1,0 +1,150 @@
+"""Which points a sweep runs: all combinations of levels, a Latin hypercube, or Sobol's sequence."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cosim.errors import nearest
+from cosim.sweep.errors import SweepError
+from cosim.sweep.factors import Factor, Levels, Range, Value
+
+#: More points than this need more memory than a plan should take.
+MOST_POINTS = 100_000_000
+
+DESIGNS = ("grid", "lhs", "sobol")
+
+
+@dataclass(frozen=True)
+class Points:
+    """The points of a sweep, column by column, so that millions take little memory.
+
+    Attributes
+    ----------
+    factors : tuple of Factor
+    columns : tuple of array (n,)
+        For each factor the values of a range (float64), or the numbers of the levels (int32).
+    """
+
+    factors: tuple[Factor, ...]
+    columns: tuple[np.ndarray, ...]
+
+    def __len__(self) -> int:
+        return len(self.columns[0])
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the factors."""
+        return [f.name for f in self.factors]
+
+    def take(self, indices: np.ndarray) -> dict[str, list[Value]]:
+        """Values of all factors at some points."""
+        return {
+            factor.name: column[indices].tolist()
+            if isinstance(factor, Range)
+            else [factor.values[k] for k in column[indices].tolist()]
+            for factor, column in zip(self.factors, self.columns, strict=True)
+        }
+
+    def sha256(self) -> str:
+        """Fingerprint of all values."""
+        digest = hashlib.sha256()
+        for factor, column in zip(self.factors, self.columns, strict=True):
+            digest.update(repr(factor).encode())
+            digest.update(np.ascontiguousarray(column.astype(column.dtype.newbyteorder("<"))).tobytes())
+        return digest.hexdigest()
+
+
+def design(kind: str, factors: Sequence[Factor], points: int | None = None, seed: int = 0) -> Points:
+    """The points of a design.
+
+    Parameters
+    ----------
+    kind : {"grid", "lhs", "sobol"}
+        All combinations of levels, the last factor varying fastest; a Latin hypercube; Sobol's sequence, scrambled.
+    factors : sequence of Factor
+        A grid has no ranges. In the other designs levels are drawn as evenly as ranges are.
+    points : int, optional
+        How many; a grid has as many as its levels make.
+    seed : int
+        Fixes the Latin hypercube and the scrambling.
+
+    Raises
+    ------
+    SweepError
+        The factors and options don't go together.
+    """
+    if kind not in DESIGNS:
+        raise SweepError(f"design '{kind}' is unknown; {nearest(kind, DESIGNS)}")
+    if not factors:
+        raise SweepError("nothing is varied; name at least one factor")
+    for name, times in Counter(f.name for f in factors).items():
+        if times > 1:
+            raise SweepError(f"{name} is varied twice; name each factor once")
+    if kind == "grid":
+        return Points(tuple(factors), _grid(factors, points))
+    if points is None:
+        raise SweepError(f"design {kind} needs a number of points; give it with --points")
+    _check_number(points)
+    if seed < 0:
+        raise SweepError(f"design seed {seed} must be 0 or greater")
+    unit = _latin_hypercube(len(factors), points, seed) if kind == "lhs" else _sobol(len(factors), points, seed)
+    return Points(tuple(factors), tuple(_scaled(f, u) for f, u in zip(factors, unit, strict=True)))
+
+
+def advice(kind: str, points: int) -> str:
+    """What should be known about a number of points, empty if nothing."""
+    if kind != "sobol" or points & (points - 1) == 0:
+        return ""
+    lower = 1 << (points.bit_length() - 1)
+    return f"note: Sobol' points are balanced when their number is a power of two: {lower} or {2 * lower}"
+
+
+def _grid(factors: Sequence[Factor], points: int | None) -> tuple[np.ndarray, ...]:
+    if points is not None:
+        raise SweepError("a grid has as many points as its levels make; leave out --points, or choose --design sobol")
+    sizes = []
+    for factor in factors:
+        if isinstance(factor, Range):
+            raise SweepError(
+                f"a grid needs levels of {factor.name}: write {factor.low:g}:{factor.high:g}:11 for 11 of them, "
+                "or choose --design sobol"
+            )
+        sizes.append(len(factor.values))
+    _check_number(math.prod(sizes))
+    return tuple(column.astype(np.int32) for column in np.unravel_index(np.arange(math.prod(sizes)), sizes))
+
+
+def _latin_hypercube(dimensions: int, points: int, seed: int) -> Iterator[np.ndarray]:
+    from scipy.stats import qmc  # takes a while to import, and a grid doesn't need it
+
+    return iter(qmc.LatinHypercube(dimensions, rng=np.random.default_rng(seed)).random(points).T)
+
+
+def _sobol(dimensions: int, points: int, seed: int) -> Iterator[np.ndarray]:
+    from scipy.stats import qmc
+
+    if dimensions > qmc.Sobol.MAXDIM:
+        raise SweepError(f"Sobol's sequence has at most {qmc.Sobol.MAXDIM} factors, not {dimensions}; use --design lhs")
+    sequence = qmc.Sobol(dimensions, rng=np.random.default_rng(seed))
+    # the first points of the next power of two: the same as fewer, without scipy's warning, which `advice` replaces
+    return iter(sequence.random_base2((points - 1).bit_length())[:points].T)
+
+
+def _scaled(factor: Factor, unit: np.ndarray) -> np.ndarray:
+    """Values of a factor from numbers in [0, 1)."""
+    if isinstance(factor, Levels):
+        return np.minimum((unit * len(factor.values)).astype(np.int32), len(factor.values) - 1)
+    return factor.low + unit * (factor.high - factor.low)
+
+
+def _check_number(points: int) -> None:
+    if points < 1:
+        raise SweepError(f"{points} points can't be run; ask for at least one")
+    if points > MOST_POINTS:
+        raise SweepError(f"{points:,} points are more than one sweep takes ({MOST_POINTS:,}); split it")

@@ -1,0 +1,232 @@
+"""The sweep itself: keep all workers busy with batches, and never more of them in flight than that takes."""
+
+from __future__ import annotations
+
+import pickle
+import time as clock
+from collections import Counter, deque
+from collections.abc import Callable, Mapping
+from concurrent.futures import CancelledError
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from uuid import uuid4
+
+import numpy as np
+from dask.typing import Key
+from distributed import Client, Future, KilledWorker
+
+from cosim.interrupts import DeferredInterrupt
+from cosim.sweep.batch import Batch, Rows
+from cosim.sweep.cluster import connect
+from cosim.sweep.design import Points
+from cosim.sweep.errors import SweepError, WorkerTrouble
+from cosim.sweep.isolated import run_isolated
+from cosim.sweep.parcels import deliver
+from cosim.sweep.sizes import BatchSize
+from cosim.sweep.store import Store, Summary
+from cosim.sweep.study import Study
+from cosim.sweep.worker import run_batch
+from cosim.versions import versions
+
+#: Batches in flight for each worker process: one that runs and one that waits beside it.
+_BATCHES_EACH = 2
+
+#: Time (s) between two looks at Ctrl-C, and between two counts of the workers.
+_LOOK, _COUNT = 0.2, 2.0
+
+#: How often a batch may find its worker unable before the sweep ends.
+_RETRIES = 2
+
+#: How often Dask may give up on a batch for lost workers before the sweep ends.
+_MOST_LOSSES = 3
+
+_GO_ON = "start the same command again: it goes on where it stopped"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a sweep has ended.
+
+    Attributes
+    ----------
+    summary : Summary
+    interrupted : bool
+        Ctrl-C has ended it; the same command goes on.
+    runs : int
+        Rows that this start has added.
+    seconds : float
+        What they took (s), without starting the workers.
+    workers : int
+        Processes that ran them, at most.
+    """
+
+    summary: Summary
+    interrupted: bool
+    runs: int
+    seconds: float
+    workers: int
+
+
+def sweep(
+    study: Study,
+    files: Mapping[str, Path],
+    points: Points,
+    folder: Path,
+    *,
+    scheduler: str | None = None,
+    workers: int | None = None,
+    progress: Callable[[int, int], None] = lambda done, workers: None,
+) -> Outcome:
+    """Run all points of a study that the folder has no row of yet.
+
+    Parameters
+    ----------
+    study : Study
+    files : mapping
+        SHA-256 -> FMU file on this machine.
+    points : Points
+    folder : Path
+        Of the results; see `cosim.sweep.store`.
+    scheduler : str, optional
+        Address of a Dask scheduler; by default workers are started here.
+    workers : int, optional
+        How many to start here, one for each core by default.
+    progress : callable, optional
+        Called now and then with the number of rows so far and of workers.
+
+    Raises
+    ------
+    SweepError
+        The folder holds another sweep, or the cluster can't go on; rows that have arrived are on disk.
+    """
+    question = {"version": versions()["closed-chain-cosim"], **study.fingerprint()}
+    store = Store(folder, points, study.metrics, question)
+    missing = store.missing()
+    if not len(missing):
+        return Outcome(store.summary(), False, 0, 0.0, 0)
+    with connect(scheduler, workers) as client:
+        for sha256, path in files.items():
+            if deliver(client, path.read_bytes()) != sha256:
+                raise SweepError(f"{path} has changed in between; {_GO_ON}")
+        key = deliver(client, pickle.dumps(study))
+        began = clock.perf_counter()
+        flight = _Flight(client, key, points, missing)
+        try:
+            finished = flight.run(store, progress)
+        finally:
+            store.flush()
+            flight.cancel()
+        seconds = clock.perf_counter() - began
+    return Outcome(store.summary(), not finished, flight.done, seconds, flight.most_slots)
+
+
+class _Flight:
+    """Batches on their way through the cluster."""
+
+    def __init__(self, client: Client, study: str, points: Points, missing: np.ndarray) -> None:
+        self._client = client
+        self._study, self._version = study, versions()["closed-chain-cosim"]
+        self._points = points
+        self._missing = missing
+        self._next = 0
+        self._suspects: deque[Batch] = deque()
+        self._deaths: Counter[int] = Counter()
+        self._flying: dict[Key, tuple[Future, Batch]] = {}
+        self._landed: SimpleQueue[Future] = SimpleQueue()
+        self._sizes = BatchSize()
+        self._name = f"cosim-sweep-{uuid4().hex[:12]}"  # equal keys of two clients would share their results
+        self._sent = 0
+        self._counted = -_COUNT
+        self.slots = self.most_slots = 0
+        self.done = 0
+
+    def run(self, store: Store, progress: Callable[[int, int], None]) -> bool:
+        """Run everything; returns False when Ctrl-C came first."""
+        before = len(self._points) - len(self._missing)
+        with DeferredInterrupt() as interrupt:
+            while self._next < len(self._missing) or self._suspects or self._flying:
+                if interrupt.requested:
+                    return False
+                self._count_slots()
+                progress(before + self.done, self.slots)
+                self._fill()
+                for batch, rows in self._collect():
+                    self._sizes.learn(len(batch.indices), rows.seconds)
+                    self.done += len(batch.indices)
+                    store.add(rows)
+            progress(before + self.done, self.slots)
+        return True
+
+    def cancel(self) -> None:
+        """Take back what has not been run."""
+        futures = [future for future, _ in self._flying.values()]
+        self._flying.clear()
+        with suppress(OSError):  # a scheduler that is gone runs nothing
+            self._client.cancel(futures, force=True)
+
+    def _count_slots(self) -> None:
+        if clock.monotonic() - self._counted >= _COUNT:
+            try:
+                self.slots = len(self._client.nthreads())  # the threads of one process take turns
+                self.most_slots = max(self.most_slots, self.slots)
+            except OSError as error:
+                raise SweepError(f"the scheduler no longer answers; {_GO_ON}") from error
+            self._counted = clock.monotonic()
+
+    def _fill(self) -> None:
+        while len(self._flying) < _BATCHES_EACH * self.slots:
+            if self._suspects:
+                self._submit(run_isolated, self._suspects.popleft())
+            elif self._next < len(self._missing):
+                size = self._sizes.next(len(self._missing) - self._next, self.slots)
+                indices = self._missing[self._next : self._next + size]
+                self._next += size
+                columns = self._points.take(indices)
+                self._submit(run_batch, Batch(self._study, self._version, indices.tolist(), columns))
+            else:
+                return
+
+    def _submit(self, function: Callable[[Batch], Rows], batch: Batch) -> None:
+        self._sent += 1
+        future = self._client.submit(function, batch, key=f"{self._name}-{self._sent}", pure=False, retries=_RETRIES)
+        self._flying[future.key] = (future, batch)
+        future.add_done_callback(self._landed.put)
+
+    def _collect(self) -> list[tuple[Batch, Rows]]:
+        """Batches that have come back, if any did within a moment."""
+        landed = []
+        try:
+            landed.append(self._landed.get(timeout=_LOOK))
+            while True:
+                landed.append(self._landed.get_nowait())
+        except Empty:
+            pass
+        try:
+            # one message for all of them; None stands for those that failed
+            results = self._client.gather({future.key: future for future in landed}, errors="skip")
+        except (OSError, CancelledError) as error:
+            raise SweepError(f"the scheduler no longer answers; {_GO_ON}") from error
+        found = []
+        for future in landed:
+            _, batch = self._flying.pop(future.key)
+            if results[future.key] is None:
+                self._failed(future, batch)
+            else:
+                found.append((batch, results[future.key]))
+        return found
+
+    def _failed(self, future: Future, batch: Batch) -> None:
+        """Give a batch in which workers died another chance; nothing else may fail."""
+        error = future.exception() if future.status == "error" else None
+        if error is None:
+            raise SweepError(f"the scheduler has dropped runs; {_GO_ON}")
+        if isinstance(error, WorkerTrouble):
+            raise SweepError(f"a worker can't run anything: {error}; {_GO_ON}")
+        if not isinstance(error, KilledWorker):
+            raise SweepError(f"a worker can't take runs: {type(error).__name__}: {error}; {_GO_ON}")
+        self._deaths[batch.indices[0]] += 1
+        if self._deaths[batch.indices[0]] > _MOST_LOSSES:
+            raise SweepError(f"workers are lost again and again, also without running anything; {_GO_ON}")
+        self._suspects.append(batch)

@@ -1,0 +1,271 @@
+"""Where a sweep's results are: a folder of Parquet files that can be added to, and read at any time.
+
+    sweep.json              what was asked for, and its fingerprint
+    plan.parquet            all points
+    results/part-*.parquet  rows of finished runs: index, factors, metrics, error
+
+A part appears whole or not at all. It holds the batches of some seconds, not one: millions of runs would otherwise make
+hundreds of thousands of files.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import time as clock
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from uuid import uuid4
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.dataset as ds
+import pyarrow.parquet as pq
+
+from cosim.errors import nearest
+from cosim.output import check_writable
+from cosim.sweep.batch import Rows
+from cosim.sweep.design import Points
+from cosim.sweep.errors import SweepError
+from cosim.sweep.factors import Factor, Range
+
+#: A part is written when this share of the time since the start has gone by since the last, within bounds (s): few
+#: files for long sweeps, and little to lose for short ones.
+_SHARE, _LEAST_TIME, _MOST_TIME = 0.02, 2.0, 60.0
+
+#: Rows in a part at most.
+_MOST_ROWS = 100_000
+
+
+@dataclass(frozen=True)
+class Summary:
+    """How far a sweep is.
+
+    Attributes
+    ----------
+    points, done, failed : int
+    first_error : str
+        Text of the failed run with the lowest index, empty if none failed.
+    """
+
+    points: int
+    done: int
+    failed: int
+    first_error: str
+
+
+class Store:
+    """The folder of one sweep, opened for adding rows.
+
+    Parameters
+    ----------
+    folder : Path
+        New, or that of the same sweep.
+    points : Points
+    metrics : sequence of str
+        Columns of the rows.
+    question : mapping
+        All that decides a row besides the points, as JSON can write it.
+    now : callable
+        The clock (s).
+
+    Raises
+    ------
+    SweepError
+        The folder holds another sweep.
+    OutputError
+        It can't be written.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        points: Points,
+        metrics: Sequence[str],
+        question: Mapping[str, Any],
+        now: Callable[[], float] = clock.monotonic,
+    ) -> None:
+        self.folder = folder
+        self._points = points
+        self._metrics = list(metrics)
+        self._now = now
+        self._began = now()
+        self._written = self._began - _LEAST_TIME  # the first batch is there to be seen at once
+        self._rows: list[Rows] = []
+        self._waiting = 0
+        parts = folder / "results"
+        check_writable(folder)
+        question = {**question, "factors": points.names, "points": len(points), "points_sha256": points.sha256()}
+        self._keep_plan(question, bool(_parts(folder)))
+        check_writable(parts)
+
+    def _keep_plan(self, question: dict[str, Any], has_parts: bool) -> None:
+        path = self.folder / "sweep.json"
+        if not path.is_file():
+            if has_parts:
+                raise SweepError(f"{self.folder} holds results without their sweep.json; choose another --out")
+            _write_table(self._plan(), self.folder / "plan.parquet")
+            text = json.dumps({"fingerprint": _fingerprint(question), **question}, indent=2) + "\n"
+            _write_whole(path, lambda part: part.write_text(text, encoding="utf-8"))
+            return
+        known = _read_json(path)
+        if known.get("fingerprint") != _fingerprint(question):
+            differs = [key for key in question if known.get(key) != json.loads(json.dumps(question[key]))]
+            raise SweepError(
+                f"{self.folder} holds another sweep (other {', '.join(differs) or 'fingerprint'}); "
+                "choose another --out, or delete the folder"
+            )
+
+    def _plan(self) -> pa.Table:
+        everything = np.arange(len(self._points))
+        return pa.table({"index": pa.array(everything), **_factor_columns(self._points, everything)})
+
+    def missing(self) -> np.ndarray:
+        """Numbers of the points that have no row yet, ascending."""
+        left = np.ones(len(self._points), dtype=bool)
+        left[_scan(self.folder, ["index"])["index"].to_numpy()] = False
+        return np.flatnonzero(left)
+
+    def add(self, rows: Rows) -> None:
+        """Take the rows of a finished batch; they are on disk at the latest after the next `flush`.
+
+        Raises
+        ------
+        SweepError
+            The folder can't be written.
+        """
+        self._rows.append(rows)
+        self._waiting += len(rows.indices)
+        pause = min(max(_SHARE * (self._now() - self._began), _LEAST_TIME), _MOST_TIME)
+        if self._waiting >= _MOST_ROWS or self._now() - self._written >= pause:
+            self.flush()
+
+    def flush(self) -> None:
+        """Write all rows that wait.
+
+        Raises
+        ------
+        SweepError
+            The folder can't be written.
+        """
+        if self._rows:
+            name = f"part-{self._rows[0].indices[0]:09d}-{uuid4().hex[:12]}.parquet"
+            try:
+                _write_table(self._table(), self.folder / "results" / name)
+            except OSError as error:
+                raise SweepError(
+                    f"can't write into {self.folder}: {error.strerror or error}; free some space and start again: "
+                    "it goes on where it stopped"
+                ) from error
+        self._rows, self._waiting, self._written = [], 0, self._now()
+
+    def _table(self) -> pa.Table:
+        indices = np.array([i for rows in self._rows for i in rows.indices], dtype=np.int64)
+        metrics = {
+            name: pa.array([v for rows in self._rows for v in rows.metrics[name]], pa.float64())
+            for name in self._metrics
+        }
+        errors = pa.array([e for rows in self._rows for e in rows.errors], pa.string())
+        return pa.table(
+            {"index": pa.array(indices), **_factor_columns(self._points, indices), **metrics, "error": errors}
+        )
+
+    def summary(self) -> Summary:
+        """How far the sweep is, by what is on disk."""
+        done = len(self._points) - len(self.missing())
+        errors = _without_repeats(_scan(self.folder, ["index", "error"], pc.field("error").is_valid()))
+        first = f"point {errors['index'][0]}: {errors['error'][0]}" if len(errors) else ""
+        return Summary(len(self._points), done, len(errors), first)
+
+
+def read(folder: Path, columns: Sequence[str] | None = None) -> pa.Table:
+    """All rows of a sweep so far, in the order of the plan: index, factors, metrics, error.
+
+    Parameters
+    ----------
+    folder : Path
+    columns : sequence of str, optional
+        Only these, after the index: ten million rows with all columns need gigabytes.
+
+    Raises
+    ------
+    SweepError
+        There is no sweep in this folder, it has no such column, or a file is damaged.
+    """
+    if not (folder / "sweep.json").is_file():
+        raise SweepError(f"{folder} holds no sweep: it has no sweep.json")
+    return _without_repeats(_scan(folder, None if columns is None else ["index", *columns]))
+
+
+def _scan(folder: Path, columns: Sequence[str] | None = None, condition: pc.Expression | None = None) -> pa.Table:
+    """Columns of all parts, in any order."""
+    parts = _parts(folder)
+    if not parts:
+        plan = pq.read_table(folder / "plan.parquet").slice(0, 0)
+        table = plan.append_column("error", pa.array([], pa.string()))
+        return table if columns is None else table.select(columns)
+    try:
+        rows = ds.dataset([str(p) for p in parts], format="parquet")
+        for name in columns or ():
+            if name not in rows.schema.names:
+                raise SweepError(f"{folder}: rows have no column '{name}'; {nearest(name, rows.schema.names)}")
+        return rows.to_table(columns=columns, filter=condition)
+    except (pa.ArrowException, OSError) as error:
+        line = " ".join(str(error).split())
+        raise SweepError(f"{folder}: a file is damaged: {line}; delete it, and start the sweep again") from error
+
+
+def _without_repeats(table: pa.Table) -> pa.Table:
+    """Sorted by index; a point that two sweeps at once have run comes once."""
+    table = table.unify_dictionaries().sort_by("index")
+    index = table["index"].to_numpy()
+    first = np.ones(len(index), dtype=bool)
+    first[1:] = index[1:] != index[:-1]
+    return table if first.all() else table.filter(pa.array(first))
+
+
+def _parts(folder: Path) -> list[Path]:
+    return sorted((folder / "results").glob("part-*.parquet"))
+
+
+def _factor_columns(points: Points, indices: np.ndarray) -> dict[str, pa.Array]:
+    return {f.name: _column(f, c[indices]) for f, c in zip(points.factors, points.columns, strict=True)}
+
+
+def _column(factor: Factor, values: np.ndarray) -> pa.Array:
+    if isinstance(factor, Range):
+        return pa.array(values)
+    levels = pa.array(factor.values)
+    if pa.types.is_string(levels.type):
+        return pa.DictionaryArray.from_arrays(pa.array(values), levels)
+    return levels.take(pa.array(values))
+
+
+def _fingerprint(question: Mapping[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(question, sort_keys=True).encode()).hexdigest()
+
+
+def _read_json(path: Path) -> dict[str, Any]:
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise SweepError(f"{path}: can't be read: {error}; choose another --out, or delete the folder") from error
+    return data if isinstance(data, dict) else {}
+
+
+def _write_table(table: pa.Table, path: Path) -> None:
+    # random numbers don't compress; zstd makes the rest of a row (errors, levels, indices) small
+    _write_whole(path, lambda part: pq.write_table(table, part, compression="zstd"))
+
+
+def _write_whole(path: Path, write: Callable[[Path], object]) -> None:
+    """Write a file under another name, see it on the disk, and give it its name."""
+    part = path.with_name(f".{path.name}.part")
+    write(part)
+    with part.open("rb+") as stream:
+        os.fsync(stream.fileno())
+    part.replace(path)

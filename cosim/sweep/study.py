@@ -1,0 +1,65 @@
+"""What a point of a sweep means: the part that each application writes for itself."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+from cosim.results import Results
+from cosim.simulation import Simulation
+from cosim.sweep.factors import Value
+from cosim.system import Signal
+
+
+@dataclass(frozen=True)
+class Case:
+    """One run.
+
+    Attributes
+    ----------
+    variant : hashable
+        Which simulation; one is kept open for all cases of the same variant.
+    stop_time, step_size : float
+        In s.
+    start : mapping
+        Start values `component.variable`.
+    signals : sequence of Signal
+        In place of those of the system with the same targets.
+    """
+
+    variant: Hashable
+    stop_time: float
+    step_size: float
+    start: Mapping[str, Any] = field(default_factory=dict)
+    signals: Sequence[Signal] = ()
+
+
+class Study(Protocol):
+    """From a point to a run, and from a run to a row.
+
+    Travels to the workers by pickle, once: plain data, of classes of installed packages. FMU files travel by
+    themselves and are known by the SHA-256 of their contents.
+    """
+
+    @property
+    def metrics(self) -> Sequence[str]:
+        """Names of the numbers of a row."""
+        ...
+
+    def simulation(self, variant: Hashable, fmu: Callable[[str], Path]) -> Simulation:
+        """The simulation of a variant, not yet open; `fmu` gives the path of an FMU by its SHA-256."""
+        ...
+
+    def case(self, point: Mapping[str, Value]) -> Case:
+        """The run of a point; an error here makes the point an error row."""
+        ...
+
+    def row(self, case: Case, results: Results) -> Mapping[str, float | None]:
+        """The metrics of a run."""
+        ...
+
+    def fingerprint(self) -> Mapping[str, Any]:
+        """All that decides a row besides the point, as JSON can write it."""
+        ...

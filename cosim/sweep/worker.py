@@ -1,0 +1,131 @@
+"""What a worker does with a batch: run its points one by one on simulations that stay open."""
+
+from __future__ import annotations
+
+import errno
+import pickle
+import threading
+import time as clock
+from collections import OrderedDict
+from collections.abc import Hashable, Iterator, Mapping
+from socket import gethostname
+from typing import cast
+
+from cosim.errors import CosimError
+from cosim.loop.library import LoopLibraryError
+from cosim.simulation import Simulation
+from cosim.sweep import stock
+from cosim.sweep.batch import Batch, Row, Rows
+from cosim.sweep.errors import WorkerTrouble
+from cosim.sweep.factors import Value
+from cosim.sweep.study import Study
+from cosim.versions import versions
+
+#: Simulations that a process keeps open.
+_MOST_OPEN = 8
+
+#: Failures of the machine, not of the run: the point is better off on another worker.
+_OF_THE_MACHINE = (errno.ENOSPC, errno.EDQUOT, errno.EMFILE, errno.ENFILE, errno.EROFS, errno.EIO)
+
+#: FMUs need not be thread-safe: the threads of a worker take turns.
+_turn = threading.Lock()
+
+_studies: dict[str, Study] = {}
+_open: OrderedDict[tuple[str, Hashable], Simulation] = OrderedDict()
+
+
+class Timer:
+    """Context that adds up the time (s) spent in it."""
+
+    def __init__(self) -> None:
+        self.seconds = 0.0
+
+    def __enter__(self) -> None:
+        self._began = clock.perf_counter()
+
+    def __exit__(self, *_: object) -> None:
+        self.seconds += clock.perf_counter() - self._began
+
+
+def run_batch(batch: Batch) -> Rows:
+    """Run all points of a batch; a run that fails becomes a row with its error.
+
+    Raises
+    ------
+    WorkerTrouble
+        This worker can't run anything.
+    """
+    with _turn:
+        timer = Timer()
+        rows = list(rows_of(batch, timer))
+        return Rows.of(study_of(batch).metrics, rows, timer.seconds)
+
+
+def study_of(batch: Batch) -> Study:
+    """The study of a batch, read once in each process.
+
+    Raises
+    ------
+    WorkerTrouble
+        It has not arrived, or comes from another version of this package.
+    """
+    own = versions()["closed-chain-cosim"]
+    if batch.version != own:
+        raise WorkerTrouble(
+            f"{gethostname()} has closed-chain-cosim {own}, the sweep comes from {batch.version}; install the same"
+        )
+    if batch.study not in _studies:
+        _studies[batch.study] = cast(Study, pickle.loads(stock.path(batch.study).read_bytes()))
+    return _studies[batch.study]
+
+
+def rows_of(batch: Batch, timer: Timer) -> Iterator[Row]:
+    """Run the points of a batch in order.
+
+    Raises
+    ------
+    WorkerTrouble
+        This worker can't run anything.
+    """
+    study = study_of(batch)
+    for index, point in batch.points():
+        yield _row(batch.study, study, index, point, timer)
+
+
+def _row(key: str, study: Study, index: int, point: Mapping[str, Value], timer: Timer) -> Row:
+    try:
+        case = study.case(point)
+        simulation = _simulation(key, study, case.variant)
+        with timer:
+            results = simulation.run(case.stop_time, case.step_size, start=case.start, signals=case.signals)
+            return Row(index, study.row(case, results), None)
+    except WorkerTrouble:
+        raise
+    except Exception as error:  # whatever goes wrong in a run is that run's result
+        if _is_of_the_machine(error):
+            raise WorkerTrouble(f"{gethostname()}: {_line(error)}") from error
+        return Row(index, None, _line(error))
+
+
+def _simulation(key: str, study: Study, variant: Hashable) -> Simulation:
+    if (key, variant) not in _open:
+        simulation = study.simulation(variant, stock.path)
+        _open[key, variant] = simulation.__enter__()
+        if len(_open) > _MOST_OPEN:
+            _open.popitem(last=False)[1].close()
+    _open.move_to_end((key, variant))
+    return _open[key, variant]
+
+
+def _is_of_the_machine(error: BaseException | None) -> bool:
+    while error is not None:
+        if isinstance(error, LoopLibraryError) or (isinstance(error, OSError) and error.errno in _OF_THE_MACHINE):
+            return True
+        error = error.__cause__
+    return False
+
+
+def _line(error: Exception) -> str:
+    """An error in one line."""
+    text = str(error) if isinstance(error, CosimError) else f"{type(error).__name__}: {error}"
+    return " ".join(text.split())
