@@ -31,6 +31,7 @@ from cosim.robot.scenario import load_scenario
 from cosim.robot.sweep import METRICS, RobotStudy, robot_study
 from cosim.sweep import sizes
 from cosim.sweep.batch import Rows
+from cosim.sweep.cluster import connect
 from cosim.sweep.design import Points, design
 from cosim.sweep.engine import sweep
 from cosim.sweep.factors import Range
@@ -38,8 +39,8 @@ from cosim.sweep.store import Store, read
 
 FACTORS = (Range("controller.alpha", 0.5, 3.0), Range("controller.beta", 1.0, 2.0))
 
-#: Runs in a task of the second part: as many as in a task of 1.5 s with runs of 40 ms.
-RUNS_IN_A_TASK = 40
+#: Runs in a task -> tasks to measure: as in a task of 1.5 s, and of 10 s on a large cluster.
+TASKS = {40: 600, 400: 100}
 
 #: Points of a large plan.
 PLANNED = 10_000_000
@@ -126,32 +127,38 @@ def loopback() -> int:
     return psutil.net_io_counters(pernic=True)["lo"].bytes_sent if "lo" in psutil.net_if_stats() else 0
 
 
-def loads(study: RobotStudy, files: dict[str, Path], tasks: int) -> dict[str, float]:
-    """What tasks of many short runs cost besides the runs, and what rows take on disk.
+def loads(study: RobotStudy, files: dict[str, Path], runs: int, tasks: int) -> dict[str, float]:
+    """What tasks of so many runs cost besides the runs, above what scheduler and client use when nothing happens.
 
-    A task of 40 runs costs the scheduler the same whatever its runs take, so short ones show it soon.
+    It is the same whatever the runs take, so short ones show it soon.
     """
     scenarios = {name: dataclasses.replace(s, stop_time=0.01) for name, s in study.scenarios.items()}
     short = dataclasses.replace(study, scenarios=scenarios)
-    sizes._BATCH_TIME, sizes._MOST_RUNS = 1e9, RUNS_IN_A_TASK
+    sizes._BATCH_TIME, sizes._MOST_RUNS = 1e9, runs
+    points = points_of(tasks * runs, 1)
     own = psutil.Process()
     with tempfile.TemporaryDirectory() as name, cluster(Path(name), CORES) as (address, scheduler, workers):
+
+        def counters() -> np.ndarray:
+            return np.array([time.perf_counter(), 1e3 * cpu(scheduler), 1e3 * cpu(own), 1e-3 * loopback()])
+
         sweep(short, files, points_of(CORES, 0), Path(name) / "first", scheduler=address)  # all have started
-        idle, sent, began = cpu(scheduler), loopback(), time.perf_counter()
-        time.sleep(5.0)
-        seconds = time.perf_counter() - began
-        idle, idle_sent = (cpu(scheduler) - idle) / seconds, (loopback() - sent) / seconds
-        before, mine, sent = cpu(scheduler), cpu(own), loopback()
-        outcome = sweep(short, files, points_of(tasks * RUNS_IN_A_TASK, 1), Path(name) / "second", scheduler=address)
-        used, mine, sent = cpu(scheduler) - before, cpu(own) - mine, loopback() - sent
+        with connect(address):
+            before = counters()
+            time.sleep(5.0)
+            idle = counters() - before
+        before = counters()
+        sweep(short, files, points, Path(name) / "second", scheduler=address)
+        used = counters() - before
+        _, by_scheduler, by_client, sent = (used - idle * used[0] / idle[0]) / tasks
         return {
-            "scheduler CPU, ms a task": 1e3 * (used - idle * outcome.seconds) / tasks,
-            "scheduler CPU when idle, ms a second": 1e3 * idle,
-            "submitting process CPU, ms a task": 1e3 * mine / tasks,
-            "network (two hops each way), kB a task": 1e-3 * (sent - idle_sent * outcome.seconds) / tasks,
+            "scheduler CPU, ms a task": by_scheduler,
+            "submitting process CPU, ms a task": by_client,
+            "network, kB a task": sent,
+            "scheduler CPU when idle, ms a second": idle[1] / idle[0],
+            "submitting process CPU when idle, ms a second": idle[2] / idle[0],
             "scheduler memory, MB": 1e-6 * scheduler.memory_info().rss,
             "worker memory after short runs, MB": 1e-6 * max(w.memory_info().rss for w in workers),
-            "FMUs and study, kB a worker": 1e-3 * sum(p.stat().st_size for p in files.values()),
         }
 
 
@@ -203,14 +210,13 @@ def large_plan(n: int) -> dict[str, float]:
     with tempfile.TemporaryDirectory() as name:
         began = time.perf_counter()
         store = Store(Path(name), design("sobol", FACTORS, n), METRICS, {})
-        missing = len(store.missing())
+        store.missing()
         seconds = time.perf_counter() - began
         size = (Path(name) / "plan.parquet").stat().st_size
     return {
-        "plan, s": seconds,
-        "plan, MB on disk": 1e-6 * size,
-        "largest memory of the submitting process, MB": 1e-3 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss,
-        "points to run": missing,
+        f"plan of {n:,} points, s": seconds,
+        f"plan of {n:,} points, MB on disk": 1e-6 * size,
+        f"plan of {n:,} points, largest memory, MB": 1e-3 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss,
     }
 
 
@@ -220,7 +226,6 @@ def main() -> None:
     parser.add_argument("--fmus", type=Path, default=Path("fmus"), metavar="DIR")
     parser.add_argument("--points", type=int, default=300, help="runs of a sweep for each worker (default %(default)s)")
     parser.add_argument("--rounds", type=int, default=7, help="default %(default)s")
-    parser.add_argument("--tasks", type=int, default=1000, help="tasks of the second part (default %(default)s)")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write all figures there")
     options = parser.parse_args()
     build_missing(options.fmus, "fmi2")
@@ -243,12 +248,17 @@ def main() -> None:
     print(f"\n{'ratios, median over rounds':<44}{'median':>9}{'least':>9}{'most':>9}")
     for name, values in ratios.items():
         print(f"{name:<44}{statistics.median(values):>9.3f}{min(values):>9.3f}{max(values):>9.3f}")
-    figures = {"worker memory, MB": worker_memory(study, files, 100), **loads(study, files, options.tasks)}
+    figures = {
+        "FMUs, kB a worker": 1e-3 * sum(p.stat().st_size for p in files.values()),
+        "worker memory, MB": worker_memory(study, files, 100),
+    }
+    for runs, tasks in TASKS.items():
+        figures |= {f"tasks of {runs} runs: {k}": v for k, v in loads(study, files, runs, tasks).items()}
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
         figures |= on_disk(100_000) | pool.submit(large_plan, PLANNED).result()
-    print(f"\ntasks of {RUNS_IN_A_TASK} runs; plan of {PLANNED:,} points")
+    print()
     for name, value in figures.items():
-        print(f"{name:<44}{value:>9.3g}")
+        print(f"{name:<64}{value:>9.3g}")
     if options.json:
         options.json.write_text(json.dumps({"rates": found, "ratios": ratios, "figures": figures}, indent=2) + "\n")
 

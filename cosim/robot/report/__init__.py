@@ -1,0 +1,35 @@
+"""The reproduction of the paper as one HTML page: claims, figures, interactive errors, and the robot in motion."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from cosim.robot.report.page import page
+from cosim.robot.reproduce.content import Reproduction
+
+#: Name of the page in its folder.
+REPORT = "report.html"
+
+
+def write_report(content: Reproduction, folder: Path) -> Path:
+    """Write `report.html`, which needs no other file and no network; the same content gives the same bytes.
+
+    Parameters
+    ----------
+    content : Reproduction
+        What was found; the files of its figures must be there.
+    folder : Path
+
+    Returns
+    -------
+    Path
+        The page.
+
+    Raises
+    ------
+    OSError
+        A figure can't be read, or the page can't be written.
+    """
+    path = folder / REPORT
+    path.write_text(page(content), encoding="utf-8", newline="\n")
+    return path
