@@ -150,13 +150,12 @@ def loads(study: RobotStudy, files: dict[str, Path], runs: int, tasks: int) -> d
         before = counters()
         sweep(short, files, points, Path(name) / "second", scheduler=address)
         used = counters() - before
-        _, by_scheduler, by_client, sent = (used - idle * used[0] / idle[0]) / tasks
+        _, by_scheduler, by_client, sent = ((used - idle * used[0] / idle[0]) / tasks).tolist()
         return {
             "scheduler CPU, ms a task": by_scheduler,
             "submitting process CPU, ms a task": by_client,
             "network, kB a task": sent,
-            "scheduler CPU when idle, ms a second": idle[1] / idle[0],
-            "submitting process CPU when idle, ms a second": idle[2] / idle[0],
+            "scheduler CPU when idle, ms a second": float(idle[1] / idle[0]),
             "scheduler memory, MB": 1e-6 * scheduler.memory_info().rss,
             "worker memory after short runs, MB": 1e-6 * max(w.memory_info().rss for w in workers),
         }

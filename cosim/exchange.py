@@ -26,7 +26,7 @@ import numpy as np
 from cosim.coupling import LinearInputs
 from cosim.instance import Batch, Instance
 from cosim.loop.arena import Arena
-from cosim.loop.library import EXTRAPOLATED, HELD, TYPES, Kind, Operation, Rates
+from cosim.loop.binding import EXTRAPOLATED, HELD, TYPES, Kind, Operation, Rates
 from cosim.ports import Element, variables_of
 from cosim.resolve import Drive, Link, ResolvedSystem
 

@@ -24,7 +24,7 @@ import numpy as np
 from fmpy.fmi1 import FMICallException
 from fmpy.model_description import ModelDescription, ModelVariable
 
-from cosim.loop.library import Operation, loop_library
+from cosim.loop.binding import Operation, loop_library
 
 #: FMI type -> (name in the C functions, C type), for FMI 2.0 and for FMI 3.0.
 _TYPES_2 = {

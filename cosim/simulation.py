@@ -21,7 +21,7 @@ from cosim.failures import Failing
 from cosim.instance import Batch, CallFailed, Instance
 from cosim.interrupts import DeferredInterrupt
 from cosim.load import load
-from cosim.loop.library import loop_library
+from cosim.loop.binding import loop_library
 from cosim.pacing import Pacer
 from cosim.ports import KINDS, Element, Ports, variables_of
 from cosim.recording import InMemory, PassedOn, Recorder, Sink

@@ -15,7 +15,7 @@ from cosim.exchange import Entry, Exchange, Table
 from cosim.failures import Failing, SimulationError, SimulationInterrupted
 from cosim.instance import Batch, Instance
 from cosim.interrupts import DeferredInterrupt
-from cosim.loop.library import NOT_FINITE, RETURNED_EARLY, WANTS_TO_END, Loop, Operation, loop_library
+from cosim.loop.binding import NOT_FINITE, RETURNED_EARLY, WANTS_TO_END, Loop, Operation, loop_library
 from cosim.pacing import Pacer
 from cosim.ports import variables_of
 from cosim.recording import PassedOn, Recorder

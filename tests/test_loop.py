@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import cosim.loop.library
+import cosim.loop.binding
 import cosim.stepping
 from cosim import Results, SetupError, Simulation, SimulationError, System, simulate
 from cosim.exchange import Order
-from cosim.loop.library import LoopLibraryError, loop_library
+from cosim.loop.binding import LoopLibraryError, loop_library
 from tests.small_fmus import FLAVOURS, FMI3_TYPES, build, compiled
 from tests.tiny_models import GAIN, INTEGRATOR
 
@@ -71,7 +71,7 @@ REMEDY = r"install the package again \(pip install \.\), or in a checkout: pytho
 def test_a_library_of_another_source_is_one_line_with_the_remedy(
     reloaded: None, fmus: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(cosim.loop.library, "source_hash", lambda: "0123456789abcdef")
+    monkeypatch.setattr(cosim.loop.binding, "source_hash", lambda: "0123456789abcdef")
     message = rf"^the compiled loop .*_loop\.\w+ belongs to another version of its source; {REMEDY}$"
     with pytest.raises(LoopLibraryError, match=message):
         Simulation(integrator(fmus))
@@ -80,7 +80,7 @@ def test_a_library_of_another_source_is_one_line_with_the_remedy(
 def test_a_missing_library_is_one_line_with_the_remedy(
     reloaded: None, fmus: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(cosim.loop.library, "LIBRARY", tmp_path / "_loop.so")
+    monkeypatch.setattr(cosim.loop.binding, "LIBRARY", tmp_path / "_loop.so")
     with pytest.raises(LoopLibraryError, match=rf"^the compiled loop .*_loop\.so can't be loaded: .*; {REMEDY}$"):
         Simulation(integrator(fmus))
 
@@ -89,23 +89,23 @@ def test_a_file_that_is_no_library_is_one_line_with_the_remedy(
     reloaded: None, fmus: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     (tmp_path / "_loop.so").write_bytes(b"not a library")
-    monkeypatch.setattr(cosim.loop.library, "LIBRARY", tmp_path / "_loop.so")
+    monkeypatch.setattr(cosim.loop.binding, "LIBRARY", tmp_path / "_loop.so")
     with pytest.raises(LoopLibraryError, match=rf"can't be loaded: .*; {REMEDY}$"):
         Simulation(integrator(fmus))
 
 
 def test_a_library_with_another_layout_is_refused(reloaded: None, fmus: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    class Longer(cosim.loop.library.Operation):
-        _fields_ = (("more", cosim.loop.library.c_double),)
+    class Longer(cosim.loop.binding.Operation):
+        _fields_ = (("more", cosim.loop.binding.c_double),)
 
-    monkeypatch.setattr(cosim.loop.library, "Operation", Longer)
+    monkeypatch.setattr(cosim.loop.binding, "Operation", Longer)
     with pytest.raises(LoopLibraryError, match=r"lays out its data in another way than library\.py"):
         Simulation(integrator(fmus))
 
 
 def test_after_a_refused_library_the_right_one_is_loaded(reloaded: None, fmus: Path) -> None:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(cosim.loop.library, "source_hash", lambda: "other")
+        patch.setattr(cosim.loop.binding, "source_hash", lambda: "other")
         with pytest.raises(LoopLibraryError):
             simulate(integrator(fmus), 1.0, 0.5)
     assert simulate(integrator(fmus), 1.0, 0.5)["i.x"] == pytest.approx([0.0, 0.5, 1.0], rel=1e-12)

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from cosim.loop.library import LoopLibraryError
+from cosim.loop.binding import LoopLibraryError
 from cosim.simulation import Simulation
 from cosim.sweep import isolated, stock, worker
 from cosim.sweep.batch import Batch, Rows

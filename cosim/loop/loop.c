@@ -1,7 +1,7 @@
 /* The stepping loop: walks a table of operations that Python has prepared, and calls the FMUs' C functions directly.
  *
  * It allocates nothing, knows no FMU, and needs no header of FMI: of both versions it calls four functions, whose types
- * stand here. library.py lays `Operation` and `Loop` out once more; LOOP_HASH tells it whether it belongs to this file. */
+ * stand here. binding.py lays `Operation` and `Loop` out once more; LOOP_HASH tells it whether it belongs to this file. */
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>

@@ -258,8 +258,9 @@ def _read_json(path: Path) -> dict[str, Any]:
 
 
 def _write_table(table: pa.Table, path: Path) -> None:
-    # random numbers don't compress; zstd makes the rest of a row (errors, levels, indices) small
-    _write_whole(path, lambda part: pq.write_table(table, part, compression="zstd"))
+    # a dictionary of floats, which hardly repeat, would cost half the time and a fifth of the space
+    repeating = [field.name for field in table.schema if not pa.types.is_floating(field.type)]
+    _write_whole(path, lambda part: pq.write_table(table, part, compression="zstd", use_dictionary=repeating))
 
 
 def _write_whole(path: Path, write: Callable[[Path], object]) -> None:

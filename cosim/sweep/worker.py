@@ -12,7 +12,7 @@ from socket import gethostname
 from typing import cast
 
 from cosim.errors import CosimError
-from cosim.loop.library import LoopLibraryError
+from cosim.loop.binding import LoopLibraryError
 from cosim.simulation import Simulation
 from cosim.sweep import stock
 from cosim.sweep.batch import Batch, Row, Rows

@@ -131,7 +131,7 @@ def loop_library() -> ctypes.CDLL:
     if library.loop_hash().decode() != source_hash():
         raise LoopLibraryError(f"the compiled loop {LIBRARY} belongs to another version of its source; {_REMEDY}")
     if [library.loop_sizes(i) for i in range(3)] != [ctypes.sizeof(kind) for kind in (Operation, Loop, Rates)]:
-        raise LoopLibraryError(f"the compiled loop {LIBRARY} lays out its data in another way than library.py")
+        raise LoopLibraryError(f"the compiled loop {LIBRARY} lays out its data in another way than binding.py")
     library.loop_perform.argtypes = [POINTER(Loop), POINTER(Operation), c_int64]
     library.loop_run.argtypes = [POINTER(Loop), c_int64, c_int64]
     library.loop_perform.restype = library.loop_run.restype = c_bool
