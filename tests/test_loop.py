@@ -99,7 +99,7 @@ def test_a_library_with_another_layout_is_refused(reloaded: None, fmus: Path, mo
         _fields_ = (("more", cosim.loop.binding.c_double),)
 
     monkeypatch.setattr(cosim.loop.binding, "Operation", Longer)
-    with pytest.raises(LoopLibraryError, match=r"lays out its data in another way than library\.py"):
+    with pytest.raises(LoopLibraryError, match=r"lays out its data in another way than binding\.py"):
         Simulation(integrator(fmus))
 
 
