@@ -82,7 +82,7 @@ def measure_program(fmus: Path) -> Section:
     warm = statistics.median(t for t, _ in starts)
     return Section(
         "The program",
-        "`cosim run` from the start of the process to results, summary and figures on the disk, median of 5 after one "
+        "`cosim run` from the start of the process to results, summary and figures on the disk, median of 5 after a first "
         "one; and an hour of simulated time, 3.6 million steps, everything recorded in a Parquet file.",
         ("what", "seconds", "largest memory (MB)"),
         [
