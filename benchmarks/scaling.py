@@ -82,8 +82,8 @@ def measure_program(fmus: Path) -> Section:
     warm = statistics.median(t for t, _ in starts)
     return Section(
         "The program",
-        "`cosim run` from the start of the process to results, summary and figures on the disk, median of 5 after a first "
-        "one; and an hour of simulated time, 3.6 million steps, everything recorded in a Parquet file.",
+        "`cosim run` from the start of the process to results, summary and figures on the disk, median of 5 after "
+        "a first one; and an hour of simulated time, 3.6 million steps, everything recorded in a Parquet file.",
         ("what", "seconds", "largest memory (MB)"),
         [
             ("cosim run", f"{warm:.2f} (loop {loop:.3f})", f"{statistics.median(m for _, m in starts):.0f}"),
