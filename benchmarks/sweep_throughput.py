@@ -174,17 +174,20 @@ def worker_memory(study: RobotStudy, files: dict[str, Path], n: int) -> float:
 
 
 def cpu_of_runs(study: RobotStudy, files: dict[str, Path], n: int, rounds: int) -> list[tuple[float, float]]:
-    """CPU time (ms) of a run in a bare loop, and in a sweep with all its processes; busy neighbours matter little."""
+    """CPU time (ms) of a run in a bare loop, and in a sweep of one worker with all its processes.
+
+    Busy neighbours matter less to it than to the rates.
+    """
     own, found = psutil.Process(), []
-    with tempfile.TemporaryDirectory() as name, cluster(Path(name), CORES) as (address, scheduler, workers):
-        sweep(study, files, points_of(4 * CORES, 0), Path(name) / "first", scheduler=address)  # all have started
+    with tempfile.TemporaryDirectory() as name, cluster(Path(name), 1) as (address, scheduler, workers):
+        sweep(study, files, points_of(4, 0), Path(name) / "first", scheduler=address)  # all have started
         for seed in range(rounds):
             before = cpu(own)
             bare_loop(study, files, n, seed)
             bare = 1e3 * (cpu(own) - before) / n
             before = sum(map(cpu, [own, scheduler, *workers]))
-            sweep(study, files, points_of(CORES * n, seed), Path(name) / str(seed), scheduler=address)
-            found.append((bare, 1e3 * (sum(map(cpu, [own, scheduler, *workers])) - before) / (CORES * n)))
+            sweep(study, files, points_of(n, seed), Path(name) / str(seed), scheduler=address)
+            found.append((bare, 1e3 * (sum(map(cpu, [own, scheduler, *workers])) - before) / n))
     return found
 
 
@@ -223,7 +226,7 @@ def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--fmus", type=Path, default=Path("fmus"), metavar="DIR")
-    parser.add_argument("--points", type=int, default=300, help="runs of a sweep for each worker (default %(default)s)")
+    parser.add_argument("--points", type=int, default=400, help="runs of a sweep for each worker (default %(default)s)")
     parser.add_argument("--rounds", type=int, default=7, help="default %(default)s")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write all figures there")
     options = parser.parse_args()

@@ -47,7 +47,11 @@ def connect(scheduler: str | None = None, workers: int | None = None) -> Iterato
 
 
 def _local(workers: int) -> LocalCluster:
-    with dask.config.set({"distributed.scheduler.allowed-failures": _LOCAL_DEATHS}):
+    options = {
+        "distributed.scheduler.allowed-failures": _LOCAL_DEATHS,
+        "distributed.worker.profile.enabled": False,  # samples the stack 100 times a second, for a page that is not shown
+    }
+    with dask.config.set(options):
         return LocalCluster(
             n_workers=workers,
             threads_per_worker=1,
