@@ -56,9 +56,11 @@ def linear_inputs(system: ResolvedSystem, coupling: Coupling) -> LinearInputs:
         raise SetupError(f"coupling {coupling!r} is unknown; {nearest(str(coupling), get_args(Coupling))}")
     moving: set[tuple[str, str]] = set()
     held: list[str] = []
+    added = {(d.component, e.name) for d in system.drives if d.added for e in d.targets}
     for component, element, every in _fed(system):
         name = f"{component}.{element.name}"
-        obstacle = _obstacle(system, component, element, every)
+        disturbed = (component, element.name) in added
+        obstacle = "a sampled signal is added to it" if disturbed else _obstacle(system, component, element, every)
         if coupling == "hold" or (obstacle and coupling == "auto"):
             held.append(name)
         elif obstacle:
@@ -78,7 +80,7 @@ def _fed(system: ResolvedSystem) -> Iterable[tuple[str, Element, int]]:
     for link in system.links:
         yield link.target_component, link.target, system.components[link.source_component].every
     for drive in system.drives:
-        for element in drive.targets:
+        for element in drive.targets if not drive.added else ():
             yield drive.component, element, 1
 
 

@@ -26,7 +26,7 @@ import numpy as np
 from cosim.coupling import LinearInputs
 from cosim.instance import Batch, Instance
 from cosim.loop.arena import Arena
-from cosim.loop.binding import EXTRAPOLATED, HELD, TYPES, Kind, Operation, Rates
+from cosim.loop.binding import EXTRAPOLATED, HELD, NONE, TYPES, Kind, Operation, Rates
 from cosim.ports import Element, variables_of
 from cosim.resolve import Drive, Link, ResolvedSystem
 
@@ -102,16 +102,18 @@ class Exchange:
         constant = {key for key in read - fed if self._is_constant(key)}
         varying = read - fed - constant
 
-        sets = self._group({key: self._level(*key) for key in fed})
-        gets = self._group(self._levels_of_gets(varying))
+        levels_of_gets = self._levels_of_gets(varying)
+        sets = self._group(self._levels_of_sets(fed, levels_of_gets))
+        gets = self._group(levels_of_gets)
         constants = self._group({key: self._level(*key) for key in constant})
-        size = sum(len(elements) for _, elements, _ in self._parts)
-        self.values = np.zeros(size)
+        added = [(d.component, e.name) for d in system.drives if d.added for e in d.targets]
+        self._added = {key: len(self._positions) + i for i, key in enumerate(added)}
+        self.values = np.zeros(len(self._positions) + len(added))
         self.recorded_positions = np.array([self._positions[c, e.name] for c, e in recorded], dtype=np.int32)
 
         self._columns = self._columns_of(system.drives)
         samples = [self._sample(drive) for drive in system.drives]
-        set_entries = {level: [self._set(part) for part in parts] for level, parts in sets.items()}
+        set_entries = {level: [e for part in parts for e in self._set(part)] for level, parts in sets.items()}
         get_entries = {level: [self._get(part) for part in parts] for level, parts in gets.items()}
         by_level = [
             entry
@@ -160,6 +162,25 @@ class Exchange:
             last[key[0]] = max(last.get(key[0], 0), level[key])
         together = {c: min((f for f in feeding.get(c, ()) if f >= at), default=at) for c, at in last.items()}
         return level | {key: together[key[0]] for key in keys - self._sources}
+
+    def _levels_of_sets(
+        self, keys: set[tuple[str, str]], levels_of_gets: Mapping[tuple[str, str], int]
+    ) -> dict[tuple[str, str], int]:
+        """When to set inputs: as late as what is read allows, so that the inputs of an FMU take few calls."""
+        level = {key: self._level(*key) for key in keys}
+        own: dict[str, list[int]] = {}
+        for (component, _), at in level.items():
+            own.setdefault(component, []).append(at)
+        latest: dict[tuple[str, str], int] = {}  # of inputs that something read depends on
+        for (component, name), at in levels_of_gets.items():
+            feedthrough = self._system.ports[component].feedthrough
+            inputs = feedthrough[name] if name in feedthrough else {n for c, n in keys if c == component}
+            for key in ((component, n) for n in inputs):
+                latest[key] = min(latest.get(key, at), at)
+        return {
+            key: max(other for other in own[key[0]] if at <= other <= max(at, latest.get(key, other)))
+            for key, at in level.items()
+        }
 
     def _group(self, level_of: Mapping[tuple[str, str], int]) -> dict[int, list[int]]:
         """Lay variables out in contiguous parts, one for each level, component and type; indices by level."""
@@ -222,10 +243,12 @@ class Exchange:
         operation, name = self._exchange(Kind.GET, part, targets=positions, n_targets=len(finite))
         return Entry(operation, component, name, finite)
 
-    def _set(self, part: int) -> Entry:
+    def _set(self, part: int) -> list[Entry]:
         component, elements, first = self._parts[part]
         index = {e.name: first + i for i, e in enumerate(elements)}
-        links = [k for k in self._links_to.get(component, ()) if k.target.name in index]
+        fed = [k for k in self._links_to.get(component, ()) if k.target.name in index]
+        transformed = [k for k in fed if self._is_transformed(k)]
+        links = [k for k in fed if not self._is_transformed(k)]
         operation, name = self._exchange(
             Kind.SET,
             part,
@@ -233,14 +256,32 @@ class Exchange:
             sources=self._arena.integers([self._positions[k.source_component, k.source.name] for k in links]),
             n_targets=len(links),
         )
-        return Entry(operation, component, name)
+        entry = Entry(operation, component, name)
+        return [self._transform(component, transformed, index), entry] if transformed else [entry]
+
+    def _is_transformed(self, link: Link) -> bool:
+        return (link.factor, link.offset) != (1.0, 0.0) or (link.target_component, link.target.name) in self._added
+
+    def _transform(self, component: str, links: Sequence[Link], position: Mapping[str, int]) -> Entry:
+        sources = [self._positions[k.source_component, k.source.name] for k in links]
+        added = [self._added.get((component, k.target.name), NONE) for k in links]
+        numbers = self._arena.array(ctypes.c_double, [*(k.factor for k in links), *(k.offset for k in links)])
+        operation = self._operation(
+            Kind.TRANSFORM,
+            component,
+            targets=self._arena.integers([position[k.target.name] for k in links]),
+            sources=self._arena.integers([*sources, *added]),
+            buffer=ctypes.addressof(numbers),
+            n_targets=len(links),
+        )
+        return Entry(operation, component)
 
     def _sample(self, drive: Drive) -> Entry:
         keys = [(drive.component, e.name) for e in drive.targets]
         operation = self._operation(
             Kind.SAMPLE,
             drive.component,
-            targets=self._arena.integers([self._positions[key] for key in keys]),
+            targets=self._arena.integers([(self._added if drive.added else self._positions)[key] for key in keys]),
             sources=self._arena.integers([self._columns[key] for key in keys]),
             n_targets=len(keys),
         )

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
 
-from fmpy.model_description import BaseUnit, ModelDescription, ModelVariable, Unit
+from fmpy.model_description import ModelDescription, ModelVariable, Unit
 
 from cosim.errors import SetupError, nearest
 
@@ -117,6 +117,14 @@ class Ports:
             name = variable.declaredType.unit
         return next((u for u in self.description.unitDefinitions if u.name == name), None)
 
+    def is_relative(self, element: Element) -> bool:
+        """Whether an element is a difference, to which the offset of its unit does not apply.
+
+        fmpy 0.3 reads `relativeQuantity` of declared types only.
+        """
+        declared = element.variable.declaredType
+        return bool(element.variable.relativeQuantity or (declared is not None and declared.relativeQuantity))
+
 
 def variables_of(elements: Iterable[Element]) -> list[ModelVariable]:
     """The variables that elements belong to, each once, in order."""
@@ -131,20 +139,6 @@ def fits(element: Element, number: float) -> bool:
         lower, upper = _RANGES[element.variable.type]
         return number.is_integer() and lower <= number <= upper
     return True
-
-
-def same_unit(a: Unit, b: Unit) -> bool:
-    """Whether two units mean the same: equal names, or equal SI exponents, factor and offset."""
-    if a.name == b.name:
-        return True
-    if a.baseUnit is None or b.baseUnit is None:
-        return False
-    return _signature(a.baseUnit) == _signature(b.baseUnit)
-
-
-def _signature(unit: BaseUnit) -> tuple[float, ...]:
-    exponents = (unit.kg, unit.m, unit.s, unit.A, unit.K, unit.mol, unit.cd, unit.rad)
-    return (*(float(e) for e in exponents), float(unit.factor), float(unit.offset))
 
 
 def indices(name: str) -> tuple[int, ...]:

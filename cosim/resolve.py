@@ -3,31 +3,34 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Set
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
 from cosim.errors import SetupError, nearest
-from cosim.ports import KINDS, Element, Ports, fits, same_unit
+from cosim.ports import KINDS, Element, Ports, fits
 from cosim.schedule import AlgebraicLoop, Node, levels
-from cosim.system import Component, Connection, Signal, SignalFunction, System
+from cosim.system import Component, Connection, Signal, SignalFunction, System, Units
+from cosim.units import UnitsDiffer, conversion
 
 
 @dataclass(frozen=True)
 class Link:
-    """A connection between two scalar values."""
+    """A connection between two scalar values: target = factor * source + offset."""
 
     source_component: str
     source: Element
     target_component: str
     target: Element
+    factor: float = 1.0
+    offset: float = 0.0
 
 
 @dataclass(frozen=True)
 class Drive:
-    """A signal that feeds one or more scalar inputs of a component."""
+    """A signal that feeds one or more scalar inputs of a component, or is added to what feeds them."""
 
     component: str
     targets: tuple[Element, ...]
@@ -35,6 +38,7 @@ class Drive:
     breakpoints: tuple[float, ...] = ()
     vectorized: bool = False
     every: int = 1  # of its component
+    added: bool = False
 
 
 @dataclass(frozen=True)
@@ -117,19 +121,51 @@ def _links(connection: Connection, ports: Mapping[str, Ports]) -> list[Link]:
     target_component, targets = _find(connection.target, ports, "input", "target of a connection")
     if len(sources) != len(targets):
         raise SetupError(f"{here}: {len(sources)} values can't feed {len(targets)}; connect elements one by one")
+    links = []
     for source, target in zip(sources, targets, strict=True):
         if source.kind != target.kind:
             raise SetupError(f"{here}: {source.kind} and {target.kind} don't match; connect values of one type")
-        a, b = ports[source_component].unit(source), ports[target_component].unit(target)
-        if a is not None and b is not None and not same_unit(a, b):
-            raise SetupError(f"{here}: units '{a.name}' and '{b.name}' don't match; convert one of them in its FMU")
-    return [Link(source_component, s, target_component, t) for s, t in zip(sources, targets, strict=True)]
+        factor, offset = _transformation(
+            here, connection, ports[source_component], source, ports[target_component], target
+        )
+        links.append(Link(source_component, source, target_component, target, factor, offset))
+    return links
+
+
+def _transformation(
+    here: str, connection: Connection, source_port: Ports, source: Element, target_port: Ports, target: Element
+) -> tuple[float, float]:
+    """Factor and offset of a connection, the conversion of units included."""
+    if connection.units not in get_args(Units):
+        raise SetupError(f"{here}: units = {connection.units!r}; {nearest(str(connection.units), get_args(Units))}")
+    for name, value in (("factor", connection.factor), ("offset", connection.offset)):
+        if not math.isfinite(value):
+            raise SetupError(f"{here}: {name} {value} is not a finite number")
+    if source.kind != "real" and (connection.factor, connection.offset) != (1.0, 0.0):
+        raise SetupError(
+            f"{here}: {source.kind} values can't be transformed; only real ones take a factor and an offset"
+        )
+    a, b = source_port.unit(source), target_port.unit(target)
+    if connection.units == "ignore" or a is None or b is None:
+        return connection.factor, connection.offset
+    try:
+        factor, offset = conversion(a, b, relative=target_port.is_relative(target))
+    except UnitsDiffer as error:
+        raise SetupError(f"{here}: {error}") from None
+    if connection.units == "equal" and (factor, offset) != (1.0, 0.0):
+        raise SetupError(
+            f"{here}: units '{a.name}' and '{b.name}' don't match; convert one of them in its FMU, "
+            "or connect with units='convert'"
+        )
+    return connection.factor * factor, connection.factor * offset + connection.offset
 
 
 def _drive(signal: Signal, ports: Mapping[str, Ports], system: System) -> Drive:
     component, targets = _find(signal.target, ports, "input", "target of a signal")
+    if signal.added and targets[0].kind != "real":
+        raise SetupError(f"'{signal.target}' is {targets[0].kind}; signals can be added to real inputs only")
     every = system.components[component].every
-    return Drive(component, tuple(targets), signal.function, signal.breakpoints, signal.vectorized, every)
+    return Drive(component, tuple(targets), signal.function, signal.breakpoints, signal.vectorized, every, signal.added)
 
 
 def resolve_start_value(port: Ports, name: str, value: Any) -> StartValue:
@@ -189,13 +225,14 @@ def _check_feeding(
     fed: dict[Node, str] = {}
     feeders = [
         *((k.target_component, k.target.name, f"'{k.source_component}.{k.source.name}'") for k in links),
-        *((d.component, e.name, "a signal") for d in drives for e in d.targets),
+        *((d.component, e.name, "a signal") for d in drives for e in d.targets if not d.added),
     ]
     for component, name, by in feeders:
         if (component, name) in fed:
             first = fed[component, name]
             raise SetupError(f"input '{component}.{name}' is fed twice, by {first} and by {by}; remove one of them")
         fed[component, name] = by
+    _check_added(drives, {(k.target_component, k.target.name) for k in links})
     held = {(s.component, e.name) for s in starts for e in s.elements}
     for component, port in ports.items():
         missing = [
@@ -208,6 +245,19 @@ def _check_feeding(
             raise SetupError(
                 f"nothing feeds input {names}; connect it, drive it with a signal, or hold it at a start value"
             )
+
+
+def _check_added(drives: Iterable[Drive], connected: Set[Node]) -> None:
+    """What is added to an input finds a connection there, and nothing else that is added."""
+    added: set[Node] = set()
+    for drive in drives:
+        for element in drive.targets if drive.added else ():
+            path = f"{drive.component}.{element.name}"
+            if (drive.component, element.name) not in connected:
+                raise SetupError(f"no connection feeds '{path}', so nothing can be added; use System.drive")
+            if (drive.component, element.name) in added:
+                raise SetupError(f"two signals are added to input '{path}'; add their sum")
+            added.add((drive.component, element.name))
 
 
 def _check_instances(system: System, ports: Mapping[str, Ports]) -> None:

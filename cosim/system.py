@@ -6,12 +6,15 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from cosim.errors import SetupError
 
 #: A function of time (s) that gives the value of an input: a number, or a sequence for a vector.
 SignalFunction = Callable[[Any], Any]
+
+#: What a connection does where the units of its ends differ: an error, a conversion, or nothing.
+Units = Literal["equal", "convert", "ignore"]
 
 
 @dataclass(frozen=True)
@@ -26,20 +29,24 @@ class Component:
 
 @dataclass(frozen=True)
 class Connection:
-    """An output of one component that feeds an input of another; both are `component.variable`."""
+    """An output of one component that feeds an input of another; see `System.connect`."""
 
     source: str
     target: str
+    factor: float = 1.0
+    offset: float = 0.0
+    units: Units = "equal"
 
 
 @dataclass(frozen=True)
 class Signal:
-    """A function of time that feeds an input, `component.variable`; see `System.drive`."""
+    """A function of time for an input, `component.variable`; see `System.drive` and `System.disturb`."""
 
     target: str
     function: SignalFunction
     breakpoints: tuple[float, ...] = ()
     vectorized: bool = False
+    added: bool = False
 
 
 @dataclass
@@ -92,9 +99,24 @@ class System:
             raise SetupError(f"component '{name}': every = {every!r} must be a positive whole number of steps")
         self.components[name] = Component(name, Path(fmu), dict(start or {}), every)
 
-    def connect(self, source: str, target: str) -> None:
-        """Connect an output to an input, both `component.variable`; scalars, or whole vectors of equal size."""
-        self.connections.append(Connection(source, target))
+    def connect(
+        self, source: str, target: str, *, factor: float = 1.0, offset: float = 0.0, units: Units = "equal"
+    ) -> None:
+        """Connect an output to an input; scalars, or whole vectors of equal size.
+
+        The input becomes `factor` * output + `offset`.
+
+        Parameters
+        ----------
+        source, target : str
+            Output and input, both `component.variable`.
+        factor, offset : float
+            For real values only; the offset is in the unit of the input.
+        units : {"equal", "convert", "ignore"}
+            What to do where the FMUs give the two ends different units: refuse the connection, convert the output to
+            the unit of the input before factor and offset are applied, or take the number as it is.
+        """
+        self.connections.append(Connection(source, target, factor, offset, units))
 
     def drive(
         self,
@@ -118,3 +140,24 @@ class System:
             The function takes an array of times (n,) and returns an array (n,) or (n, size): much faster.
         """
         self.signals.append(Signal(target, function, tuple(map(float, breakpoints)), vectorized))
+
+    def disturb(
+        self,
+        target: str,
+        function: SignalFunction,
+        *,
+        breakpoints: Sequence[float] = (),
+        vectorized: bool = False,
+    ) -> None:
+        """Add a function of time (s) to a connected input, as sensor noise or a fault does.
+
+        The sum is sampled at the communication points and held between them.
+
+        Parameters
+        ----------
+        target : str
+            Real input `component.variable` that a connection feeds.
+        function, breakpoints, vectorized
+            As in `drive`; in the unit of the input.
+        """
+        self.signals.append(Signal(target, function, tuple(map(float, breakpoints)), vectorized, added=True))

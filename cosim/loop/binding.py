@@ -26,10 +26,14 @@ class Kind(IntEnum):
     GET = 2
     RATES = 3
     STEP = 4
+    TRANSFORM = 5
 
 
 #: Sources of a rate in place of a column of the samples: the last two values, or none: held.
 EXTRAPOLATED, HELD = -1, -2
+
+#: In place of the position of what is added to a transformed value.
+NONE = -1
 
 #: Statuses beyond those of FMI.
 NOT_FINITE, WANTS_TO_END, RETURNED_EARLY = 100, 101, 102

@@ -14,7 +14,7 @@
 #define EXPORT __attribute__((visibility("default")))
 #endif
 
-typedef enum { SAMPLE, SET, GET, RATES, STEP } Kind;
+typedef enum { SAMPLE, SET, GET, RATES, STEP, TRANSFORM } Kind;
 
 /* C type of the values that a function of an FMU takes. */
 typedef enum { FLOAT64, FLOAT32, INT8, UINT8, INT16, UINT16, INT32, UINT32, INT64, UINT64 } Type;
@@ -22,6 +22,8 @@ typedef enum { FLOAT64, FLOAT32, INT8, UINT8, INT16, UINT16, INT32, UINT32, INT6
 /* Where a rate comes from: from the values at this and at the last point (extrapolation), or, for a signal, which is
  * known beforehand, from those at this and at the next point (interpolation): then its column of the samples. */
 enum { EXTRAPOLATED = -1, HELD = -2 };
+
+enum { NONE = -1 };
 
 /* How the inputs of an FMU change over a step. */
 typedef struct {
@@ -37,7 +39,9 @@ typedef struct {
     const uint32_t *references;
     void *buffer;                /* values in the type of the function; NULL for doubles, which need no copy */
     const int32_t *sources, *targets; /* SET: copied first. SAMPLE: columns, positions. GET: targets must be finite.
-                                         RATES: columns, EXTRAPOLATED or HELD, and positions. */
+                                         RATES: columns, EXTRAPOLATED or HELD, and positions.
+                                         TRANSFORM: sources and, after them, what is added (or NONE), positions all;
+                                         buffer: factors and, after them, offsets. */
     Rates *rates;                /* RATES. STEP: where `time` is that at which the FMU stopped */
     int32_t n_references, first, n, n_targets; /* first, n: the values that it gets or sets, contiguous */
 } Operation;
@@ -182,6 +186,13 @@ static int perform(const Loop *loop, const Operation *op, int64_t point, double 
             return status;
         case RATES:
             return set_rates(loop, op, point, time);
+        case TRANSFORM:
+            for (int32_t i = 0, n = op->n_targets; i < n; i++) {
+                const double *factors = op->buffer, *offsets = factors + n;
+                int32_t added = op->sources[n + i];
+                values[op->targets[i]] = factors[i] * values[op->sources[i]] + offsets[i] + (added == NONE ? 0.0 : values[added]);
+            }
+            return 0;
         case STEP:
             return do_step(op, time, op->every * loop->step_size);
     }

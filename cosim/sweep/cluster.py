@@ -49,7 +49,8 @@ def connect(scheduler: str | None = None, workers: int | None = None) -> Iterato
 def _local(workers: int) -> LocalCluster:
     options = {
         "distributed.scheduler.allowed-failures": _LOCAL_DEATHS,
-        "distributed.worker.profile.enabled": False,  # samples the stack 100 times a second, for a page that is not shown
+        # samples the stack 100 times a second, for a page that is not shown
+        "distributed.worker.profile.enabled": False,
     }
     with dask.config.set(options):
         return LocalCluster(
