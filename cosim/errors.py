@@ -14,6 +14,10 @@ class SetupError(CosimError):
     """A system can't be simulated as described; found before anything runs."""
 
 
+class ResultsError(CosimError):
+    """A result file can't be read, or has no variable of a name."""
+
+
 def nearest(name: str, known: Iterable[str]) -> str:
     """Hint for a wrong name: the nearest known one, or all of them when none is near."""
     names = list(known)

@@ -1,44 +1,58 @@
-"""Results of a run: values by name, to and from CSV."""
+"""Results of a run in memory, to files and from CSV."""
 
 from __future__ import annotations
 
 import csv
-import re
-from collections.abc import Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cosim.errors import CosimError, nearest
-from cosim.tables import TIME, Table, save, write_csv
+from cosim.errors import ResultsError
+from cosim.recorded import Recorded
+from cosim.tables import TIME, Table, record_batch, save, schema, write_csv
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 
-class ResultsError(CosimError):
-    """A result file can't be read, or has no variable of a name."""
-
-
-@dataclass
-class Results:
+@dataclass(repr=False)
+class Results(Recorded):
     """What a run recorded.
+
+    It is an Arrow stream (`__arrow_c_stream__`): `polars.DataFrame(results)`, `pandas.DataFrame.from_arrow(results)`,
+    `pyarrow.table(results)` and DuckDB's `select ... from results` take it as it is.
 
     Attributes
     ----------
     time : array (n,)
-        Communication points (s).
+        Recorded communication points (s).
     names : list of str
         Scalar names `component.variable`.
     values : array (n, len(names))
         One column a name.
     info : dict
-        How the run was made: step, order, FMUs and their SHA-256, parameters, status, times.
+        How the run was made: step, order, FMUs and their SHA-256, parameters, status, times, and `units`
+        (scalar name -> unit).
 
     Examples
     --------
-    >>> results["plant.x_E"]        # (n,)
-    >>> results["plant.theta_a"]    # (n, 3): whole vectors by their common name
+    >>> import numpy as np
+    >>> time = np.linspace(0.0, 1.0, 5)
+    >>> names = ["motor.phi", "motor.tau[1]", "motor.tau[2]"]
+    >>> results = Results(time, names, np.outer(time, [1.0, 2.0, 3.0]), {"status": "completed"})
+    >>> results
+    Results: 5 rows, 0 to 1 s, 3 columns, completed
+      motor: phi, tau[1..2]
+    >>> results["motor.phi"]
+    array([0.  , 0.25, 0.5 , 0.75, 1.  ])
+    >>> results["motor.tau"].shape  # whole vectors by their common name
+    (5, 2)
+    >>> results.to_arrow().column_names
+    ['time', 'motor.phi', 'motor.tau[1]', 'motor.tau[2]']
     """
 
     time: np.ndarray
@@ -46,25 +60,14 @@ class Results:
     values: np.ndarray
     info: dict[str, Any] = field(default_factory=dict)
 
-    def __getitem__(self, name: str) -> np.ndarray:
-        """Values of a scalar (n,) or a vector (n, size).
+    def _values(self, positions: int | list[int], every: int = 1) -> np.ndarray:
+        return self.values[::every, positions]
 
-        Raises
-        ------
-        ResultsError
-            Nothing of this name was recorded; the message offers the nearest name.
-        """
-        if name == TIME:
-            return self.time
-        if name in self.names:
-            return self.values[:, self.names.index(name)]
-        columns = matching(name, self.names)
-        if not columns:
-            raise ResultsError(f"nothing was recorded as '{name}'; {nearest(name, self.names)}")
-        return self.values[:, columns]
+    def _batches(self) -> Iterator[pa.RecordBatch]:
+        yield record_batch(self.time, self.values, schema(self.names))
 
-    def __contains__(self, name: str) -> bool:
-        return name == TIME or name in self.names or bool(matching(name, self.names))
+    def _row(self, position: int) -> np.ndarray:
+        return self.values[position]
 
     def thinned(self, every: int) -> Results:
         """Every so many-th row."""
@@ -80,7 +83,7 @@ class Results:
         OSError
             The file can't be written; an unfinished one is left behind under the name `<path>.part`.
         """
-        save(Table(self.time, self.names, self.values), path)
+        save(Table(self.time, self.names, self.values, self.units), path)
 
     def to_csv(self, path: str | PathLike[str]) -> None:
         """Write one header line with quoted names, then a line a communication point; floats round-trip.
@@ -112,13 +115,6 @@ class Results:
             raise ResultsError(f"{path}: can't be read as CSV: {error}") from error
         table = np.array(data, dtype=float).reshape(len(data), len(header))
         return cls(time=table[:, 0], names=header[1:], values=table[:, 1:])
-
-
-def matching(name: str, names: Sequence[str]) -> list[int]:
-    """Positions of the elements of a vector, in the order of their indices."""
-    elements = re.compile(re.escape(name) + r"\[\d+(,\d+)*\]")
-    columns = [i for i, n in enumerate(names) if elements.fullmatch(n)]
-    return sorted(columns, key=lambda i: [int(k) for k in re.findall(r"\d+", names[i][len(name) :])])
 
 
 def _numbers(path: str | PathLike[str], line: int, row: list[str], expected: int) -> list[float]:

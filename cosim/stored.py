@@ -2,25 +2,39 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cosim.errors import nearest
-from cosim.results import Results, ResultsError, matching
-from cosim.tables import TIME
+from cosim.recorded import Recorded
+from cosim.results import Results
+from cosim.tables import STREAMED, TIME, TableWriter
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 
-class StoredResults:
+class StoredResults(Recorded):
     """Results in a Parquet file, of which only the columns that are asked for are read.
+
+    Parameters
+    ----------
+    path : Path
+        File that `TableWriter` or `Results.save` wrote.
+    info : mapping
+        How the run was made.
 
     Attributes
     ----------
-    names : list of str
-    info : dict
     time : array (n,)
+        Recorded communication points (s).
+    names : list of str
+        Scalar names `component.variable`.
+    info : dict
+        As of `Results`.
     """
 
     def __init__(self, path: Path, info: Mapping[str, Any]) -> None:
@@ -39,27 +53,40 @@ class StoredResults:
             rows += len(part)
         return np.concatenate(parts) if parts else np.empty(0)
 
-    def __getitem__(self, name: str) -> np.ndarray:
-        """Values of a scalar (n,) or a vector (n, size).
+    def _values(self, positions: int | list[int], every: int = 1) -> np.ndarray:
+        if isinstance(positions, int):
+            return self._column(self.names[positions], every)
+        columns = [self._column(self.names[i], every) for i in positions]
+        return np.column_stack(columns) if columns else np.empty((len(self.time[::every]), 0))
 
-        Raises
-        ------
-        ResultsError
-            Nothing of this name was recorded; the message offers the nearest name.
-        """
-        if name == TIME:
-            return self.time
-        if name in self.names:
-            return self._column(name)
-        found = matching(name, self.names)
-        if not found:
-            raise ResultsError(f"nothing was recorded as '{name}'; {nearest(name, self.names)}")
-        return np.column_stack([self._column(self.names[i]) for i in found])
+    def _batches(self) -> Iterator[pa.RecordBatch]:
+        return self._file.iter_batches()
 
-    def __contains__(self, name: str) -> bool:
-        return name == TIME or name in self.names or bool(matching(name, self.names))
+    def _row(self, position: int) -> np.ndarray:
+        group = 0 if position == 0 else self._file.num_row_groups - 1
+        table = self._file.read_row_group(group)
+        return np.array([table.column(name)[position].as_py() for name in self.names])
 
     def thinned(self, every: int) -> Results:
         """Every so many-th row, in memory."""
-        columns = [self._column(name, every) for name in self.names]
-        return Results(self.time[::every], list(self.names), np.column_stack(columns), self.info)
+        values = self._values(list(range(len(self.names))), every)
+        return Results(self.time[::every], list(self.names), values, self.info)
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write a file whose ending says how: .csv, .parquet, .npz or .mat; the last two by way of the memory.
+
+        Raises
+        ------
+        CosimError
+            The ending is another one.
+        OSError
+            The file can't be written; an unfinished one is left behind under the name `<path>.part`.
+        """
+        target = Path(path)
+        if target.suffix not in STREAMED:
+            self.thinned(1).save(target)
+            return
+        with TableWriter([target], self.names) as writer:
+            for batch in self._batches():
+                time, *columns = (column.to_numpy() for column in batch.columns)
+                writer(time, np.column_stack(columns) if columns else np.empty((len(time), 0)))

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
 from types import TracebackType
@@ -23,11 +23,12 @@ TIME = "time"
 
 @dataclass(frozen=True)
 class Table:
-    """What is written: times (n,) in s, and values (n, columns) with their names."""
+    """What is written: times (n,) in s, and values (n, columns) with their names and, as far as known, units."""
 
     time: np.ndarray
     names: Sequence[str]
     values: np.ndarray
+    units: Mapping[str, str] = field(default_factory=dict)
 
 
 class FormatError(CosimError):
@@ -63,16 +64,16 @@ class TableWriter:
     """
 
     def __init__(self, paths: Sequence[Path], names: Sequence[str]) -> None:
-        self._schema = _schema(names)
+        self._schema = schema(names)
         self._paths = list(paths)
         for path in paths:
-            if path.suffix not in _STREAMS:
-                raise FormatError(f"{path}: can't be written as it grows; use {' or '.join(_STREAMS)}")
+            if path.suffix not in STREAMED:
+                raise FormatError(f"{path}: can't be written as it grows; use {' or '.join(STREAMED)}")
         self._writers: list[_Writer] = []
 
     def __enter__(self) -> TableWriter:
         for path in self._paths:
-            self._writers.append(_STREAMS[path.suffix](_part(path), self._schema))
+            self._writers.append(STREAMED[path.suffix](_part(path), self._schema))
         return self
 
     def __exit__(
@@ -85,7 +86,7 @@ class TableWriter:
 
     def __call__(self, times: np.ndarray, values: np.ndarray) -> None:
         """Append rows."""
-        batch = _batch(times, values, self._schema)
+        batch = record_batch(times, values, self._schema)
         for writer in self._writers:
             writer.write(batch)
 
@@ -94,18 +95,24 @@ def _part(path: Path) -> Path:
     return path.with_name(path.name + ".part")
 
 
-def _schema(names: Sequence[str]) -> pa.Schema:
+def schema(names: Sequence[str], units: Mapping[str, str] | None = None) -> pa.Schema:
+    """Schema of a table; the metadata of a field has its unit."""
     import pyarrow as pa
 
-    return pa.schema([(name, pa.float64()) for name in (TIME, *names)])
+    known = {TIME: "s", **units} if units else {}
+    return pa.schema(
+        pa.field(name, pa.float64(), metadata={"unit": known[name]} if name in known else None)
+        for name in (TIME, *names)
+    )
 
 
-def _batch(times: np.ndarray, values: np.ndarray, schema: pa.Schema) -> pa.RecordBatch:
+def record_batch(times: np.ndarray, values: np.ndarray, wanted: pa.Schema) -> pa.RecordBatch:
+    """Rows in Arrow's columns."""
     import pyarrow as pa
 
     columns = np.asfortranarray(values)
     arrays = [pa.array(times), *(pa.array(columns[:, i]) for i in range(columns.shape[1]))]
-    return pa.record_batch(arrays, schema=schema)
+    return pa.record_batch(arrays, schema=wanted)
 
 
 def _csv_writer(path: Path, schema: pa.Schema) -> _Writer:
@@ -121,7 +128,8 @@ def _parquet_writer(path: Path, schema: pa.Schema) -> _Writer:
     return parquet.ParquetWriter(str(path), schema, use_dictionary=False, compression="none")
 
 
-_STREAMS: dict[str, Callable[[Path, Any], _Writer]] = {".csv": _csv_writer, ".parquet": _parquet_writer}
+#: Formats that are written as they grow.
+STREAMED: dict[str, Callable[[Path, Any], _Writer]] = {".csv": _csv_writer, ".parquet": _parquet_writer}
 
 
 def write_csv(table: Table, path: Path) -> None:
@@ -140,9 +148,9 @@ def _write_parquet(table: Table, path: Path) -> None:
 
 
 def _write_whole(table: Table, path: Path, open_writer: Callable[[Path, Any], _Writer]) -> None:
-    schema = _schema(table.names)
-    writer = open_writer(_part(path), schema)
-    writer.write(_batch(table.time, table.values, schema))
+    wanted = schema(table.names, table.units)
+    writer = open_writer(_part(path), wanted)
+    writer.write(record_batch(table.time, table.values, wanted))
     writer.close()
     _part(path).replace(path)
 
@@ -150,7 +158,8 @@ def _write_whole(table: Table, path: Path, open_writer: Callable[[Path, Any], _W
 def _write_npz(table: Table, path: Path) -> None:
     part = _part(path)
     with part.open("wb") as stream:
-        np.savez(stream, time=table.time, names=np.array(table.names), values=table.values)
+        units = np.array([table.units.get(name, "") for name in table.names], dtype=str)
+        np.savez(stream, time=table.time, names=np.array(table.names, dtype=str), values=table.values, units=units)
     part.replace(path)
 
 
@@ -163,7 +172,9 @@ def _write_mat(table: Table, path: Path) -> None:
     trajectory = {
         "Aclass": np.array(["Atrajectory", "1.1", "", "binTrans"]),
         "name": _characters(names),
-        "description": _characters([""] * n),
+        "description": _characters(
+            ["Time in [s]", *(f"[{u}]" if (u := table.units.get(v)) else "" for v in table.names)]
+        ),
         # which data matrix, which row of it, linear interpolation, constant outside
         "dataInfo": np.array([[0, *[2] * (n - 1)], range(1, n + 1), [0] * n, [-1] * n], dtype=np.int32),
         "data_1": np.array([[table.time[0], table.time[-1]]] if len(table.time) else np.zeros((1, 2))),
