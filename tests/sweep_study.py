@@ -67,6 +67,10 @@ class CounterStudy:
     def metrics(self) -> tuple[str, ...]:
         return ("y",)
 
+    @property
+    def curves(self) -> tuple[str, ...]:
+        return ()
+
     def simulation(self, variant: Any, fmu: Callable[[str], Path]) -> Simulation:  # noqa: ARG002
         system = System()
         system.add("counter", fmu(self.fmu))

@@ -16,9 +16,9 @@ from controller_fmu.optimal_gains import PerformanceIndex, optimal_gains
 from cosim.commands import run as run_command
 from cosim.robot.models import MODELS
 from cosim.robot.scenario import Scenario, ScenarioError, _scenario, load_scenario, names
-from cosim.robot.signals import Multisine, Sine
+from cosim.robot.signals import Multisine, Noise, Shape, Sine
 
-SHIPPED = ["open-loop", "pd", "tracking", "tracking-undisturbed"]
+SHIPPED = ["open-loop", "pd", "tracking", "tracking-noise", "tracking-undisturbed"]
 
 
 def signal(scenario: Scenario, target: str, size: int):
@@ -166,6 +166,10 @@ lowest = 2
 highest = 3
 components = 4
 start_time = 5
+[disturbances."controller.omega_a"]
+shape = "noise"
+rms = 2
+period = 3
 """
     scenario = load_scenario(written(tmp_path, text))
     assert scenario == Scenario(
@@ -179,6 +183,7 @@ start_time = 5
         seed=7,
         start={"controller": {"alpha": 2, "S": [1.0, 2, 3.0]}},
         signals={"plant.dm": Sine(1.0, 2.0, 3.0), "plant.tau_d": Multisine(1.0, 2.0, 3.0, 4, 5.0)},
+        disturbances={"controller.omega_a": Noise(2.0, 3.0)},
     )
     assert isinstance(scenario.stop_time, float)
     assert isinstance(scenario.signals["plant.dm"].amplitude, float)
@@ -214,6 +219,7 @@ def test_a_missing_path_is_named(tmp_path):
 
 SINE = '[signals."plant.dm"]\nshape = "sine"\namplitude = 1.0\nfrequency = 1.0\n'
 MULTISINE = '[signals."plant.tau_d"]\nshape = "multisine"\nrms = 1.0\nlowest = 1.0\nhighest = 2.0\n'
+NOISE = '[disturbances."controller.theta_a"]\nshape = "noise"\nrms = 1.0\n'
 HUGE = "1" + "0" * 400
 
 BAD = {
@@ -281,6 +287,22 @@ BAD = {
         ["plant.tau_d", "components = 0", "between 1 and"],
     ),
     "components of a multisine a float": (MULTISINE + "components = 2.0", ["plant.tau_d", "whole number"]),
+    "rms of a noise negative": (NOISE.replace("1.0", "-1.0"), ["controller.theta_a", "-1.0", "not be negative"]),
+    "period of a noise zero": (NOISE + "period = 0", ["controller.theta_a", "period = 0.0 s", "at least 1e-09 s"]),
+    "disturbances a list": ("disturbances = []", ["disturbances = [] must be a table"]),
+    "disturbance of no input": (NOISE.replace("theta_a", "theta"), ["disturbances.", "has no input 'theta'"]),
+    "disturbance where no connection is": (
+        NOISE.replace("controller.theta_a", "plant.tau_d"),
+        ["plant.tau_d", "no connection feeds it", "[signals]"],
+    ),
+    "disturbance of one that does not take part": (
+        "components = ['plant']\n" + NOISE,
+        ["controller.theta_a", "does not take part"],
+    ),
+    "disturbance whose source does not take part": (
+        "components = ['plant', 'trajectory']\n" + NOISE.replace("controller.theta_a", "plant.tau_a"),
+        ["plant.tau_a", "no connection feeds it"],
+    ),
     "band descending": (MULTISINE.replace("2.0", "0.5"), ["plant.tau_d", "0.5", "must ascend"]),
     "band negative": (MULTISINE.replace("lowest = 1.0", "lowest = -1.0"), ["plant.tau_d", "-1.0", "not be negative"]),
 }
@@ -300,8 +322,9 @@ def test_a_bad_file_is_refused_by_file_and_key(tmp_path, case):
 
 
 def test_the_same_file_without_its_mistake_is_accepted(tmp_path):
-    scenario = load_scenario(written(tmp_path, SINE + MULTISINE))
+    scenario = load_scenario(written(tmp_path, SINE + MULTISINE + NOISE))
     assert list(scenario.signals) == ["plant.dm", "plant.tau_d"]
+    assert list(scenario.disturbances) == ["controller.theta_a"]
 
 
 def test_a_file_that_is_not_utf_8_is_refused(tmp_path):
@@ -417,5 +440,5 @@ def test_whatever_the_file_says_it_is_a_scenario_or_a_scenario_error(data):
     except ScenarioError:
         return
     assert set(scenario.components) <= set(MODELS)
-    assert all(isinstance(s, Sine | Multisine) for s in scenario.signals.values())
+    assert all(isinstance(s, Shape) for s in (*scenario.signals.values(), *scenario.disturbances.values()))
     assert all(math.isfinite(v) for v in (scenario.stop_time, scenario.step_size, scenario.steady_after))

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cosim.robot.signals import SHAPES, Multisine, Sine
+from cosim.robot.signals import SHAPES, Multisine, Noise, Sine
 
 SEED = 1
 BAND = (0.5, 10.0)  # Hz
@@ -25,7 +25,7 @@ def sampled(function, times) -> np.ndarray:
 
 
 def test_shapes_are_the_names_that_scenarios_write():
-    assert list(SHAPES.items()) == [("sine", Sine), ("multisine", Multisine)]
+    assert list(SHAPES.items()) == [("sine", Sine), ("multisine", Multisine), ("noise", Noise)]
 
 
 @pytest.mark.parametrize("t", [0.0, 0.125, 0.5, 1.0, 7.3])
@@ -172,3 +172,67 @@ def test_a_band_of_one_frequency_is_a_sine_of_the_right_size():
     values = sampled(function, np.arange(0.0, 0.5, 0.5 / 200))  # one period
     assert float(np.sqrt(np.mean(values**2))) == pytest.approx(1.0, abs=1e-12)
     assert function(0.3) == pytest.approx(function(0.8), abs=1e-12)
+
+
+def noise(**changes) -> Noise:
+    return Noise(**{"rms": 0.3, "period": 1e-3} | changes)
+
+
+@pytest.mark.parametrize("period", [1e-3, 4e-3])
+def test_noise_is_held_for_its_period_and_then_another_value(period):
+    function = noise(period=period).function(3, SEED, "controller.theta_a")
+    starts = np.arange(1000) * period  # as communication points are: not always at or above the exact time
+    values = function(starts)
+    assert values.shape == (1000, 3)
+    for share in (0.25, 0.5, 0.999):
+        assert (function(starts + share * period) == values).all()
+    assert (np.diff(values, axis=0) != 0.0).all()
+
+
+@pytest.mark.parametrize("step", [0.5e-3, 1e-3, 2e-3])
+def test_steps_that_fit_into_the_period_see_the_same_noise(step):
+    function = noise(period=4e-3).function(2, SEED, "a.b")
+    coarse = function(np.arange(2000) * 4e-3)
+    ratio = round(4e-3 / step)
+    fine = function(np.arange(2000 * ratio) * step)
+    assert (fine == np.repeat(coarse, ratio, axis=0)).all()
+
+
+def test_noise_is_normal_white_and_of_the_rms_it_names():
+    n = 40_000
+    values = noise().function(3, SEED, "a.b")(np.arange(n) * 1e-3) / 0.3
+    # mean 0 +- 1/sqrt(n), mean square 1 +- sqrt(2/n), fourth moment 3 +- sqrt(96/n): six of these
+    assert np.abs(values.mean(axis=0)).max() < 6.0 / math.sqrt(n)
+    assert np.abs(np.mean(values**2, axis=0) - 1.0).max() < 6.0 * math.sqrt(2.0 / n)
+    assert np.abs(np.mean(values**4, axis=0) - 3.0).max() < 6.0 * math.sqrt(96.0 / n)
+    # white, also over the end of what is drawn at once: no value says anything about those after it
+    lags = [np.mean(values[:-k] * values[k:], axis=0) for k in (1, 2, 10, 4096)]
+    assert np.abs(lags).max() < 6.0 / math.sqrt(n - 4096)
+    elements = np.corrcoef(values.T)[~np.eye(3, dtype=bool)]
+    assert np.abs(elements).max() < 6.0 / math.sqrt(n)
+    # the comparison can fail: each value held for two periods
+    held = np.repeat(values[::2], 2, axis=0)
+    assert np.abs(np.mean(held[:-1] * held[1:], axis=0)).min() > 0.4
+
+
+@given(st.permutations([0.0, 4.095, 4.096, 8.2, 0.5, 400.0, 14.999]))
+def test_noise_depends_on_the_time_alone(times):
+    function = noise().function(2, SEED, "a.b")
+    one_by_one = {t: function(t).tolist() for t in times}
+    at_once = noise().function(2, SEED, "a.b")(np.array(times))
+    assert [one_by_one[t] for t in times] == at_once.tolist()
+
+
+def test_seed_and_target_fix_the_noise():
+    def values(seed, target):
+        return noise().function(3, seed, target)(0.1).tolist()
+
+    assert values(1, "a.b") == values(1, "a.b")
+    assert values(1, "a.b") != values(2, "a.b")
+    assert values(1, "a.b") != values(1, "b.a")
+
+
+@pytest.mark.parametrize(("change", "says"), [({"rms": -0.1}, "rms = -0.1"), ({"period": 0.0}, "period = 0.0")])
+def test_noise_that_makes_no_sense_is_refused(change, says):
+    with pytest.raises(ValueError, match=says):
+        noise(**change)

@@ -57,6 +57,15 @@ def test_a_sweep_with_failing_runs_says_so_and_is_a_success(here):
     assert [r["tracking.x.max"] is None for r in table] == [True, False] * 4
 
 
+def test_steps_are_varied_and_errors_over_time_kept(here):
+    started = sweep("--step", "0.001,0.002", "--curves", "0.01", "--stop", "0.1", "--workers", "1")
+    assert started.wait(timeout=120) == 0
+    started.communicate()
+    table = read(Path("results/sweep-tracking"))
+    assert table["step_size"].to_pylist() == [0.001, 0.002]
+    assert [len(curve) for curve in table["tracking.y.curve"].to_pylist()] == [11, 11]
+
+
 def test_ctrl_c_in_a_terminal_ends_it_in_one_line_and_the_same_command_goes_on(here):
     command = ("--vary", "controller.alpha=0.5:3:240", "--stop", STOP_TIME, "--workers", "2", "--out", "out")
     started = sweep(*command, start_new_session=True)
@@ -100,6 +109,10 @@ def test_ctrl_c_in_a_terminal_ends_it_in_one_line_and_the_same_command_goes_on(h
         (["--seeds", "1:2", "--fmu", "controller"], "INSTANCE=FILE"),
         (["--seeds", "1:2", "--fmu", "controller=nowhere.fmu"], "nowhere.fmu"),
         (["--seeds", "1:2", "--step", "0.07"], "not a whole number of steps"),
+        (["--step", "0.001,0.07"], "not a whole number of steps of 0.07 s"),
+        (["--step", "0.001:0.002"], "a range; write H,H"),
+        (["--step", "0"], "nothing is varied"),
+        (["--step", "0.001,0.002", "--curves", "0.003"], "need steps that divide it, not 0.002 s"),
         (["--seeds", "1:2", "--stop", "nan"], "not a finite number"),
         (["--seeds", "1:2", "--workers", "0"], "at least one"),
         (["--seeds", "1:2", "--out", "fmus/fmi2/RobotPlant.fmu/x"], "choose another --out"),

@@ -10,8 +10,9 @@ from pathlib import Path
 import pytest
 
 from cosim import simulate
-from cosim.robot.metrics import metrics
+from cosim.robot.metrics import metrics, tracking_errors
 from cosim.robot.scenario import ScenarioError, load_scenario
+from cosim.robot.signals import Noise
 from cosim.robot.sweep import METRICS, RobotStudy, _flat, check, robot_study
 from cosim.sweep.errors import SweepError
 from cosim.sweep.factors import Levels, Range, parse_factor
@@ -85,6 +86,46 @@ def test_a_factor_does_what_the_same_change_of_the_scenario_does(made, robot_fmu
     changed = without_times(run(made, point))
     assert changed == without_times(by_simulate(robot_fmus, change(scenario())))
     assert changed != without_times(run(made, {}))
+
+
+def test_the_noise_of_a_sensor_and_the_step_are_factors(robot_fmus):
+    noisy = scenario("tracking-noise")
+    made = robot_study({"tracking-noise": noisy}, robot_fmus, [DEFAULT_FLAVOUR], {}, "auto")
+    point = {"controller.theta_a.rms": 2e-3, "controller.omega_a.period": 0.01, "step_size": 2e-3, "seed": 4}
+    changed = dataclasses.replace(
+        noisy,
+        seed=4,
+        step_size=2e-3,
+        disturbances={"controller.theta_a": Noise(2e-3, 4e-3), "controller.omega_a": Noise(0.04, 0.01)},
+    )
+    rows = [without_times(run(made, p)) for p in (point, {})]
+    expected = [without_times(by_simulate(robot_fmus, s)) for s in (changed, noisy)]
+    assert rows == expected
+    assert rows[0] != rows[1]
+    # the noise is there: without it the torque is another one
+    quiet = run(made, {"controller.theta_a.rms": 0.0, "controller.omega_a.rms": 0.0})
+    assert quiet["control_effort.integral"] < 0.99 * rows[1]["control_effort.integral"]
+    study, files = made
+    check(study, files, [Levels("step_size", (1e-3, 2e-3)), Levels("controller.theta_a.rms", (0.0, 1.0))])
+    with pytest.raises(SweepError, match=r"not a whole number of steps of 0\.07 s"):
+        check(study, files, [Levels("step_size", (1e-3, 0.07))])
+    with pytest.raises(SweepError, match="a noise has no number 'mean'"):
+        check(study, files, [Levels("controller.theta_a.mean", (0.0, 1.0))])
+
+
+def test_rows_have_curves_of_the_errors_where_asked(robot_fmus):
+    made = robot_study({"tracking": scenario()}, robot_fmus, [DEFAULT_FLAVOUR], {}, "auto", curve_period=0.1)
+    study, files = made
+    assert study.curves == tuple(f"tracking.{e}.curve" for e in ("x", "y", "theta_a[1]", "theta_a[2]", "theta_a[3]"))
+    fine, coarse = (run(made, {"step_size": step}) for step in (1e-3, 2e-3))
+    assert tuple(fine) == (*METRICS, *study.curves)
+    results = simulate(scenario().system(robot_fmus, DEFAULT_FLAVOUR), 0.3, 1e-3)
+    for name, errors in tracking_errors(results).items():
+        assert fine[f"tracking.{name}.curve"].tolist() == errors[[0, 100, 200, 300]].tolist()
+        # the same times, whatever the step; linear coupling is good to 1e-6 m at 2 ms
+        assert coarse[f"tracking.{name}.curve"] == pytest.approx(errors[[0, 100, 200, 300]], abs=1e-5)
+    with pytest.raises(SweepError, match=r"need steps that divide it, not 0\.03 s"):
+        check(study, files, [Levels("step_size", (1e-3, 0.03))])
 
 
 def test_the_scenario_is_a_factor(made, robot_fmus):

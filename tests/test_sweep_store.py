@@ -74,6 +74,21 @@ def test_numbers_come_back_to_the_last_bit(tmp_path):
     assert table["a.x"].to_numpy().tobytes() == points.columns[0].tobytes()
 
 
+def test_curves_come_back_with_the_rows_also_where_all_runs_have_failed(tmp_path):
+    opened = Store(tmp_path, small(), ["m"], QUESTION, curves=["a.curve"])
+    curve = np.array([0.5, -1.25, math.inf], dtype=np.float32)
+    names = ["m", "a.curve"]
+    opened.add(Rows.of(names, [Row(5, {"m": 1.0, "a.curve": curve}, None), Row(2, None, "no luck")], 1.0))
+    opened.flush()
+    opened.add(Rows.of(names, [Row(0, None, "no luck")], 1.0))
+    opened.flush()
+    table = read(tmp_path)
+    assert table.column_names == ["index", "scenario", "a.x", "seed", "m", "a.curve", "error"]
+    assert table["index"].to_pylist() == [0, 2, 5]
+    assert table["a.curve"].to_pylist() == [None, None, curve.tolist()]
+    assert read(tmp_path, ["a.curve"]).column_names == ["index", "a.curve"]
+
+
 def test_what_is_not_finished_is_not_read(tmp_path):
     opened = store(tmp_path)
     opened.add(rows(0, 1))

@@ -6,7 +6,7 @@ import argparse
 import dataclasses
 import shutil
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -21,7 +21,7 @@ from cosim.results import Results
 from cosim.robot import fmus
 from cosim.robot.metrics import metrics
 from cosim.robot.scenario import Scenario, load_scenario, names
-from cosim.robot.signals import SHAPES
+from cosim.robot.signals import SHAPES, Shape
 from cosim.simulation import Simulation, number_of_steps
 from cosim.stored import StoredResults
 from cosim.system import System
@@ -227,6 +227,11 @@ def _rescue(results: Results | StoredResults, scenario: Scenario, folder: Path, 
     return f"what was recorded is in {folder}"
 
 
+def _as_data(shapes: Mapping[str, Shape]) -> dict[str, dict[str, Any]]:
+    """Signals as JSON can write them."""
+    return {target: {"shape": SHAPE_NAMES[type(s)], **dataclasses.asdict(s)} for target, s in shapes.items()}
+
+
 def _write(
     results: Results | StoredResults,
     scenario: Scenario,
@@ -240,7 +245,8 @@ def _write(
         "title": scenario.title,
         "seed": scenario.seed,
         **results.info,
-        "signals": {t: {"shape": SHAPE_NAMES[type(s)], **dataclasses.asdict(s)} for t, s in scenario.signals.items()},
+        "signals": _as_data(scenario.signals),
+        "disturbances": _as_data(scenario.disturbances),
         "error": error,
         "metrics": metrics(results, scenario.steady_after) if len(results.time) else None,
         "versions": versions(),

@@ -17,7 +17,7 @@ from cosim.robot import fmus
 from cosim.robot.scenario import Scenario, load_scenario, names
 from cosim.sweep.design import DESIGNS, advice, design
 from cosim.sweep.errors import SweepError
-from cosim.sweep.factors import Factor, Levels, parse_factor, parse_whole_numbers
+from cosim.sweep.factors import Factor, Levels, Range, parse_factor, parse_whole_numbers
 
 if TYPE_CHECKING:
     from cosim.sweep.engine import Outcome
@@ -59,6 +59,7 @@ def register(subparsers: Any) -> None:
         "may be repeated",
     )
     what.add_argument("--seeds", metavar="FIRST:LAST", help="seeds of the random signals: FIRST:LAST or SEED,SEED,...")
+    what.add_argument("--step", metavar="H,H", help="communication steps in s")
     what.add_argument("--flavour", metavar="F,F", help=f"flavours of the FMUs, of {', '.join(fmus.FLAVOURS)}")
     what.add_argument(
         "--fmu",
@@ -78,7 +79,6 @@ def register(subparsers: Any) -> None:
     points.add_argument("--design-seed", type=int, default=0, metavar="S", help="fixes lhs and sobol (default 0)")
     run_ = parser.add_argument_group("how they run")
     run_.add_argument("--fmus", type=Path, default=Path("fmus"), metavar="DIR", help="FMU folder (default fmus)")
-    run_.add_argument("--step", type=float, metavar="H", help="communication step in s")
     run_.add_argument("--stop", type=float, metavar="T", help="stop time in s")
     run_.add_argument("--order", choices=("sequential", "parallel"), help="order of the value exchange")
     run_.add_argument(
@@ -87,6 +87,7 @@ def register(subparsers: Any) -> None:
         default="auto",
         help="inputs between communication points: held, or linear (auto: linear where the FMU can)",
     )
+    run_.add_argument("--curves", type=float, metavar="P", help="keep the errors over time, each P s, with the metrics")
     run_.add_argument("--out", type=Path, metavar="DIR", help="results folder (default results/sweep-<scenario>)")
     run_.add_argument("--workers", type=int, metavar="N", help="processes on this machine (default: one for each core)")
     run_.add_argument("--scheduler", metavar="ADDRESS", help="run on the Dask cluster there, as tcp://head:8786")
@@ -95,12 +96,16 @@ def register(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run `cosim sweep`; returns the exit code, raises CosimError with one line on bad input."""
-    scenarios = {text: _with_options(load_scenario(text), args) for text in args.scenario}
+    steps = parse_factor(f"step_size={args.step}") if args.step is not None else None
+    scenarios = {text: _with_options(load_scenario(text), args, steps) for text in args.scenario}
     if len(scenarios) < len(args.scenario):
         raise SweepError(f"scenarios {' '.join(args.scenario)}: one is named twice")
     varied = [parse_factor(text) for text in args.vary]
     flavours = _flavours(args)
     own_fmus = _own_fmus(args.fmu)
+    if isinstance(steps, Range):
+        raise SweepError(f"--step {args.step}: a range; write H,H,... or LOW:HIGH:LEVELS")
+    varied += [steps] if steps is not None and len(steps.values) > 1 else []
     factors = [*_discrete(scenarios, flavours, own_fmus, args.seeds), *varied]
     points = design(args.design, factors, args.points, args.design_seed)
 
@@ -111,7 +116,7 @@ def run(args: argparse.Namespace) -> int:
     for flavour in flavours:
         for path in fmus.build_missing(args.fmus, flavour):
             print(f"built {path}")
-    study, files = robot_study(scenarios, args.fmus, flavours, own_fmus, args.coupling)
+    study, files = robot_study(scenarios, args.fmus, flavours, own_fmus, args.coupling, args.curves)
     check(study, files, varied)
     if note := advice(args.design, len(points)):
         print(note)
@@ -125,8 +130,9 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _with_options(scenario: Scenario, args: argparse.Namespace) -> Scenario:
-    given = {"step_size": args.step, "stop_time": args.stop, "order": args.order}
+def _with_options(scenario: Scenario, args: argparse.Namespace, steps: Levels | Range | None) -> Scenario:
+    step = float(steps.values[0]) if isinstance(steps, Levels) else None
+    given = {"step_size": step, "stop_time": args.stop, "order": args.order}
     return dataclasses.replace(scenario, **{k: v for k, v in given.items() if v is not None})
 
 

@@ -15,12 +15,12 @@ from cosim.exchange import Order
 from cosim.robot.coupling import CONNECTIONS
 from cosim.robot.fmus import fmu_path
 from cosim.robot.models import MODELS
-from cosim.robot.signals import SHAPES, Multisine, Sine
+from cosim.robot.signals import SHAPES, Shape
 from cosim.system import System
 
 FOLDER = Path(__file__).with_name("scenarios")
 
-_TOP_LEVEL = ("title", "components", "run", "start", "signals")
+_TOP_LEVEL = ("title", "components", "run", "start", "signals", "disturbances")
 _RUN = {"stop_time": float, "step_size": float, "order": str, "seed": int, "steady_after": float}
 
 
@@ -48,7 +48,9 @@ class Scenario:
     start : mapping
         Instance -> start values of its variables.
     signals : mapping
-        Target `instance.variable` -> signal.
+        Target `instance.variable` -> signal that feeds it.
+    disturbances : mapping
+        Target `instance.variable` -> signal that is added to what a connection feeds there, as sensor noise is.
     """
 
     name: str
@@ -60,26 +62,42 @@ class Scenario:
     order: Order = "sequential"
     seed: int = 1
     start: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    signals: Mapping[str, Sine | Multisine] = field(default_factory=dict)
+    signals: Mapping[str, Shape] = field(default_factory=dict)
+    disturbances: Mapping[str, Shape] = field(default_factory=dict)
 
     def system(self, folder: Path, flavour: str) -> System:
         """The system of FMUs in `<folder>/<flavour>` that this scenario describes."""
         system = System()
         for instance in self.components:
             system.add(instance, fmu_path(folder, flavour, instance), start=self.start.get(instance))
-        for source, target in CONNECTIONS:
-            if {source.split(".")[0], target.split(".")[0]} <= set(self.components):
-                system.connect(source, target)
-        for target, signal in self.signals.items():
-            function = signal.function(_size(target), self.seed, target)
-            system.drive(target, function, breakpoints=signal.breakpoints, vectorized=True)
+        for source, target in _connections(self.components):
+            system.connect(source, target)
+        for signals, feed in ((self.signals, system.drive), (self.disturbances, system.disturb)):
+            for target, signal in signals.items():
+                function = signal.function(_size(target), self.seed, target)
+                feed(target, function, breakpoints=signal.breakpoints, vectorized=True)
         return system
+
+    def shape(self, target: str) -> Shape | None:
+        """The signal or disturbance at an input, if there is one."""
+        return self.signals.get(target, self.disturbances.get(target))
+
+    def with_shape(self, target: str, shape: Shape) -> Scenario:
+        """A copy in which the signal or disturbance at an input is another one."""
+        if target in self.signals:
+            return dataclasses.replace(self, signals={**self.signals, target: shape})
+        return dataclasses.replace(self, disturbances={**self.disturbances, target: shape})
 
     def with_start_value(self, instance: str, name: str, value: float) -> Scenario:
         """A copy in which one start value differs."""
         start = {i: dict(v) for i, v in self.start.items()}
         start.setdefault(instance, {})[name] = value
         return dataclasses.replace(self, start=start)
+
+
+def _connections(components: Collection[str]) -> list[tuple[str, str]]:
+    """Connections between components that take part."""
+    return [c for c in CONNECTIONS if all(end.partition(".")[0] in components for end in c)]
 
 
 def _size(target: str) -> int:
@@ -146,11 +164,13 @@ def _scenario(name: str, data: Mapping[str, Any]) -> Scenario:
     for component, values in start.items():
         if not isinstance(values, Mapping):
             raise ScenarioError(f"[start] {component} must be a table of start values")
-    signals = {target: _signal(target, spec) for target, spec in _table(data, "signals").items()}
-    for target in signals:
-        if target.partition(".")[0] not in components:
+    signals, disturbances = (_shapes(table, data, components) for table in ("signals", "disturbances"))
+    connected = [target for _, target in _connections(components)]
+    for target in disturbances:
+        if target not in connected:
             raise ScenarioError(
-                f'[signals."{target}"]: its component does not take part; known are {", ".join(components)}'
+                f'[disturbances."{target}"]: no connection feeds it; {nearest(target, connected)}, '
+                "or feed it from [signals]"
             )
     values = {key: _value(f"[run] {key}", value, _RUN[key]) for key, value in run.items()}
     if values.get("order", "sequential") not in get_args(Order):
@@ -159,7 +179,15 @@ def _scenario(name: str, data: Mapping[str, Any]) -> Scenario:
         )
     if values.get("seed", 0) < 0:
         raise ScenarioError(f"[run] seed = {values['seed']!r} must be 0 or greater")
-    return Scenario(name=name, title=title, components=tuple(components), start=start, signals=signals, **values)
+    return Scenario(
+        name=name,
+        title=title,
+        components=tuple(components),
+        start=start,
+        signals=signals,
+        disturbances=disturbances,
+        **values,
+    )
 
 
 def _table(data: Mapping[str, Any], key: str) -> Mapping[str, Any]:
@@ -175,8 +203,18 @@ def _check_keys(where: str, table: Mapping[str, Any], known: Collection[str]) ->
             raise ScenarioError(f"{where} has an unknown key '{key}'; {nearest(key, known)}")
 
 
-def _signal(target: str, spec: Any) -> Sine | Multisine:
-    where = f'[signals."{target}"]'
+def _shapes(table: str, data: Mapping[str, Any], components: Collection[str]) -> dict[str, Shape]:
+    """Signals of a table, by target."""
+    shapes = {}
+    for target, spec in _table(data, table).items():
+        where = f'[{table}."{target}"]'
+        shapes[target] = _shape(where, target, spec)
+        if target.partition(".")[0] not in components:
+            raise ScenarioError(f"{where}: its component does not take part; known are {', '.join(components)}")
+    return shapes
+
+
+def _shape(where: str, target: str, spec: Any) -> Shape:
     if not isinstance(spec, Mapping):
         raise ScenarioError(f"{where} must be a table")
     if "shape" not in spec:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -109,5 +110,67 @@ class Multisine:
         return (self.start_time,)
 
 
+#: Values of a noise that are drawn at once, and how many such blocks are kept.
+_BLOCK, _MOST_BLOCKS = 4096, 64
+
+#: Shortest period (s), for the number of values to be one that can be counted.
+_SHORTEST = 1e-9
+
+#: A time this near before the next value (in periods) is taken to be at it, for rounding.
+_TOLERANCE = 1e-6
+
+
+@dataclass(frozen=True)
+class Noise:
+    """White noise as a sampled sensor has it: independent normal values, each held for a period.
+
+    Its spectrum is that of the period, whatever the communication step: steps that fit into the period see all of its
+    values, longer ones pass over some.
+
+    Parameters
+    ----------
+    rms : float
+        Root mean square of each element, in the unit of the input.
+    period : float
+        How long a value lasts (s).
+    """
+
+    rms: float
+    period: float = 1e-3
+
+    def __post_init__(self) -> None:
+        if self.rms < 0.0:
+            raise ValueError(f"rms = {self.rms!r} must not be negative")
+        if not self.period >= _SHORTEST:
+            raise ValueError(f"period = {self.period!r} s must be at least {_SHORTEST:g} s")
+
+    def function(self, size: int, seed: int, target: str) -> SignalFunction:
+        """The signal for an input of some size; each target gets its own, the same for the same seed."""
+
+        @lru_cache(_MOST_BLOCKS)
+        def block(number: int) -> np.ndarray:
+            # a stream for each block, so that a value depends on its time alone and not on what was asked for before
+            return np.random.default_rng([seed, *target.encode(), number]).standard_normal((_BLOCK, size))
+
+        def values(times: float | np.ndarray) -> np.ndarray:
+            index = np.floor(np.asarray(times) / self.period + _TOLERANCE).astype(np.int64)
+            numbers, places = index // _BLOCK, index % _BLOCK
+            found = np.empty((*index.shape, size))
+            for number in np.unique(numbers).tolist():
+                own = numbers == number
+                found[own] = block(number % 2**32)[places[own]]
+            return self.rms * found
+
+        return values
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        """Times (s) at which linear coupling starts anew: none, a noise jumps all the time."""
+        return ()
+
+
+#: A signal of any shape.
+Shape = Sine | Multisine | Noise
+
 #: Signal classes by the `shape` that scenarios write.
-SHAPES: dict[str, type[Sine] | type[Multisine]] = {"sine": Sine, "multisine": Multisine}
+SHAPES: dict[str, type[Shape]] = {"sine": Sine, "multisine": Multisine, "noise": Noise}

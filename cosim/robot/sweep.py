@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
+import math
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,17 +15,19 @@ from cosim.coupling import Coupling
 from cosim.errors import SetupError, nearest
 from cosim.results import Results
 from cosim.robot.fmus import fmu_path
-from cosim.robot.metrics import metrics
+from cosim.robot.metrics import metrics, tracking_errors
 from cosim.robot.scenario import Scenario, ScenarioError
+from cosim.robot.signals import Shape
 from cosim.simulation import Simulation, number_of_steps
+from cosim.sweep.batch import Entry
 from cosim.sweep.check import check_start
 from cosim.sweep.errors import SweepError
-from cosim.sweep.factors import Factor, Value
+from cosim.sweep.factors import Factor, Levels, Value
 from cosim.sweep.study import Case
 from cosim.system import Signal, System
 
 #: Factors that are no variables. FMU files of an instance are the factor `<instance>.fmu`.
-SCENARIO, FLAVOUR, SEED, FMU = "scenario", "flavour", "seed", ".fmu"
+SCENARIO, FLAVOUR, SEED, STEP, FMU = "scenario", "flavour", "seed", "step_size", ".fmu"
 
 _ERRORS = ("x", "y", "theta_a[1]", "theta_a[2]", "theta_a[3]")
 _MEASURES = ("max", "rms", "accumulated", "steady_max", "steady_rms")
@@ -38,6 +41,9 @@ METRICS = (
     "loop_time_s",
 )
 
+#: A ratio this near to a whole number (relative) is one, for rounding.
+_WHOLE = 1e-9
+
 #: What the metrics are made of; nothing else is recorded.
 _RECORDED = {
     "plant": ("x_E", "y_E", "theta_a", "tau_a", "closure_error"),
@@ -50,8 +56,8 @@ _RECORDED = {
 class RobotStudy:
     """Runs of scenarios of the robot; see `cosim.sweep.study`.
 
-    Factors are `scenario`, `flavour`, `seed`, `<instance>.fmu`, start values `<instance>.<variable>`, and numbers of
-    signals `<instance>.<variable>.<number>`, as `plant.tau_d.rms`.
+    Factors are `scenario`, `flavour`, `seed`, `step_size`, `<instance>.fmu`, start values `<instance>.<variable>`, and
+    numbers of signals and disturbances `<instance>.<variable>.<number>`, as `plant.tau_d.rms`.
 
     Attributes
     ----------
@@ -62,18 +68,26 @@ class RobotStudy:
     own_fmus : mapping
         Instance -> name -> SHA-256, for instances whose FMUs are not those of a flavour.
     coupling : {"auto", "hold", "linear"}
+    curve_period : float, optional
+        Rows also have the tracking errors over time, as curves with a point each so many seconds.
     """
 
     scenarios: Mapping[str, Scenario]
     flavours: Mapping[str, Mapping[str, str]]
     own_fmus: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     coupling: Coupling = "auto"
+    curve_period: float | None = None
     _signals: dict[Hashable, list[Signal]] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @property
     def metrics(self) -> Sequence[str]:
-        """Columns of a row."""
+        """Numbers of a row."""
         return METRICS
+
+    @property
+    def curves(self) -> Sequence[str]:
+        """Curves of a row: tracking errors (m, rad)."""
+        return () if self.curve_period is None else tuple(map(curve_name, _ERRORS))
 
     def simulation(self, variant: Any, fmu: Callable[[str], Path]) -> Simulation:
         """The simulation of a scenario with FMUs; a variant is both."""
@@ -106,16 +120,16 @@ class RobotStudy:
             hashes[instance] = files[str(point.get(instance + FMU, next(iter(files))))]
         start, changes = {}, []
         for name, value in point.items():
-            if name in (SCENARIO, FLAVOUR, SEED) or name.endswith(FMU):
+            if name in (SCENARIO, FLAVOUR, SEED, STEP) or name.endswith(FMU):
                 continue
-            if name.rpartition(".")[0] in scenario.signals:
+            if scenario.shape(name.rpartition(".")[0]) is not None:
                 changes.append((name, float(value)))
             else:
                 start[name] = value
         return Case(
             variant=(label, tuple((i, hashes[i]) for i in scenario.components)),
             stop_time=scenario.stop_time,
-            step_size=scenario.step_size,
+            step_size=float(point.get(STEP, scenario.step_size)),
             start=start,
             signals=self._signals_of(str(label), int(point.get(SEED, scenario.seed)), changes),
         )
@@ -132,11 +146,16 @@ class RobotStudy:
             self._signals[key] = changed.system(Path(), "").signals if changed != scenario else []
         return self._signals[key]
 
-    def row(self, case: Case, results: Results) -> dict[str, float | None]:
-        """The metrics of a run."""
+    def row(self, case: Case, results: Results) -> dict[str, Entry]:
+        """Metrics and curves of a run."""
         scenario = self.scenarios[case.variant[0]]  # type: ignore[index]
         found = dict(_flat(metrics(results, scenario.steady_after)))
-        return {name: found.get(name) for name in METRICS[:-1]} | {"loop_time_s": results.info["loop_time_s"]}
+        row: dict[str, Entry] = {name: found.get(name) for name in METRICS[:-1]}
+        row["loop_time_s"] = results.info["loop_time_s"]
+        if self.curve_period is not None:
+            errors = tracking_errors(results.thinned(_ratio(self.curve_period, case.step_size)))
+            row |= {curve_name(name): errors.get(name) for name in _ERRORS}
+        return row
 
     def fingerprint(self) -> dict[str, Any]:
         """All that decides a row besides the point."""
@@ -146,6 +165,7 @@ class RobotStudy:
             "flavours": {flavour: dict(hashes) for flavour, hashes in self.flavours.items()},
             "own_fmus": {instance: dict(hashes) for instance, hashes in self.own_fmus.items()},
             "coupling": self.coupling,
+            "curve_period": self.curve_period,
         }
 
     def variants(self) -> Iterator[Any]:
@@ -164,6 +184,7 @@ def robot_study(
     flavours: Sequence[str],
     own_fmus: Mapping[str, Sequence[Path]],
     coupling: Coupling,
+    curve_period: float | None = None,
 ) -> tuple[RobotStudy, dict[str, Path]]:
     """A study of FMUs on this machine, and their files by SHA-256.
 
@@ -188,7 +209,7 @@ def robot_study(
             raise SweepError(f"--fmu {instance}=...: there is no such component; {nearest(instance, instances)}")
     of_flavour = {f: {i: known(fmu_path(folder, f, i)) for i in instances} for f in flavours}
     own = {instance: {str(path): known(path) for path in paths} for instance, paths in own_fmus.items()}
-    return RobotStudy(scenarios, of_flavour, own, coupling), files
+    return RobotStudy(scenarios, of_flavour, own, coupling, curve_period), files
 
 
 def check(study: RobotStudy, files: Mapping[str, Path], factors: Sequence[Factor]) -> None:
@@ -202,15 +223,45 @@ def check(study: RobotStudy, files: Mapping[str, Path], factors: Sequence[Factor
     for variant in study.variants():
         scenario = study.scenarios[variant[0]]
         try:
-            number_of_steps(0.0, scenario.stop_time, scenario.step_size)
+            for step_size in _steps(scenario, factors):
+                number_of_steps(0.0, scenario.stop_time, step_size)
+                if study.curve_period is not None:
+                    _ratio(study.curve_period, step_size)
             simulation = study.simulation(variant, files.__getitem__)
             for factor in factors:
-                if factor.name.rpartition(".")[0] in scenario.signals:
+                if factor.name == STEP:
+                    continue
+                if scenario.shape(factor.name.rpartition(".")[0]) is not None:
                     _number_of_signal(scenario, factor.name)
                 else:
                     check_start(simulation, factor)
         except (SetupError, SweepError, ScenarioError) as error:
             raise SweepError(f"scenario {variant[0]}: {error}") from error
+
+
+def curve_name(error: str) -> str:
+    """Column that holds a tracking error (m, rad) over time."""
+    return f"tracking.{error}.curve"
+
+
+def _steps(scenario: Scenario, factors: Sequence[Factor]) -> list[float]:
+    """All communication steps (s) of a scenario."""
+    levels = [f.values for f in factors if isinstance(f, Levels) and f.name == STEP]
+    return [float(value) for values in levels for value in values] or [scenario.step_size]
+
+
+def _ratio(curve_period: float, step_size: float) -> int:
+    """Steps between two points of a curve.
+
+    Raises
+    ------
+    SweepError
+        They are no whole number.
+    """
+    ratio = curve_period / step_size
+    if not 0.5 < ratio < math.inf or abs(ratio - round(ratio)) > _WHOLE * ratio:
+        raise SweepError(f"curves with a point each {curve_period!r} s need steps that divide it, not {step_size!r} s")
+    return round(ratio)
 
 
 def _with_number(scenario: Scenario, name: str, value: float) -> Scenario:
@@ -221,18 +272,17 @@ def _with_number(scenario: Scenario, name: str, value: float) -> Scenario:
     ScenarioError
         There is no such number, or it can't have this value.
     """
-    target, number, kind = _number_of_signal(scenario, name)
+    target, shape, number, kind = _number_of_signal(scenario, name)
     if kind is int and not value.is_integer():
         raise ScenarioError(f"{name} = {value!r} must be a whole number")
     try:
-        signal = dataclasses.replace(scenario.signals[target], **{number: kind(value)})
+        return scenario.with_shape(target, dataclasses.replace(shape, **{number: kind(value)}))
     except ValueError as error:
         raise ScenarioError(f"{name}: {error}") from error
-    return dataclasses.replace(scenario, signals={**scenario.signals, target: signal})
 
 
-def _number_of_signal(scenario: Scenario, name: str) -> tuple[str, str, type]:
-    """Target, number and its type, of `<target>.<number>`.
+def _number_of_signal(scenario: Scenario, name: str) -> tuple[str, Shape, str, type]:
+    """Target, signal, number and its type, of `<target>.<number>`.
 
     Raises
     ------
@@ -240,11 +290,13 @@ def _number_of_signal(scenario: Scenario, name: str) -> tuple[str, str, type]:
         The signal has no such number.
     """
     target, _, number = name.rpartition(".")
-    shape = type(scenario.signals[target])
-    numbers = {n: kind for n, kind in get_type_hints(shape).items() if kind in (int, float)}
+    shape = scenario.shape(target)
+    assert shape is not None
+    numbers = {n: kind for n, kind in get_type_hints(type(shape)).items() if kind in (int, float)}
     if number not in numbers:
-        raise ScenarioError(f"{name}: a {shape.__name__.lower()} has no number '{number}'; {nearest(number, numbers)}")
-    return target, number, numbers[number]
+        what = type(shape).__name__.lower()
+        raise ScenarioError(f"{name}: a {what} has no number '{number}'; {nearest(number, numbers)}")
+    return target, shape, number, numbers[number]
 
 
 def _flat(tree: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, float | None]]:

@@ -5,7 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from cosim.sweep.factors import Value
+
+#: What a row has under a name: a number, an array (n,) of numbers, or nothing.
+Entry = float | np.ndarray | None
 
 
 @dataclass(frozen=True)
@@ -42,10 +47,10 @@ class Batch:
 
 @dataclass(frozen=True)
 class Row:
-    """One point's result: metrics, or the text of an error."""
+    """One point's result: metrics and curves, or the text of an error."""
 
     index: int
-    metrics: Mapping[str, float | None] | None
+    metrics: Mapping[str, Entry] | None
     error: str | None
 
 
@@ -60,7 +65,7 @@ class Rows:
     """
 
     indices: list[int] = field(default_factory=list)
-    metrics: dict[str, list[float | None]] = field(default_factory=dict)
+    metrics: dict[str, list[Entry]] = field(default_factory=dict)
     errors: list[str | None] = field(default_factory=list)
     seconds: float = 0.0
 

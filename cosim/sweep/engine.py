@@ -102,7 +102,7 @@ def sweep(
         The folder holds another sweep, or the cluster can't go on; rows that have arrived are on disk.
     """
     question = {"version": versions()["closed-chain-cosim"], **study.fingerprint()}
-    store = Store(folder, points, study.metrics, question)
+    store = Store(folder, points, study.metrics, question, curves=study.curves)
     missing = store.missing()
     if not len(missing):
         return Outcome(store.summary(), False, 0, 0.0, 0)

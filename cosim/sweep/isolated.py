@@ -18,7 +18,7 @@ from tempfile import TemporaryDirectory
 from cosim.sweep import stock
 from cosim.sweep.batch import Batch, Row, Rows
 from cosim.sweep.errors import WorkerTrouble
-from cosim.sweep.worker import Timer, rows_of, study_of
+from cosim.sweep.worker import Timer, names_of, rows_of, study_of
 
 #: A point may end this many processes before it counts as failed: something else may have ended one.
 _MOST_DEATHS = 2
@@ -32,7 +32,7 @@ def run_isolated(batch: Batch) -> Rows:
     WorkerTrouble
         This worker can't run anything.
     """
-    names = study_of(batch).metrics
+    names = names_of(study_of(batch))
     rows: list[Row] = []
     seconds, deaths = 0.0, 0
     while len(rows) < len(batch.indices):

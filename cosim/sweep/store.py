@@ -2,7 +2,7 @@
 
     sweep.json              what was asked for, and its fingerprint
     plan.parquet            all points
-    results/part-*.parquet  rows of finished runs: index, factors, metrics, error
+    results/part-*.parquet  rows of finished runs: index, factors, metrics, curves, error
 
 A part appears whole or not at all. It holds the batches of some seconds, not one: millions of runs would otherwise make
 hundreds of thousands of files.
@@ -67,9 +67,11 @@ class Store:
         New, or that of the same sweep.
     points : Points
     metrics : sequence of str
-        Columns of the rows.
+        Columns of the rows that hold numbers.
     question : mapping
         All that decides a row besides the points, as JSON can write it.
+    curves : sequence of str
+        Columns of the rows that hold arrays.
     now : callable
         The clock (s).
 
@@ -87,11 +89,13 @@ class Store:
         points: Points,
         metrics: Sequence[str],
         question: Mapping[str, Any],
+        *,
+        curves: Sequence[str] = (),
         now: Callable[[], float] = clock.monotonic,
     ) -> None:
         self.folder = folder
         self._points = points
-        self._metrics = list(metrics)
+        self._types = dict.fromkeys(metrics, pa.float64()) | dict.fromkeys(curves, pa.list_(pa.float32()))
         self._now = now
         self._began = now()
         self._written = self._began - _LEAST_TIME  # the first batch is there to be seen at once
@@ -165,13 +169,13 @@ class Store:
 
     def _table(self) -> pa.Table:
         indices = np.array([i for rows in self._rows for i in rows.indices], dtype=np.int64)
-        metrics = {
-            name: pa.array([v for rows in self._rows for v in rows.metrics[name]], pa.float64())
-            for name in self._metrics
+        entries = {
+            name: pa.array([v for rows in self._rows for v in rows.metrics[name]], kind)
+            for name, kind in self._types.items()
         }
         errors = pa.array([e for rows in self._rows for e in rows.errors], pa.string())
         return pa.table(
-            {"index": pa.array(indices), **_factor_columns(self._points, indices), **metrics, "error": errors}
+            {"index": pa.array(indices), **_factor_columns(self._points, indices), **entries, "error": errors}
         )
 
     def summary(self) -> Summary:
@@ -183,7 +187,7 @@ class Store:
 
 
 def read(folder: Path, columns: Sequence[str] | None = None) -> pa.Table:
-    """All rows of a sweep so far, in the order of the plan: index, factors, metrics, error.
+    """All rows of a sweep so far, in the order of the plan: index, factors, metrics, curves, error.
 
     Parameters
     ----------
@@ -259,8 +263,12 @@ def _read_json(path: Path) -> dict[str, Any]:
 
 def _write_table(table: pa.Table, path: Path) -> None:
     # a dictionary of floats, which hardly repeat, would cost half the time and a fifth of the space
-    repeating = [field.name for field in table.schema if not pa.types.is_floating(field.type)]
+    repeating = [field.name for field in table.schema if not _is_floating(field.type)]
     _write_whole(path, lambda part: pq.write_table(table, part, compression="zstd", use_dictionary=repeating))
+
+
+def _is_floating(kind: pa.DataType) -> bool:
+    return pa.types.is_floating(kind.value_type if pa.types.is_list(kind) else kind)
 
 
 def _write_whole(path: Path, write: Callable[[Path], object]) -> None:

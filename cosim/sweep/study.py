@@ -9,6 +9,7 @@ from typing import Any, Protocol
 
 from cosim.results import Results
 from cosim.simulation import Simulation
+from cosim.sweep.batch import Entry
 from cosim.sweep.factors import Value
 from cosim.system import Signal
 
@@ -48,6 +49,11 @@ class Study(Protocol):
         """Names of the numbers of a row."""
         ...
 
+    @property
+    def curves(self) -> Sequence[str]:
+        """Names of what else a row has: arrays (n,) of numbers, kept as 32-bit floats."""
+        ...
+
     def simulation(self, variant: Hashable, fmu: Callable[[str], Path]) -> Simulation:
         """The simulation of a variant, not yet open; `fmu` gives the path of an FMU by its SHA-256."""
         ...
@@ -56,8 +62,8 @@ class Study(Protocol):
         """The run of a point; an error here makes the point an error row."""
         ...
 
-    def row(self, case: Case, results: Results) -> Mapping[str, float | None]:
-        """The metrics of a run."""
+    def row(self, case: Case, results: Results) -> Mapping[str, Entry]:
+        """Metrics and curves of a run."""
         ...
 
     def fingerprint(self) -> Mapping[str, Any]:

@@ -58,7 +58,7 @@ def run_batch(batch: Batch) -> Rows:
     with _turn:
         timer = Timer()
         rows = list(rows_of(batch, timer))
-        return Rows.of(study_of(batch).metrics, rows, timer.seconds)
+        return Rows.of(names_of(study_of(batch)), rows, timer.seconds)
 
 
 def study_of(batch: Batch) -> Study:
@@ -77,6 +77,11 @@ def study_of(batch: Batch) -> Study:
     if batch.study not in _studies:
         _studies[batch.study] = cast(Study, pickle.loads(stock.path(batch.study).read_bytes()))
     return _studies[batch.study]
+
+
+def names_of(study: Study) -> list[str]:
+    """Names of all that a row has."""
+    return [*study.metrics, *study.curves]
 
 
 def rows_of(batch: Batch, timer: Timer) -> Iterator[Row]:

@@ -14,7 +14,7 @@ from cosim.robot.metrics import metrics
 from cosim.robot.reproduce.content import CONDITIONS, Condition, Controller, Runs
 from cosim.robot.reproduce.table import controllers
 from cosim.robot.scenario import Scenario, load_scenario
-from cosim.robot.signals import Multisine, Sine
+from cosim.robot.signals import Multisine, Shape, Sine
 from cosim.simulation import Simulation
 from cosim.system import Signal
 
@@ -119,7 +119,7 @@ def _signals(scenario: Scenario, condition: Condition, rms: float | None = None)
     torque = _multisine(scenario)
     if rms is not None:
         torque = dataclasses.replace(torque, rms=rms)
-    mass: Sine | Multisine = scenario.signals[MASS_CHANGE]
+    mass: Shape = scenario.signals[MASS_CHANGE]
     if condition != "disturbed":
         torque = dataclasses.replace(torque, rms=0.0)
     if condition == "nominal":
