@@ -20,7 +20,7 @@ from fmu_export.interface import interface_of
 from fmu_export.model import Layout
 from fmu_export.pythonfmu_backend import build_pythonfmu
 from fmu_export.trace import trace
-from fmu_export.units import UNITS, unit
+from fmu_export.units import rate_unit, unit
 from plant_fmu.model import MODEL as PLANT
 from tests.test_isolation import fresh
 
@@ -273,14 +273,37 @@ def test_fmpy_reads_the_display_units_with_their_factors(fmus):
     assert factors == {"mm": 1000.0, "deg": math.degrees(1.0), "deg/s": math.degrees(1.0)}
 
 
-def test_units_table_is_the_one_by_hand():
-    found = {u.name: tuple(u.exponents.get(k, 0) for k in ("kg", "m", "s", "rad")) for u in UNITS.values()}
-    assert found == DIMENSIONS
+def test_units_are_those_by_hand():
+    for name, exponents in DIMENSIONS.items():
+        assert tuple(unit(name).exponents.get(k, 0) for k in ("kg", "m", "s", "rad")) == exponents
 
 
-def test_unknown_unit_is_refused_with_the_remedy():
-    with pytest.raises(ValueError, match=r"unit 'furlong' is not defined; known are 1, .*fmu_export/units.py"):
-        unit("furlong")
+@pytest.mark.parametrize(
+    ("name", "exponents", "rate"),
+    [
+        ("N.m/(rad.s)", {"kg": 1, "m": 2, "s": -3, "rad": -1}, "N.m/(rad.s2)"),
+        ("rad.s", {"s": 1, "rad": 1}, "rad"),
+        ("s", {"s": 1}, "1"),
+        ("1/s", {"s": -1}, "s-2"),
+        ("V.A", {"kg": 1, "m": 2, "s": -3}, "V.A/s"),
+        ("N.m.s/rad", {"kg": 1, "m": 2, "s": -1, "rad": -1}, "N.m/rad"),
+        ("m/m", {}, "s-1"),
+    ],
+)
+def test_products_of_units(name, exponents, rate):
+    assert unit(name).exponents == exponents
+    assert rate_unit(name) == rate
+    assert unit(rate).exponents == {
+        k: n for k in unit("kg.m.s.A.rad").exponents if (n := exponents.get(k, 0) - (k == "s"))
+    }
+
+
+@pytest.mark.parametrize("name", ["furlong", "", "/", "N.", "m/", "m/()", "m/s/s", "m 2", "m0", "rad/(s", "mm"])
+def test_unknown_unit_is_refused_with_the_remedy(name):
+    with pytest.raises(
+        ValueError, match=rf"unit '{re.escape(name)}': '.*' is not defined; write a product of kg, m, s"
+    ):
+        unit(name)
 
 
 # Structure
