@@ -8,13 +8,16 @@ import time
 from pathlib import Path
 
 from cosim.errors import CosimError
-from cosim.robot.fmus import FLAVOURS, build
+from cosim.robot.fmus import FLAVOURS, INSTANCES, build
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Build the chosen flavours; returns the exit code: 0 only when all of them could be built."""
-    parser = argparse.ArgumentParser(description="Build the FMUs of robot, controller and trajectory.")
+    parser = argparse.ArgumentParser(
+        description="Build the FMUs of robot, controller and trajectory, and the closed loop as one FMU."
+    )
     parser.add_argument("--flavour", choices=FLAVOURS, action="append", help="flavour to build (default: all)")
+    parser.add_argument("--fmu", choices=INSTANCES, action="append", help="FMU to build (default: all)")
     parser.add_argument("--fmus", type=Path, default=Path("fmus"), metavar="DIR", help="folder (default: fmus)")
     parser.add_argument(
         "--all-platforms", action="store_true", help="compile for all platforms, by zig (pip install ziglang)"
@@ -24,7 +27,7 @@ def main(arguments: list[str] | None = None) -> int:
     failed = False
     for flavour in options.flavour or FLAVOURS:
         try:
-            for path in build(options.fmus, flavour, all_platforms=options.all_platforms):
+            for path in build(options.fmus, flavour, options.fmu or INSTANCES, all_platforms=options.all_platforms):
                 print(f"{path}  {path.stat().st_size / 1024:.0f} kB")
         except CosimError as error:  # the other flavours may still be built
             print(f"build_fmus.py: {error}", file=sys.stderr)

@@ -268,6 +268,7 @@ def test_the_build_script_writes_the_same_bytes_twice(tmp_path, monkeypatch):
         folder = Path("other" if "other" in options else "fmus") / "pythonfmu"
         assert sorted(p.name for p in folder.iterdir()) == [
             ".built.json",
+            "RobotClosedLoop.fmu",
             "RobotController.fmu",
             "RobotPlant.fmu",
             "RobotTrajectory.fmu",
@@ -280,7 +281,7 @@ def test_the_build_script_writes_the_same_bytes_twice(tmp_path, monkeypatch):
 
 def test_only_what_has_changed_is_built_again(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    options = ("--flavour", "pythonfmu")
+    options = ("--flavour", "pythonfmu", "--fmu", "plant", "--fmu", "controller", "--fmu", "trajectory")
     build(*options)
     paths = sorted(Path("fmus/pythonfmu").glob("*.fmu"))
     before = {path: digest(path) for path in paths}

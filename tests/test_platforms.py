@@ -130,8 +130,9 @@ def test_same_sources_give_the_same_bytes(archives: Path, tmp_path: Path) -> Non
     temporary.mkdir(parents=True)
     command = [sys.executable, str(CHECKOUT / "build_fmus.py"), "--all-platforms", "--fmus", str(tmp_path / "again")]
     environment = os.environ | {"PYTHONHASHSEED": "1", "TMPDIR": str(temporary)}
-    flavours = [word for flavour in FLAVOURS for word in ("--flavour", flavour)]
-    subprocess.run([*command, *flavours], cwd=tmp_path, env=environment, check=True)
+    options = [word for flavour in FLAVOURS for word in ("--flavour", flavour)]
+    options += [word for instance in MODELS for word in ("--fmu", instance)]
+    subprocess.run([*command, *options], cwd=tmp_path, env=environment, check=True)
     for flavour in FLAVOURS:
         for instance in MODELS:
             first, second = (fmu_path(folder, flavour, instance) for folder in (archives, tmp_path / "again"))

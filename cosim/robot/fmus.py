@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Literal, cast
 
 from cosim.errors import CosimError, nearest
-from cosim.robot.models import MODELS
+from cosim.robot.models import MODELS, closed_loop_model
 from fmu_export.model import Model
 from fmu_export.record import (
     Recipe,
@@ -24,9 +24,19 @@ from fmu_export.version import package_version
 #: Flavours that can be built. The native ones need a C compiler to build and nothing to run.
 FLAVOURS = ("fmi2", "fmi3", "pythonfmu")
 
+#: The FMU that holds the whole closed loop; no part of the system that `cosim run` couples.
+CLOSED_LOOP = "closed_loop"
 
-#: Package with the page (README.md) of each model.
-_PAGES = {"plant": "plant_fmu", "controller": "controller_fmu", "trajectory": "cosim.robot"}
+#: All that can be built.
+INSTANCES = (*MODELS, CLOSED_LOOP)
+
+#: Package and file of the page of each FMU.
+_PAGES = {
+    "plant": ("plant_fmu", "README.md"),
+    "controller": ("controller_fmu", "README.md"),
+    "trajectory": ("cosim.robot", "README.md"),
+    CLOSED_LOOP: ("cosim.robot", "CLOSED_LOOP.md"),
+}
 
 
 class BuildError(CosimError):
@@ -35,7 +45,11 @@ class BuildError(CosimError):
 
 def fmu_path(folder: Path, flavour: str, instance: str) -> Path:
     """Path of the FMU behind an instance name: `<folder>/<flavour>/<FMU name>.fmu`."""
-    return folder / flavour / f"{MODELS[instance].name}.fmu"
+    return folder / flavour / f"{_model(instance).name}.fmu"
+
+
+def _model(instance: str) -> Model:
+    return closed_loop_model() if instance == CLOSED_LOOP else MODELS[instance]
 
 
 def build(
@@ -49,7 +63,7 @@ def build(
     flavour : str
         One of `FLAVOURS`.
     instances : iterable of str
-        Which of the models, all by default.
+        Which of the models, by default all that are coupled; `CLOSED_LOOP` has to be asked for.
     all_platforms : bool
         Compile the native flavours for all platforms that the FMI version knows, by zig, not only for this machine.
 
@@ -65,7 +79,7 @@ def build(
         paths = {instance: fmu_path(folder, flavour, instance) for instance in instances}
         for instance, path in paths.items():
             if not is_current(path, wanted):
-                _build_one(MODELS[instance], instance, folder, flavour, all_platforms)
+                _build_one(_model(instance), instance, folder, flavour, all_platforms)
                 remember(path, wanted)
         return list(paths.values())
     except ToolchainError as error:
@@ -82,7 +96,8 @@ def _build_one(model: Model, instance: str, folder: Path, flavour: str, all_plat
     from fmu_export.native_backend import build_native
     from fmu_export.pythonfmu_backend import build_pythonfmu
 
-    page = (files(_PAGES[instance]) / "README.md").read_text(encoding="utf-8")
+    package, name = _PAGES[instance]
+    page = (files(package) / name).read_text(encoding="utf-8")
     try:
         if flavour == "pythonfmu":
             build_pythonfmu(model, folder / flavour, page)
@@ -108,7 +123,10 @@ def _recipe(flavour: str, all_platforms: bool) -> Recipe:
 def _sources() -> str:
     root = Path(__file__).resolve().parents[2]
     packages = [root / name for name in ("plant_fmu", "controller_fmu", "fmu_export")]
-    robot = [Path(__file__).with_name(name) for name in ("trajectory.py", "README.md")]
+    robot = [
+        Path(__file__).with_name(name)
+        for name in ("trajectory.py", "models.py", "coupling.py", "README.md", "CLOSED_LOOP.md")
+    ]
     licence = [path for path in [root / "LICENSE"] if path.is_file()]  # an installed package keeps it elsewhere
     return fingerprint_of_sources([*packages, *robot, *licence])
 

@@ -2,9 +2,26 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 from controller_fmu.model import MODEL as CONTROLLER
+from cosim.robot.coupling import CONNECTIONS
 from cosim.robot.trajectory import MODEL as TRAJECTORY
 from fmu_export.model import Model
 from plant_fmu.model import MODEL as PLANT
 
 MODELS: dict[str, Model] = {"plant": PLANT, "controller": CONTROLLER, "trajectory": TRAJECTORY}
+
+
+@cache
+def closed_loop_model() -> Model:
+    """`RobotClosedLoop`: all of `MODELS` connected to one model, for tools that can't couple FMUs."""
+    from fmu_export.composition import compose  # CasADi takes a while to import
+
+    return compose(
+        "RobotClosedLoop",
+        "Parallel robot, adaptive robust controller and desired path, connected: the closed loop of Han et al. 2021",
+        MODELS,
+        CONNECTIONS,
+        PLANT.default_experiment,
+    )
