@@ -53,6 +53,13 @@ def register(subparsers: Any) -> None:
         "--flavour", choices=fmus.FLAVOURS, help="default fmi2; pythonfmu where there is no C compiler to build it"
     )
     parser.add_argument("--fmus", type=Path, default=Path("fmus"), metavar="DIR", help="FMU folder (default fmus)")
+    parser.add_argument(
+        "--fmu",
+        action="append",
+        default=[],
+        metavar="INSTANCE=FILE",
+        help="FMU of your own for an instance, as controller=PID.fmu; may be repeated",
+    )
     parser.add_argument("--step", type=float, metavar="H", help="communication step in s")
     parser.add_argument("--stop", type=float, metavar="T", help="stop time in s")
     parser.add_argument("--order", choices=("sequential", "parallel"), help="order of the value exchange")
@@ -101,6 +108,7 @@ def run(args: argparse.Namespace) -> int:
     if outdated:
         print(f"note: the sources have changed since {outdated[0]} was built; rebuild with: python build_fmus.py")
     system = scenario.system(args.fmus, flavour)
+    _replace_fmus(args.fmu, system)
     _check_overrides(args.set, system)
     formats = args.format or ["csv"]
     try:
@@ -192,6 +200,18 @@ def _scenario(args: argparse.Namespace) -> Scenario:
             raise UsageError(f"--set {assignment}: the scenario has no component '{instance}'; {hint}")
         scenario = scenario.with_start_value(instance, name, value)
     return scenario
+
+
+def _replace_fmus(assignments: list[str], system: System) -> None:
+    """Take the user's own FMU files for some of the instances."""
+    for assignment in assignments:
+        instance, equals, path = assignment.partition("=")
+        if not (instance and equals and path):
+            raise UsageError(f"--fmu {assignment}: write INSTANCE=FILE, as controller=PID.fmu")
+        if instance not in system.components:
+            hint = nearest(instance, system.components)
+            raise UsageError(f"--fmu {assignment}: the scenario has no component '{instance}'; {hint}")
+        system.components[instance] = dataclasses.replace(system.components[instance], fmu=Path(path))
 
 
 def _check_overrides(assignments: list[str], system: System) -> None:

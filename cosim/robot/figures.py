@@ -47,7 +47,7 @@ def write_figures(results: Results | StoredResults, title: str, steady_after: fl
         "path": ("plant.x_E" in results, _path),
         "tracking_errors": ("trajectory.x_ref" in results and "plant.x_E" in results, _tracking_errors),
         "torques": ("plant.tau_a" in results, _torques),
-        "psi": ("controller.psi" in results, _psi),
+        "psi": ("controller.psi[2]" in results, _psi),
         "closure_error": ("plant.closure_error" in results, _closure_error),
     }
     written = []
