@@ -20,6 +20,7 @@ from cosim.output import OutputError, check_writable, write_json, write_somewher
 from cosim.results import Results
 from cosim.robot import fmus
 from cosim.robot.metrics import metrics
+from cosim.robot.own_fmus import replaced
 from cosim.robot.scenario import Scenario, load_scenario, names
 from cosim.robot.signals import SHAPES, Shape
 from cosim.simulation import Simulation, number_of_steps
@@ -108,7 +109,7 @@ def run(args: argparse.Namespace) -> int:
     if outdated:
         print(f"note: the sources have changed since {outdated[0]} was built; rebuild with: python build_fmus.py")
     system = scenario.system(args.fmus, flavour)
-    _replace_fmus(args.fmu, system)
+    system = _with_own_fmus(args.fmu, system)
     _check_overrides(args.set, system)
     formats = args.format or ["csv"]
     try:
@@ -202,8 +203,9 @@ def _scenario(args: argparse.Namespace) -> Scenario:
     return scenario
 
 
-def _replace_fmus(assignments: list[str], system: System) -> None:
-    """Take the user's own FMU files for some of the instances."""
+def _with_own_fmus(assignments: list[str], system: System) -> System:
+    """The system with the user's own FMU files for some of the instances."""
+    own = {}
     for assignment in assignments:
         instance, equals, path = assignment.partition("=")
         if not (instance and equals and path):
@@ -211,7 +213,11 @@ def _replace_fmus(assignments: list[str], system: System) -> None:
         if instance not in system.components:
             hint = nearest(instance, system.components)
             raise UsageError(f"--fmu {assignment}: the scenario has no component '{instance}'; {hint}")
-        system.components[instance] = dataclasses.replace(system.components[instance], fmu=Path(path))
+        own[instance] = Path(path)
+    system, missing = replaced(system, own)
+    if missing:
+        print(f"note: the FMUs given have no {', '.join(missing)}, so nothing is connected there")
+    return system
 
 
 def _check_overrides(assignments: list[str], system: System) -> None:

@@ -16,6 +16,7 @@ from cosim.errors import SetupError, nearest
 from cosim.results import Results
 from cosim.robot.fmus import fmu_path
 from cosim.robot.metrics import metrics, tracking_errors
+from cosim.robot.own_fmus import replaced
 from cosim.robot.scenario import Scenario, ScenarioError
 from cosim.robot.signals import Shape
 from cosim.simulation import Simulation, number_of_steps
@@ -98,8 +99,10 @@ class RobotStudy:
             name: dataclasses.replace(component, fmu=fmu(dict(hashes)[name]))
             for name, component in system.components.items()
         }
+        own = {name: components[name].fmu for name in self.own_fmus if name in components}
+        system, _ = replaced(System(components, system.connections, system.signals), own)
         return Simulation(
-            System(components, system.connections, system.signals),
+            system,
             order=scenario.order,
             coupling=self.coupling,
             record=[f"{name}.{variable}" for name in components for variable in _RECORDED[name]],

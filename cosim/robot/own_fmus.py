@@ -1,0 +1,53 @@
+"""FMUs of the user in place of the robot's, as a controller of one's own."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
+
+from cosim.errors import SetupError
+from cosim.load import load
+from cosim.ports import Ports
+from cosim.system import System
+
+
+def replaced(system: System, fmus: Mapping[str, Path]) -> tuple[System, list[str]]:
+    """A copy of a system in which some components are other FMUs.
+
+    Connections to inputs that the new FMU does not have are left out: not every controller wants all signals.
+
+    Parameters
+    ----------
+    system : System
+    fmus : mapping
+        Instance -> FMU file.
+
+    Returns
+    -------
+    system : System
+    missing : list of str
+        Inputs `instance.variable` that are not there.
+
+    Raises
+    ------
+    SetupError
+        A file can't be read as a co-simulation FMU.
+    """
+    components = dict(system.components)
+    missing = []
+    for instance, path in fmus.items():
+        components[instance] = dataclasses.replace(components[instance], fmu=path)
+        ports = Ports(instance, load(instance, path).description)
+        targets = [c.target for c in system.connections if c.target.partition(".")[0] == instance]
+        missing += [target for target in targets if not _has(ports, target.partition(".")[2])]
+    connections = [c for c in system.connections if c.target not in missing]
+    return System(components, connections, list(system.signals)), missing
+
+
+def _has(ports: Ports, name: str) -> bool:
+    try:
+        ports.find(name)
+    except SetupError:
+        return False
+    return True
