@@ -14,8 +14,10 @@ from cosim import Results, Simulation, SimulationError, System, simulate
 from cosim.coupling import Coupling
 from cosim.robot import closed_loop
 from cosim.robot.coupling import CONNECTIONS
-from cosim.robot.fmus import CLOSED_LOOP, build, fmu_path
+from cosim.robot.fmus import CLOSED_LOOP, fmu_path
 from cosim.robot.models import MODELS, closed_loop_model
+from fmu_export.native_backend import build_native
+from fmu_export.pythonfmu_backend import build_pythonfmu
 from tests.continuous_loop import end_effector, solve
 from tests.native_fmus import require_compiler
 from tests.test_documentation import members_of, parsed, terminals
@@ -31,8 +33,9 @@ TIMES = np.arange(0, 3001, 24) * 1e-3  # communication points of all steps used 
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     require_compiler()
     folder = tmp_path_factory.mktemp("closed loop")
-    for flavour in ("fmi2", "fmi3", "pythonfmu"):
-        build(folder, flavour, [CLOSED_LOOP])
+    for flavour in ("fmi2", "fmi3"):
+        build_native(closed_loop_model(), folder / flavour, flavour)
+    build_pythonfmu(closed_loop_model(), folder / "pythonfmu")
     return folder
 
 
