@@ -43,7 +43,7 @@ class LoadedFMU:
 
 
 def load(component: str, path: Path) -> LoadedFMU:
-    """Read an FMU file.
+    """Read the FMU file of a component.
 
     Raises
     ------
@@ -51,6 +51,20 @@ def load(component: str, path: Path) -> LoadedFMU:
         There is no such file, it is no FMU, or not one that this machine can co-simulate.
     """
     here = f"component '{component}': {path}"
+    fmu = read_fmu(path, here)
+    if fmu.description.coSimulation is None:
+        raise SetupError(f"{here}: has no co-simulation interface; export it for co-simulation")
+    return fmu
+
+
+def read_fmu(path: Path, here: str) -> LoadedFMU:
+    """Read an FMU file, whatever interfaces it has; messages begin with `here`.
+
+    Raises
+    ------
+    SetupError
+        There is no such file, it is no FMU, or not one for this machine.
+    """
     if not path.is_file():
         raise SetupError(f"{here}: there is no such FMU file; check the path, or build the FMU")
     try:
@@ -71,8 +85,6 @@ def load(component: str, path: Path) -> LoadedFMU:
         raise SetupError(f"{here}: not a readable FMU: {' '.join(str(error).split())}") from error
     if description.fmiVersion is None or description.fmiMajorVersion not in (2, 3):
         raise SetupError(f"{here}: FMI {description.fmiVersion} is not supported; use FMI 2.0 or 3.0")
-    if description.coSimulation is None:
-        raise SetupError(f"{here}: has no co-simulation interface; export it for co-simulation")
     if fmpy.platform not in platforms:
         has = ", ".join(platforms) or "none"
         raise SetupError(f"{here}: has no binary for {fmpy.platform} (it has: {has}); get one built for this platform")

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cosim.__main__ import main
-from cosim.regression import ToleranceError, Tolerances, compare
+from cosim.regression import Tolerance, ToleranceError, Tolerances, compare
 from cosim.results import Results
 
 TIME = np.arange(11) * 0.1
@@ -187,15 +187,15 @@ def toml(tmp_path: Path, text: str, name: str = "tolerances.toml") -> Path:
 
 
 def test_tolerances_of_an_empty_file_are_the_default(tmp_path):
-    assert Tolerances.from_toml(toml(tmp_path, "")).of("any") == Tolerances().of("any") == (0.0, 1e-9)
+    assert Tolerances.from_toml(toml(tmp_path, "")).of("any") == Tolerances().of("any") == Tolerance(0.0, 1e-9)
 
 
 def test_tolerances_per_signal_fall_back_to_those_of_the_file(tmp_path):
     text = "absolute = 1\nrelative = 0.5\n[signals.'plant.x_E']\nabsolute = 0.25\n[signals.'plant.y_E']\nrelative = 0"
     tolerances = Tolerances.from_toml(toml(tmp_path, text))
-    assert tolerances.of("plant.x_E") == (0.25, 0.5)
-    assert tolerances.of("plant.y_E") == (1.0, 0.0)
-    assert tolerances.of("other") == (1.0, 0.5)
+    assert tolerances.of("plant.x_E") == Tolerance(0.25, 0.5)
+    assert tolerances.of("plant.y_E") == Tolerance(1.0, 0.0)
+    assert tolerances.of("other") == Tolerance(1.0, 0.5)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,150 @@
+"""A case: the inputs of an FMU, what it should answer, and how near to that it has to be.
+
+The files of a case lie in a folder of its name, and are named as in the FMI cross-check.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Literal
+
+from cosim.errors import CosimError, nearest
+from cosim.regression.options import Options, read_options
+from cosim.regression.tolerances import Interface, Tolerances, read_toml, tolerances_of
+from cosim.results import Results
+
+#: What inputs do between two rows of `<case>_in.csv`.
+Between = Literal["linear", "hold"]
+
+
+class CaseError(CosimError):
+    """A case is incomplete, or its files don't fit each other."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """Files `<name>_in.csv`, `<name>_ref.csv`, `<name>_ref.opt` and `<name>_ref.toml` of a folder; read when asked for.
+
+    Only `<name>_ref.csv` has to be there. The methods raise `CosimError` where a file can't be read.
+    """
+
+    name: str
+    folder: Path
+
+    @property
+    def reference_path(self) -> Path:
+        """The reference result."""
+        return self.folder / f"{self.name}_ref.csv"
+
+    @property
+    def inputs_path(self) -> Path:
+        """Values of inputs over time."""
+        return self.folder / f"{self.name}_in.csv"
+
+    @property
+    def options_path(self) -> Path:
+        """Start, stop and step."""
+        return self.folder / f"{self.name}_ref.opt"
+
+    @property
+    def tolerances_path(self) -> Path:
+        """Tolerances, units, start values."""
+        return self.folder / f"{self.name}_ref.toml"
+
+    @property
+    def paths(self) -> tuple[Path, ...]:
+        """All files that a case may have."""
+        return self.inputs_path, self.reference_path, self.options_path, self.tolerances_path
+
+    @property
+    def exists(self) -> bool:
+        """Whether there is any of the files."""
+        return any(path.is_file() for path in self.paths)
+
+    def reference(self) -> Results:
+        """The reference result."""
+        if not self.reference_path.is_file():
+            raise CaseError(
+                f"case '{self.name}': there is no {self.reference_path}; "
+                f"make it with: pytest --fmu <FMU> --fmu-reference <FOLDER> --fmu-rebaseline {self.name}"
+            )
+        return Results.from_csv(self.reference_path)
+
+    def inputs(self) -> Results | None:
+        """Values of inputs over time; None where there is no such file, or it has times only."""
+        inputs = Results.from_csv(self.inputs_path) if self.inputs_path.is_file() else None
+        return inputs if inputs is not None and len(inputs.time) else None
+
+    def options(self) -> Options | None:
+        """Start, stop and step; None where there is no such file."""
+        return read_options(self.options_path) if self.options_path.is_file() else None
+
+    @cached_property
+    def _tables(self) -> dict[str, Any]:
+        return read_toml(self.tolerances_path) if self.tolerances_path.is_file() else {}
+
+    def tolerances(self, interface: Interface) -> Tolerances:
+        """Tolerances of one interface."""
+        return tolerances_of(self.tolerances_path, self._tables, interface)
+
+    @property
+    def fmu(self) -> str:
+        """Name of the FMU file without its ending: that of the case, unless the tolerances have a key `fmu`."""
+        name = self._tables.get("fmu", self.name)
+        if not isinstance(name, str):
+            raise CaseError(f"{self.tolerances_path}: fmu = {name!r} must be the name of an FMU file, without .fmu")
+        return name
+
+    @property
+    def between(self) -> Between:
+        """What inputs do between two rows."""
+        between = self._tables.get("inputs", "linear")
+        if between not in ("linear", "hold"):
+            hint = nearest(str(between), ("linear", "hold"))
+            raise CaseError(f"{self.tolerances_path}: inputs = {between!r} is unknown; {hint}")
+        return between
+
+    @property
+    def start(self) -> Mapping[str, Any]:
+        """Start values of parameters and inputs that differ from those of the FMU."""
+        start = self._tables.get("start", {})
+        if not isinstance(start, dict):
+            raise CaseError(f"{self.tolerances_path}: start = {start!r} must be a table of start values")
+        return start
+
+
+def find_cases(fmu: Path, folder: Path | None = None) -> list[Case]:
+    """Cases of an FMU file.
+
+    Parameters
+    ----------
+    fmu : Path
+    folder : Path, optional
+        Folder of cases, or of one; by default that of the FMU, else `reference` in it, else `reference` here.
+
+    Returns
+    -------
+    list of Case
+        Those named as the FMU file, and those whose tolerances name it; a case whose tolerances can't be read counts
+        as one of the FMU that it is named after.
+    """
+    if folder is None:
+        for near in (fmu.parent, fmu.parent / "reference", Path("reference")):
+            if near.is_dir() and (cases := find_cases(fmu, near)):
+                return cases
+        return []
+    own = Case(fmu.stem, folder)
+    if own.exists:
+        return [own]
+    cases = [Case(path.name, path) for path in sorted(folder.glob("*/"))]
+    return [case for case in cases if case.exists and _fmu_of(case) == fmu.stem]
+
+
+def _fmu_of(case: Case) -> str:
+    try:
+        return case.fmu
+    except CosimError:
+        return case.name

@@ -1,0 +1,95 @@
+"""What `--fmu` and its companions do to a pytest session."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cosim.regression.plugin import PAGE
+from cosim.regression.rebaseline import reason_against
+
+
+@dataclass
+class Selection:
+    """FMU files: all, those named one by one; and one line for each option that names none."""
+
+    fmus: list[Path] = field(default_factory=list)
+    named: list[Path] = field(default_factory=list)
+    troubles: list[str] = field(default_factory=list)
+
+
+#: Where a session keeps its selection.
+SELECTION = pytest.StashKey[Selection]()
+
+
+def select(names: list[str]) -> Selection:
+    """Find FMU files by the names of files and folders."""
+    selection = Selection()
+    for name in names:
+        path = Path(name)
+        found = sorted(path.rglob("*.fmu")) if path.is_dir() else [path]
+        if not found:
+            selection.troubles.append(f"--fmu {name}: there is no FMU file in this folder")
+        elif not path.exists():
+            selection.troubles.append(f"--fmu {name}: there is no such file or folder")
+        elif path.is_file() and path.suffix != ".fmu":
+            selection.troubles.append(f"--fmu {name}: the name of an FMU file ends with .fmu")
+        else:
+            selection.fmus += [fmu.absolute() for fmu in found if fmu.absolute() not in selection.fmus]
+            selection.named += [] if path.is_dir() else [path.absolute()]
+    return selection
+
+
+def configure(config: pytest.Config) -> None:
+    """Make the FMU files part of what is collected: all of it where no path was given.
+
+    Raises
+    ------
+    pytest.UsageError
+        A reference is to be made anew where that is not allowed.
+    """
+    selection = select(config.getoption("cosim_fmu"))
+    config.stash[SELECTION] = selection
+    worker = hasattr(config, "workerinput")
+    if case := config.getoption("cosim_fmu_rebaseline"):
+        parallel = worker or bool(config.getoption("numprocesses", None)) or bool(config.getoption("tx", None))
+        arguments = [str(argument) for argument in config.invocation_params.args]
+        reason = reason_against(arguments, os.environ, parallel=parallel, fmus=len(selection.fmus))
+        if reason:
+            raise pytest.UsageError(f"--fmu-rebaseline {case}: {reason}")
+    if worker:  # it is given the paths of the main process
+        return
+    if config.getoption("cosim_fmu"):
+        given = config.args if config.args_source == config.ArgsSource.ARGS else []
+        config.args = [*given, *(str(fmu) for fmu in selection.fmus)]
+    if path := config.getoption("cosim_fmu_report"):
+        config.pluginmanager.register(_Page(Path(path)), "cosim_fmu_report")
+
+
+class _Page:
+    """Collects the parts of the page from the test reports, and writes it at the end."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path.absolute()
+        self._parts: list[dict[str, Any]] = []
+        self._said = ""
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        self._parts += getattr(report, PAGE, [])
+
+    def pytest_sessionfinish(self, session: pytest.Session) -> None:
+        from cosim.regression.page import write_page
+
+        try:
+            write_page(self._parts, self._path)
+            self._said = f"report of the FMUs: {self._path}"
+        except OSError as error:
+            self._said = f"--fmu-report {self._path}: can't be written: {error.strerror}"
+            session.exitstatus = pytest.ExitCode.USAGE_ERROR
+
+    def pytest_terminal_summary(self, terminalreporter: Any) -> None:
+        terminalreporter.write_line(self._said)
