@@ -1,20 +1,18 @@
 """Fixed-step co-simulation of FMUs (FMI 2.0 and 3.0).
 
 >>> from cosim import System, simulate
+>>> system = System()
+>>> system.add("plant", "fmus/fmi2/RobotPlant.fmu", start={"tau_d": [0, 0, 0], "dm": 0})
+>>> system.drive("plant.tau_a", lambda t: [0.1, 0.1, 0.1])
+>>> simulate(system, stop_time=0.1, step_size=1e-3, record=["plant.x_E", "plant.theta_a"])
+Results: 101 rows, 0 to 0.1 s, 4 columns, completed
+  plant: x_E, theta_a[1..3]
 """
 
 from __future__ import annotations
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from cosim.errors import CosimError, SetupError
-    from cosim.failures import SimulationError, SimulationInterrupted
-    from cosim.master import simulate
-    from cosim.results import Results
-    from cosim.simulation import Simulation
-    from cosim.system import Signal, System
 
 #: Name -> module; loaded when first used, since fmpy takes a while to import.
 _MODULES = {
@@ -25,7 +23,9 @@ _MODULES = {
     "Simulation": "cosim.simulation",
     "SimulationError": "cosim.failures",
     "SimulationInterrupted": "cosim.failures",
+    "StoredResults": "cosim.stored",
     "System": "cosim.system",
+    "TableWriter": "cosim.tables",
     "simulate": "cosim.master",
 }
 
@@ -37,12 +37,24 @@ __all__ = [
     "Simulation",
     "SimulationError",
     "SimulationInterrupted",
+    "StoredResults",
     "System",
+    "TableWriter",
     "simulate",
 ]
 
+if TYPE_CHECKING:
+    from cosim.errors import CosimError, SetupError
+    from cosim.failures import SimulationError, SimulationInterrupted
+    from cosim.master import simulate
+    from cosim.results import Results
+    from cosim.simulation import Simulation
+    from cosim.stored import StoredResults
+    from cosim.system import Signal, System
+    from cosim.tables import TableWriter
+else:
 
-def __getattr__(name: str) -> Any:
-    if name not in _MODULES:
-        raise AttributeError(f"module 'cosim' has no attribute {name!r}")
-    return getattr(import_module(_MODULES[name]), name)
+    def __getattr__(name: str) -> Any:
+        if name not in _MODULES:
+            raise AttributeError(f"module 'cosim' has no attribute {name!r}")
+        return getattr(import_module(_MODULES[name]), name)

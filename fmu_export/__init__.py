@@ -1,1 +1,41 @@
 """Export of FMI-free models: one `Model`, many back ends (FMUs, python-control)."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+#: Name -> module; loaded when first used, since casadi and python-control take a while to import.
+_MODULES = {
+    "DefaultExperiment": "fmu_export.model",
+    "Layout": "fmu_export.model",
+    "Model": "fmu_export.model",
+    "Requirement": "fmu_export.model",
+    "Variable": "fmu_export.model",
+    "build_native": "fmu_export.native_backend",
+    "build_pythonfmu": "fmu_export.pythonfmu_backend",
+    "to_control": "fmu_export.control_backend",
+}
+
+__all__ = [
+    "DefaultExperiment",
+    "Layout",
+    "Model",
+    "Requirement",
+    "Variable",
+    "build_native",
+    "build_pythonfmu",
+    "to_control",
+]
+
+if TYPE_CHECKING:
+    from fmu_export.control_backend import to_control
+    from fmu_export.model import DefaultExperiment, Layout, Model, Requirement, Variable
+    from fmu_export.native_backend import build_native
+    from fmu_export.pythonfmu_backend import build_pythonfmu
+else:
+
+    def __getattr__(name: str) -> Any:
+        if name not in _MODULES:
+            raise AttributeError(f"module 'fmu_export' has no attribute {name!r}")
+        return getattr(import_module(_MODULES[name]), name)
