@@ -22,7 +22,7 @@ from tests.oracles.links import Links, to_angles, to_joints
 from tests.test_dynamics import closed_states
 
 pytest.importorskip(
-    "pinocchio", reason="Pinocchio (the package pin of the extra 'oracles') is not installed", exc_type=ImportError
+    "pinocchio", reason="Pinocchio can't be imported: install the extra 'oracles'", exc_type=ImportError
 )
 from tests.oracles.pinocchio_robot import PinocchioRobot
 
