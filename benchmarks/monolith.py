@@ -1,21 +1,20 @@
 """The paper's closed loop as one C program, from the same models: what a master without FMUs could do at best.
 
 Same arithmetic as the coupled FMUs in the sequential order, inputs linear between communication points, everything
-recorded; no checks, no function pointers, no tables.
+recorded; no checks, no function pointers, no tables. There are two: one calls the models' functions one after the
+other, outputs, derivatives, integrator step; the other computes outputs and derivatives together, as the FMUs do.
 """
 
 from __future__ import annotations
 
 import ctypes
-import re
 import tempfile
 from pathlib import Path
 
 import numpy as np
 
 from cosim.robot.models import MODELS
-from fmu_export.c_source import model_sources
-from fmu_export.interface import interface_of
+from fmu_export.c_source import c_function
 from fmu_export.toolchain import compile_library, host_target
 from fmu_export.trace import trace
 
@@ -47,9 +46,9 @@ _LOOP = """
 
 EXPORT void run(long n, double h, const double p[], const double c[], const double r[], const double signals[],
                 const unsigned char jumps[], double *row) {
-    /* plant: u = tau_a, tau_d, dm; controller: v = theta_a, omega_a, theta_ref, omega_ref */
-    double x[12], x_next[12], psi[2], psi_next[2], u[7], v[12], y[22], z[5], w[8];
-    double u_rate[7], v_rate[12], last_u[7], last_v[12];
+    /* plant: u = tau_a, tau_d, dm; controller: v = theta_a, omega_a, theta_ref, omega_ref, tau_ref */
+    double x[12], x_next[12], psi[2], psi_next[2], u[7], v[15], y[22 + 14], z[5 + 4], w[11];
+    double u_rate[7], v_rate[15], last_u[7], last_v[15];
     double per_second = 1.0 / h;
     plant_initial_state(p, x);
     controller_initial_state(c, psi);
@@ -58,51 +57,64 @@ EXPORT void run(long n, double h, const double p[], const double c[], const doub
         int fresh = jumps[i];
         for (int j = 0; j < 4; j++) u[3 + j] = signals[4 * i + j];
         trajectory_outputs(t, 0, 0, r, w);
-        for (int j = 0; j < 3; j++) v[j] = x[j], v[3 + j] = x[6 + j], v[6 + j] = w[j], v[9 + j] = w[3 + j];
-        controller_outputs(t, psi, v, c, z);
+        for (int j = 0; j < 3; j++)
+            v[j] = x[j], v[3 + j] = x[6 + j], v[6 + j] = w[j], v[9 + j] = w[3 + j], v[12 + j] = w[8 + j];
+        AT_POINT(controller, t, psi, v, c, z, 5);
         for (int j = 0; j < 3; j++) u[j] = z[j];
-        plant_outputs(t, x, u, p, y);
-        memcpy(row, y, sizeof y), memcpy(row + 22, z, sizeof z), memcpy(row + 27, w, sizeof w);
-        memcpy(row + 35, u, sizeof u), memcpy(row + 42, v, sizeof v);
+        AT_POINT(plant, t, x, u, p, y, 22);
+        memcpy(row, y, 22 * sizeof *y), memcpy(row + 22, z, 5 * sizeof *z), memcpy(row + 27, w, sizeof w);
+        memcpy(row + 38, u, sizeof u), memcpy(row + 45, v, sizeof v);
         if (i == n) break;
-        RATES(v_rate, v, last_v, 12)
+        RATES(v_rate, v, last_v, 15)
         RATES(u_rate, u, last_u, 3)
         if (!jumps[i + 1])
             for (int j = 0; j < 4; j++)
                 u_rate[3 + j] = (signals[4 * (i + 1) + j] - u[3 + j]) * per_second, last_u[3 + j] = u[3 + j];
         else
             for (int j = 3; j < 7; j++) { u_rate[j] = fresh ? 0.0 : (u[j] - last_u[j]) * per_second; last_u[j] = u[j]; }
-        plant_linear_step(t, x, u, p, h, u_rate, x_next);
-        controller_linear_step(t, psi, v, c, h, v_rate, psi_next);
+        plant_linear_step(t, x, u, p, h, u_rate, y + 22, x_next);
+        controller_linear_step(t, psi, v, c, h, v_rate, z + 5, psi_next);
         memcpy(x, x_next, sizeof x), memcpy(psi, psi_next, sizeof psi);
     }
 }
 """
 
 
-def sources() -> dict[str, bytes]:
+#: What is computed at a communication point, as macros of the models' names.
+_AT_POINT = {
+    "separate": "model##_outputs(t, x, u, p, y), model##_derivatives(t, x, u, p, y + n)",
+    "shared": "model##_everything(t, x, u, p, y)",
+}
+
+_ARGUMENTS = {
+    "initial_state": ("p",),
+    "outputs": ("t", "x", "u", "p"),
+    "derivatives": ("t", "x", "u", "p"),
+    "everything": ("t", "x", "u", "p"),
+    "linear_step": ("t", "x", "u", "p", "h", "u_rate", "k1"),
+}
+
+
+def sources(kind: str) -> dict[str, bytes]:
     """The program: a file for each model, as a programmer would have it, and one with the loop."""
     files, prototypes = {}, []
     for name, model in MODELS.items():
         traced = trace(model)
-        text = model_sources(traced, interface_of(traced), "")["model.c"].decode()
-        functions = re.findall(
-            r"^void model_(?:initial_state|outputs|linear_step)\(.*?^}\n", text, re.MULTILINE | re.DOTALL
-        )
-        renamed = [f.replace("model_", f"{name}_", 1) for f in functions]
-        files[f"{name}.c"] = ("#include <math.h>\n" + "".join(renamed)).encode()
-        prototypes += [f.partition("\n")[0] + ";\n" for f in renamed]
-    files["loop.c"] = (_HEAD + "".join(prototypes) + _LOOP).encode()
+        functions = [c_function(getattr(traced, f), arguments, name) for f, arguments in _ARGUMENTS.items()]
+        files[f"{name}.c"] = ("#include <math.h>\n" + "".join(functions)).encode()
+        prototypes += [f.partition("\n")[0] + ";\n" for f in functions]
+    at_point = f"#define AT_POINT(model, t, x, u, p, y, n) {_AT_POINT[kind]}\n"
+    files["loop.c"] = (_HEAD + at_point + "".join(prototypes) + _LOOP).encode()
     return files
 
 
 class Monolith:
-    """The compiled program."""
+    """The compiled program; `kind` is "separate" or "shared"."""
 
-    def __init__(self) -> None:
+    def __init__(self, kind: str = "separate") -> None:
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / f"monolith{host_target().suffix}"
-            path.write_bytes(compile_library(sources(), "monolith"))
+            path.write_bytes(compile_library(sources(kind), "monolith"))
             self._run = ctypes.CDLL(str(path)).run
 
     def run(self, n: int, step: float, signals: np.ndarray, jumps: np.ndarray) -> np.ndarray:

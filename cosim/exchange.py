@@ -126,11 +126,10 @@ class Exchange:
         # around an algebraic loop the start values of the inputs are the first ones
         self.at_start = Table([*start_values, *samples, *(simultaneous if system.levels is None else by_level)])
         self.at_point = Table([*samples, *(by_level if order == "sequential" else simultaneous)])
-        rates = [self._rates(component, elements, linear) for component, elements in linear.elements.items()]
-        self.at_step = Table([*rates, *(self._step(component) for component in system.components)])
-        for k, (component, entry) in enumerate(zip(linear.elements, rates, strict=True)):
-            if entry.operation.version == 3:
-                instances[component].let_ask_for_inputs(self.at_step.operations[k])
+        self.at_step = Table([entry for name in system.components for entry in self._rates_and_step(name, linear)])
+        for entry, operation in zip(self.at_step.entries, self.at_step.operations, strict=True):
+            if operation.kind == Kind.RATES and operation.version == 3:
+                instances[entry.component].let_ask_for_inputs(operation)
 
     # Layout of the values
 
@@ -287,16 +286,21 @@ class Exchange:
         )
         return Entry(operation, drive.component)
 
+    def _rates_and_step(self, component: str, linear: LinearInputs) -> list[Entry]:
+        elements = linear.elements.get(component, ())
+        step = self._step(component)
+        return [self._rates(component, elements, linear), step] if elements else [step]
+
     def _rates(self, component: str, elements: Sequence[Element], linear: LinearInputs) -> Entry:
         instance = self._instances[component]
         keys = [(component, e.name) for e in elements]
         n = len(elements)
         references = [v.valueReference for v in variables_of(elements)]
         buffer = self._arena.zeros(n)
+        sources = [self._columns.get(k, EXTRAPOLATED) if k in linear.moving else HELD for k in keys]
         rates = Rates(
-            previous=self._arena.zeros(n),
+            values=self._arena.zeros(n),
             per_second=self._arena.zeros(n),
-            base=self._arena.zeros(n),
             orders=self._arena.integers([1] * n),
         )
         name = "fmi2SetRealInputDerivatives" if instance.version == 2 else "fmi3SetFloat64"
@@ -309,9 +313,8 @@ class Exchange:
             buffer=ctypes.addressof(buffer),
             n=n,
             targets=self._arena.integers([self._positions[key] for key in keys]),
-            sources=self._arena.integers(
-                [self._columns.get(k, EXTRAPOLATED) if k in linear.moving else HELD for k in keys]
-            ),
+            sources=self._arena.integers(sources),
+            first=next((i for i, source in enumerate(sources) if source != EXTRAPOLATED), n),
             n_targets=n,
             rates=ctypes.pointer(rates),
         )

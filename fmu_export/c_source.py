@@ -16,11 +16,10 @@ from fmu_export.trace import TracedModel
 #: The traced functions that the adapter calls, with their arguments.
 _ARGUMENTS = {
     "initial_state": ("p",),
-    "derivatives": ("t", "x", "u", "p"),
-    "outputs": ("t", "x", "u", "p"),
     "start_margins": ("p",),
-    "step_margins": ("t", "x", "u", "p"),
-    "linear_step": ("t", "x", "u", "p", "h", "u_rate"),
+    "rates": ("t", "x", "u", "p"),
+    "everything": ("t", "x", "u", "p"),
+    "linear_step": ("t", "x", "u", "p", "h", "u_rate", "k1"),
     "initial_state_direction": ("p", "dp"),
     "derivatives_direction": ("t", "x", "u", "p", "dx", "du", "dp"),
     "outputs_direction": ("t", "x", "u", "p", "dx", "du", "dp"),
@@ -47,7 +46,7 @@ def model_sources(traced: TracedModel, interface: Interface, guid: str) -> dict[
     return {
         "model.h": _header(traced, interface, guid, functions).encode(),
         "model.c": (_HEADER + '#include <math.h>\n#include "model.h"\n\n' + _tables(traced, interface)).encode()
-        + "\n".join(_function(f) for f in functions).encode(),
+        + "\n".join(c_function(f, _ARGUMENTS[f.name()]) for f in functions).encode(),
     }
 
 
@@ -60,6 +59,7 @@ def _header(traced: TracedModel, interface: Interface, guid: str, functions: Seq
         "N_X": len(interface.states),
         "N_START_REQUIREMENTS": start,
         "N_STEP_REQUIREMENTS": step,
+        "RATES_DEPEND_ON_TIME": int(traced.rates_depend_on_time),
     }
     return (
         _HEADER
@@ -75,7 +75,7 @@ def _header(traced: TracedModel, interface: Interface, guid: str, functions: Seq
         + "extern const int model_output_states[N_Y + 1]; /* state of each output, -1 for an output that is none */\n"
         + "extern const char *const model_start_requirements[N_START_REQUIREMENTS + 1];\n"
         + "extern const char *const model_step_requirements[N_STEP_REQUIREMENTS + 1];\n\n"
-        + "".join(f"{_prototype(f)};\n" for f in functions)
+        + "".join(f"{_prototype(f, _ARGUMENTS[f.name()])};\n" for f in functions)
         + _SHOW
         + "\n#endif\n"
     )
@@ -106,18 +106,18 @@ def _tables(traced: TracedModel, interface: Interface) -> str:
     )
 
 
-def _prototype(f: ca.Function) -> str:
+def _prototype(f: ca.Function, names: Sequence[str], prefix: str = "model") -> str:
     scalars = ("t", "h")
-    arguments = [f"double {n}" if n in scalars else f"const double *{n}" for n in _ARGUMENTS[f.name()]]
-    return f"void model_{f.name()}({', '.join(arguments)}, double *y)"
+    arguments = [f"double {n}" if n in scalars else f"const double *{n}" for n in names]
+    return f"void {prefix}_{f.name()}({', '.join(arguments)}, double *y)"
 
 
-def _function(f: ca.Function) -> str:
-    names = _ARGUMENTS[f.name()]
+def c_function(f: ca.Function, names: Sequence[str], prefix: str = "model") -> str:
+    """C source of a traced function, `void <prefix>_<its name>(..., double *y)`, with these names of its arguments."""
     assignments = statements(f, names, _literal)
     variables = sorted({t for t, _ in assignments if t.startswith("w")}, key=lambda w: int(w[1:]))
     used = set(re.findall(r"\w+", " ".join(expression for _, expression in assignments)))
-    lines = [f"{_prototype(f)}\n{{"]
+    lines = [f"{_prototype(f, names, prefix)}\n{{"]
     if variables:
         lines.append(f"    double {', '.join(variables)};")
     lines += [f"    (void){n};" for n in names if n not in used]

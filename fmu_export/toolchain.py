@@ -210,8 +210,8 @@ def _arguments(compiler: list[str], target: Target, files: list[str], library: s
     if _is_zig(compiler):
         options += ["-target", target.triple]  # without it zig would use all instructions of this very machine
     if target.system == "linux":
-        # a missing function is an error here, not when the FMU is loaded
-        options += ["-fPIC", "-s", "-Wl,--build-id=none", "-Wl,-z,defs"]
+        # a missing function is an error here, not when the FMU is loaded; -fno-plt: libm is called without a detour
+        options += ["-fPIC", "-fno-plt", "-s", "-Wl,--build-id=none", "-Wl,-z,defs"]
     elif target.system == "darwin":  # Apple's linker ignores -s; -x drops all but the exported names
         options += ["-fPIC", "-Wl,-x", f"-Wl,-install_name,@rpath/{library}"]
         options += [] if _is_zig(compiler) else ["-mmacosx-version-min=11.0"]

@@ -21,8 +21,10 @@ from fmu_export.rk4 import rk4_step
 class TracedModel:
     """The expression graphs of a model, as CasADi functions of flat arguments.
 
-    Each function has one output (n,). Arguments: `initial_state` (p), `derivatives`, `outputs` and
-    `step_margins` (t, x, u, p), `step` (t, x, u, p, h), `linear_step` (t, x, u, p, h, u_rate) and `start_margins` (p).
+    Each function has one output (n,). Arguments: `initial_state` (p), `derivatives`, `outputs`, `step_margins`, `rates`
+    and `everything` (t, x, u, p), `step` (t, x, u, p, h), `linear_step` (t, x, u, p, h, u_rate, k1) and
+    `start_margins` (p). `rates` are the derivatives, then the margins, `everything` the outputs, then the rates: what
+    they share is computed once, and an integrator step that begins there takes the derivatives as its first stage.
     Directional derivatives by CasADi's forward mode: `initial_state_direction` (p, dp), `derivatives_direction` and
     `outputs_direction` (t, x, u, p, dx, du, dp).
     """
@@ -34,6 +36,8 @@ class TracedModel:
     step: ca.Function
     start_margins: ca.Function
     step_margins: ca.Function
+    rates: ca.Function
+    everything: ca.Function
     linear_step: ca.Function
     initial_state_direction: ca.Function
     derivatives_direction: ca.Function
@@ -49,11 +53,18 @@ class TracedModel:
             self.step,
             self.start_margins,
             self.step_margins,
+            self.rates,
+            self.everything,
             self.linear_step,
             self.initial_state_direction,
             self.derivatives_direction,
             self.outputs_direction,
         )
+
+    @property
+    def rates_depend_on_time(self) -> bool:
+        """Whether derivatives or margins depend on the time itself."""
+        return self.rates.jac_sparsity(0, 0).nnz() > 0
 
     def output_dependencies(self) -> list[list[int]]:
         """For each output the inputs it depends on directly (indices)."""
@@ -90,7 +101,8 @@ def trace(model: Model) -> TracedModel:
     n_x, n_u, n_p = len(model.state_layout), len(model.inputs), len(model.parameters)
     t, x, u, p, h = (_symbols(*s) for s in (("t", 1), ("x", n_x), ("u", n_u), ("p", n_p), ("h", 1)))
     T, X, U, P, H = _scalar(t), _vector(x), _vector(u), _vector(p), _scalar(h)
-    u_rate, dx, du, dp = (_symbols(*s) for s in (("u_rate", n_u), ("dx", n_x), ("du", n_u), ("dp", n_p)))
+    u_rate, k1 = _symbols("u_rate", n_u), _symbols("k1", n_x)
+    dx, du, dp = (_symbols(*s) for s in (("dx", n_x), ("du", n_u), ("dp", n_p)))
 
     def function(name: str, arguments: list[ca.SX], value: Array, length: int) -> ca.Function:
         column = _column(value)
@@ -111,27 +123,30 @@ def trace(model: Model) -> TracedModel:
         return ca.Function(name, [*arguments, *seeds], [ca.densify(ca.cse(change + ca.SX(*column.shape)))])
 
     with _numpy_mode():
+        rates, y = model.derivatives(T, X, U, P), model.output_values(T, X, U, P)
+        step_margins, n_margins = margins("step")
+        rates_and_margins = ca.vertcat(_column(rates), _column(step_margins))
+        everything = ca.vertcat(_column(y), rates_and_margins)
+        n_rates, n_y = n_x + n_margins, len(model.outputs)
         return TracedModel(
             model=model,
             initial_state=function("initial_state", [p], model.initial_state(P), n_x),
-            derivatives=function("derivatives", [t, x, u, p], model.derivatives(T, X, U, P), n_x),
-            outputs=function("outputs", [t, x, u, p], model.output_values(T, X, U, P), len(model.outputs)),
+            derivatives=function("derivatives", [t, x, u, p], rates, n_x),
+            outputs=function("outputs", [t, x, u, p], y, n_y),
             step=function("step", [t, x, u, p, h], rk4_step(model.derivatives, T, X, U, P, H), n_x),
             start_margins=function("start_margins", [p], *margins("start")),
-            step_margins=function("step_margins", [t, x, u, p], *margins("step")),
+            step_margins=function("step_margins", [t, x, u, p], step_margins, n_margins),
+            rates=function("rates", [t, x, u, p], rates_and_margins, n_rates),
+            everything=function("everything", [t, x, u, p], everything, n_y + n_rates),
             linear_step=function(
                 "linear_step",
-                [t, x, u, p, h, u_rate],
-                rk4_step(model.derivatives, T, X, U, P, H, _vector(u_rate)),
+                [t, x, u, p, h, u_rate, k1],
+                rk4_step(model.derivatives, T, X, U, P, H, _vector(u_rate), _vector(k1)),
                 n_x,
             ),
             initial_state_direction=direction("initial_state_direction", model.initial_state(P), [p], [dp]),
-            derivatives_direction=direction(
-                "derivatives_direction", model.derivatives(T, X, U, P), [t, x, u, p], [dx, du, dp]
-            ),
-            outputs_direction=direction(
-                "outputs_direction", model.output_values(T, X, U, P), [t, x, u, p], [dx, du, dp]
-            ),
+            derivatives_direction=direction("derivatives_direction", rates, [t, x, u, p], [dx, du, dp]),
+            outputs_direction=direction("outputs_direction", y, [t, x, u, p], [dx, du, dp]),
         )
 
 

@@ -29,6 +29,9 @@ ARGUMENTS = {
     "step": ("t", "x", "u", "p", "h"),
     "start_margins": ("p",),
     "step_margins": ("t", "x", "u", "p"),
+    "rates": ("t", "x", "u", "p"),
+    "everything": ("t", "x", "u", "p"),
+    "linear_step": ("t", "x", "u", "p", "h", "u_rate", "k1"),
 }
 
 
@@ -40,6 +43,10 @@ def margins(model, at):
 def numpy_value(model, name, point):
     """The oracle: the model's own functions called with numbers."""
     t, x, u, p, h = (point[k] for k in "txuph")
+
+    def rates():
+        return np.concatenate([model.derivatives(t, x, u, p), margins(model, "step")(t, x, u, p)])
+
     return {
         "initial_state": lambda: model.initial_state(p),
         "derivatives": lambda: model.derivatives(t, x, u, p),
@@ -47,6 +54,9 @@ def numpy_value(model, name, point):
         "step": lambda: rk4_step(model.derivatives, t, x, u, p, h),
         "start_margins": lambda: margins(model, "start")(t, x, u, p),
         "step_margins": lambda: margins(model, "step")(t, x, u, p),
+        "rates": rates,
+        "everything": lambda: np.concatenate([model.output_values(t, x, u, p), rates()]),
+        "linear_step": lambda: rk4_step(model.derivatives, t, x, u, p, h, point["u_rate"], point["k1"]),
     }[name]()
 
 
@@ -69,7 +79,9 @@ def random_points(model, n=N_POINTS, seed=1):
             if i % 2:
                 x += rng.uniform(-0.1, 0.1, 12)
             u[-1] = rng.uniform(-0.2, 0.5)  # dm
-        points.append({"t": rng.uniform(0.0, 15.0), "x": x, "u": u, "p": p, "h": 1e-3})
+        t, u_rate = rng.uniform(0.0, 15.0), rng.uniform(-1.0, 1.0, len(u))
+        k1 = model.derivatives(t, x, u, p) if len(x) else x
+        points.append({"t": t, "x": x, "u": u, "p": p, "h": 1e-3, "u_rate": u_rate, "k1": k1})
     return points
 
 
@@ -108,7 +120,7 @@ def test_straight_line_python_agrees_with_numpy(traced, name):
     exec(compile(source, "equations.py", "exec"), namespace)
     for point in random_points(traced.model):
         # plain floats: inside an FMU there is no numpy
-        arguments = [point[a].tolist() if a in "xup" else float(point[a]) for a in ARGUMENTS[name]]
+        arguments = [np.asarray(point[a]).tolist() for a in ARGUMENTS[name]]
         value = namespace[name](*arguments)
         assert isinstance(value, list)
         assert all(type(v) is float for v in value)
@@ -161,6 +173,8 @@ def test_output_dependencies_are_those_that_perturbing_the_inputs_shows(traced):
 
 #: Parameters on which initial outputs of the plant depend by structure only, with the reason.
 STRUCTURAL_ONLY = {
+    # no torque reaches its limit of 1e60 N m
+    **{f"tau_a[{i}]": {f"tau_max[{i}]"} for i in (1, 2, 3)},
     # inverse and forward kinematics cancel: the end effector is where its start position says
     "x_E": {"l", "x_A[1]", "x_A[2]", "x_A[3]", "y_A[1]", "y_A[2]", "y_A[3]", "y_E_start"},
     "y_E": {"l", "x_A[1]", "x_A[2]", "x_A[3]", "y_A[1]", "y_A[2]", "y_A[3]", "x_E_start"},
@@ -409,3 +423,17 @@ def test_traced_step_of_the_oscillator_has_order_4():
             x = step(i / n, x, [0.0], [1.0, 0.0], 1.0 / n).full().ravel()
         errors.append(np.max(np.abs(x - [math.cos(1.0), -math.sin(1.0)])))
     np.testing.assert_allclose(np.log2(np.divide(errors[:-1], errors[1:])), 4.0, atol=0.15)
+
+
+def test_the_first_stage_may_come_from_outside():
+    """A step that is given the derivatives at its beginning is the step that computes them."""
+    decay = rk4_step(lambda t, x, u, p: -x, 0.0, np.array([1.0]), np.zeros(0), np.zeros(0), 0.1)
+    given = rk4_step(lambda t, x, u, p: -x, 0.0, np.array([1.0]), np.zeros(0), np.zeros(0), 0.1, k1=np.array([-1.0]))
+    other = rk4_step(lambda t, x, u, p: -x, 0.0, np.array([1.0]), np.zeros(0), np.zeros(0), 0.1, k1=np.array([0.0]))
+    assert decay.tolist() == given.tolist() != other.tolist()
+
+
+def test_rates_depend_on_time_only_where_the_model_does():
+    assert [trace(model).rates_depend_on_time for model in (PLANT, CONTROLLER)] == [False, False]
+    forced = replace(PLANT, derivatives=lambda t, x, u, p: PLANT.derivatives(t, x, u, p) + t)
+    assert trace(forced).rates_depend_on_time

@@ -58,9 +58,8 @@ class Rates(ctypes.Structure):
     """How the inputs of an FMU change over a step; see loop.c."""
 
     _fields_ = (
-        ("previous", POINTER(c_double)),
+        ("values", POINTER(c_double)),
         ("per_second", POINTER(c_double)),
-        ("base", POINTER(c_double)),
         ("orders", POINTER(c_int32)),
         ("time", c_double),
     )

@@ -27,9 +27,9 @@ enum { NONE = -1 };
 
 /* How the inputs of an FMU change over a step. */
 typedef struct {
-    double *previous, *per_second, *base; /* values at the last point, rates, values at this point */
-    const int32_t *orders;                /* all 1, as fmi2SetRealInputDerivatives wants them */
-    double time;                          /* of this point */
+    double *values, *per_second; /* values at this point (before it is reached: at the last one), rates */
+    const int32_t *orders;       /* all 1, as fmi2SetRealInputDerivatives wants them */
+    double time;                 /* of this point */
 } Rates;
 
 typedef struct {
@@ -43,7 +43,8 @@ typedef struct {
                                          TRANSFORM: sources and, after them, what is added (or NONE), positions all;
                                          buffer: factors and, after them, offsets. */
     Rates *rates;                /* RATES. STEP: where `time` is that at which the FMU stopped */
-    int32_t n_references, first, n, n_targets; /* first, n: the values that it gets or sets, contiguous */
+    int32_t n_references, first, n, n_targets; /* first, n: the values that it gets or sets, contiguous;
+                                                  RATES: the first that is not EXTRAPOLATED */
 } Operation;
 
 typedef struct {
@@ -112,7 +113,12 @@ static int exchange(const Operation *op, double *values, bool to_fmu) {
     return status;
 }
 
-static bool is_finite(double value) { return value - value == 0.0; }
+/* Whether all values at these positions are finite: v - v is 0 for a finite v and else NaN. */
+static bool all_finite(const double *values, const int32_t *positions, int32_t n) {
+    double sum = 0.0;
+    for (int32_t i = 0; i < n; i++) sum += values[positions[i]] - values[positions[i]];
+    return sum == 0.0;
+}
 
 /* Whether something jumps in (t_first, t_last], by the numbers of the points. */
 static bool jumps_within(const Loop *loop, int64_t first, int64_t last) {
@@ -132,14 +138,14 @@ static int set_rates(const Loop *loop, const Operation *op, int64_t point, doubl
     bool known = row < loop->n_rows && !jumps_within(loop, point, next);
     for (int32_t i = 0; i < op->n_targets; i++) {
         double value = loop->values[op->targets[i]];
+        rates->per_second[i] = fresh ? 0.0 : (value - rates->values[i]) * per_second;
+        rates->values[i] = value;
+    }
+    for (int32_t i = op->first; i < op->n_targets; i++)
         if (op->sources[i] == HELD)
             rates->per_second[i] = 0.0;
         else if (op->sources[i] != EXTRAPOLATED && known)
-            rates->per_second[i] = (loop->samples[row * loop->n_samples + op->sources[i]] - value) * per_second;
-        else
-            rates->per_second[i] = fresh ? 0.0 : (value - rates->previous[i]) * per_second;
-        rates->previous[i] = rates->base[i] = value;
-    }
+            rates->per_second[i] = (loop->samples[row * loop->n_samples + op->sources[i]] - rates->values[i]) * per_second;
     rates->time = time;
     if (op->version == 3) return 0; /* the FMU asks for its inputs during the step */
     return ((Rates2 *)op->function)(op->instance, op->references, (size_t)op->n_references, rates->orders, rates->per_second);
@@ -154,7 +160,7 @@ EXPORT void intermediate_update(void *environment, double time, bool set_request
     *return_time = time;
     if (!set_requested || !op) return;
     const Rates *rates = op->rates;
-    for (int32_t i = 0; i < op->n; i++) ((double *)op->buffer)[i] = rates->base[i] + (time - rates->time) * rates->per_second[i];
+    for (int32_t i = 0; i < op->n; i++) ((double *)op->buffer)[i] = rates->values[i] + (time - rates->time) * rates->per_second[i];
     ((Exchange3 *)op->function)(op->instance, op->references, (size_t)op->n_references, op->buffer, (size_t)op->n);
 }
 
@@ -181,9 +187,7 @@ static int perform(const Loop *loop, const Operation *op, int64_t point, double 
             return exchange(op, values, true);
         case GET:
             status = exchange(op, values, false);
-            for (int32_t i = 0; status <= 1 && i < op->n_targets; i++)
-                if (!is_finite(values[op->targets[i]])) return NOT_FINITE;
-            return status;
+            return status <= 1 && !all_finite(values, op->targets, op->n_targets) ? NOT_FINITE : status;
         case RATES:
             return set_rates(loop, op, point, time);
         case TRANSFORM:

@@ -15,7 +15,7 @@
 #define PARAMETERS(core) ((core)->state.values)
 #define INPUTS(core) ((core)->state.values + N_P)
 #define OUTPUTS(core) ((core)->state.values + N_PU)
-#define DERIVATIVES(core) ((core)->state.values + N_VARIABLES)
+#define RATES(core) ((core)->state.values + N_VARIABLES) /* state derivatives, then margins */
 
 Core *core_new(const char *resources, int model_exchange, CoreLogger *logger, void *environment) {
     Core *core = calloc(1, sizeof *core);
@@ -118,16 +118,22 @@ static CoreStatus check_parameters(Core *core) {
     return CORE_OK;
 }
 
-static CoreStatus check_step(Core *core, double time, const double x[], const double u[], CoreStatus status) {
-    double margins[N_STEP_REQUIREMENTS + 1];
-    if (N_STEP_REQUIREMENTS) model_step_margins(time, x, u, PARAMETERS(core), margins);
+static CoreStatus check_margins(Core *core, double time, const double margins[], CoreStatus status) {
     for (int i = 0; i < N_STEP_REQUIREMENTS; i++)
         if (!(margins[i] > 0.0)) return core_fail(core, status, "t = %.9g s: %s", time, model_step_requirements[i]);
     return CORE_OK;
 }
 
+/* Have the rates of the present state and inputs. */
+static void have_rates(Core *core) {
+    CoreState *s = &core->state;
+    if (!(s->valid & RATES_VALID)) model_rates(s->time, s->x, INPUTS(core), PARAMETERS(core), RATES(core));
+    s->valid |= RATES_VALID;
+}
+
 static CoreStatus check_now(Core *core, CoreStatus status) {
-    return check_step(core, core->state.time, core->state.x, INPUTS(core), status);
+    have_rates(core);
+    return check_margins(core, core->state.time, RATES(core) + N_X, status);
 }
 
 /* v - v is 0 for a finite v and else NaN; four sums at a time, for they are added in every step. */
@@ -152,6 +158,7 @@ static CoreStatus compute_initial_state(Core *core) {
     CoreStatus status = check_parameters(core);
     if (status != CORE_OK) return status;
     model_initial_state(PARAMETERS(core), core->state.x);
+    core->state.valid = 0;
     return check_now(core, CORE_ERROR);
 }
 
@@ -179,6 +186,7 @@ static CoreStatus refuse_set(Core *core, size_t reference, double value) {
 
 CoreStatus core_set(Core *core, const unsigned references[], size_t n, const double values[]) {
     CoreState *s = &core->state;
+    s->valid = 0;
     for (size_t i = 0; i < n; i++) {
         size_t reference = references[i];
         if (!(reference >= N_P && reference < N_PU && isfinite(values[i]))) { /* no good value for an input */
@@ -188,7 +196,6 @@ CoreStatus core_set(Core *core, const unsigned references[], size_t n, const dou
             s->u_rate[reference - N_P] = 0.0;
         }
         s->values[reference] = values[i];
-        s->valid = 0;
     }
     return CORE_OK;
 }
@@ -211,9 +218,12 @@ static CoreStatus compute(Core *core, int which) {
         CoreStatus status = compute_initial_state(core);
         if (status != CORE_OK) return status;
     }
-    double *values = which == OUTPUTS_VALID ? OUTPUTS(core) : DERIVATIVES(core);
-    (which == OUTPUTS_VALID ? model_outputs : model_derivatives)(s->time, s->x, INPUTS(core), PARAMETERS(core), values);
-    if (!all_finite(values, which == OUTPUTS_VALID ? N_Y : N_X)) {
+    if (which == OUTPUTS_VALID)
+        model_everything(s->time, s->x, INPUTS(core), PARAMETERS(core), OUTPUTS(core));
+    else
+        have_rates(core);
+    s->valid |= RATES_VALID;
+    if (!all_finite(which == OUTPUTS_VALID ? OUTPUTS(core) : RATES(core), which == OUTPUTS_VALID ? N_Y : N_X)) {
         CoreStatus status = check_now(core, CORE_ERROR); /* a requirement says more than "not finite" */
         if (status != CORE_OK) return status;
         return core_fail(core, CORE_ERROR, "outputs at t = %.9g s are not finite; check the inputs", s->time);
@@ -225,9 +235,10 @@ static CoreStatus compute(Core *core, int which) {
 CoreStatus core_get(Core *core, const unsigned references[], size_t n, double values[]) {
     CoreState *s = &core->state;
     int initialized = !(s->phase & (INSTANTIATED | INITIALIZATION));
+    size_t known = s->valid & OUTPUTS_VALID ? N_VARIABLES : N_PU;
     for (size_t i = 0; i < n; i++) {
         size_t reference = references[i];
-        if (reference < N_PU || (reference < N_VARIABLES && s->valid & OUTPUTS_VALID)) {
+        if (reference < known) {
             values[i] = s->values[reference];
             continue;
         }
@@ -237,9 +248,10 @@ CoreStatus core_get(Core *core, const unsigned references[], size_t n, double va
                 values[i] = s->x[state];
                 continue;
             }
-            int which = reference < N_VARIABLES ? OUTPUTS_VALID : DERIVATIVES_VALID;
-            CoreStatus status = s->valid & which ? CORE_OK : compute(core, which);
+            int is_output = reference < N_VARIABLES;
+            CoreStatus status = is_output && s->valid & OUTPUTS_VALID ? CORE_OK : compute(core, is_output ? OUTPUTS_VALID : RATES_VALID);
             if (status != CORE_OK) return status;
+            if (is_output) known = N_VARIABLES;
         } else {
             if (reference != TIME) return core_fail(core, CORE_ERROR, "no variable has the value reference %lu", (unsigned long)reference);
             values[i] = s->time;
@@ -253,12 +265,12 @@ CoreStatus core_get(Core *core, const unsigned references[], size_t n, double va
 /* Co-simulation */
 
 #if N_X > 0
-/* One internal step from `x`, where the inputs are `u` and change at `rate`; the result replaces `x`. */
-static CoreStatus internal_step(Core *core, double time, double h, double x[], const double u[], const double rate[]) {
+/* One internal step from `x`, where the inputs are `u` and change at `u_rate`; the result replaces `x`. */
+static CoreStatus internal_step(Core *core, double time, double h, double x[], const double u[], const double u_rate[], const double rates[]) {
     double next[N_X];
-    CoreStatus status = check_step(core, time, x, u, CORE_DISCARD);
+    CoreStatus status = check_margins(core, time, rates + N_X, CORE_DISCARD);
     if (status != CORE_OK) return status;
-    model_linear_step(time, x, u, PARAMETERS(core), h, rate, next);
+    model_linear_step(time, x, u, PARAMETERS(core), h, u_rate, rates, next);
     memcpy(x, next, sizeof next);
     return CORE_OK;
 }
@@ -269,9 +281,13 @@ static CoreStatus integrate(Core *core, double time, double step, double x[]) {
     if (step > max_step * (1.0 + 1e-6)) exact = step / max_step; /* longer by rounding only: that stays one step */
     if (exact > MOST_INTERNAL_STEPS)
         return core_fail(core, CORE_DISCARD, "communication step %g s needs %.4g internal steps; make it shorter, or max_step (%g s) longer", step, exact, max_step);
-    if (exact == 1.0 && !core->request_inputs) return internal_step(core, time, step, x, INPUTS(core), s->u_rate);
+    if (RATES_DEPEND_ON_TIME && time != s->time) s->valid = 0; /* by rounding: importers count time in their own way */
+    s->time = time;
+    have_rates(core);
+    if (exact == 1.0 && !core->request_inputs) return internal_step(core, time, step, x, INPUTS(core), s->u_rate, RATES(core));
     int n = (int)ceil(exact - 1e-6);
-    double h = step / n, u[N_U + 1], rate[N_U + 1];
+    double h = step / n, u[N_U + 1], rate[N_U + 1], rates[N_X + N_STEP_REQUIREMENTS];
+    memcpy(rates, RATES(core), sizeof rates);
     for (int i = 0; i < n; i++) {
         if (core->request_inputs) { /* linear between the inputs at both ends of the internal step */
             memcpy(u, INPUTS(core), N_U * sizeof *u);
@@ -281,7 +297,8 @@ static CoreStatus integrate(Core *core, double time, double step, double x[]) {
             for (int j = 0; j < N_U; j++) u[j] = INPUTS(core)[j] + i * h * s->u_rate[j];
             memcpy(rate, s->u_rate, N_U * sizeof *rate);
         }
-        CoreStatus status = internal_step(core, time + i * h, h, x, u, rate);
+        if (i > 0) model_rates(time + i * h, x, u, PARAMETERS(core), rates);
+        CoreStatus status = internal_step(core, time + i * h, h, x, u, rate, rates);
         if (status != CORE_OK) return status;
     }
     return CORE_OK;
@@ -330,9 +347,9 @@ CoreStatus core_get_derivatives(Core *core, double derivatives[]) {
     int initialized = !(core->state.phase & INITIALIZATION);
     CoreStatus status = initialized ? check_now(core, CORE_DISCARD) : compute_initial_state(core);
     if (status != CORE_OK) return status;
-    model_derivatives(core->state.time, core->state.x, INPUTS(core), PARAMETERS(core), derivatives);
-    if (!all_finite(derivatives, N_X))
+    if (!all_finite(RATES(core), N_X))
         return core_fail(core, CORE_DISCARD, "derivatives at t = %.9g s are not finite", core->state.time);
+    for (int i = 0; i < N_X; i++) derivatives[i] = RATES(core)[i];
     return CORE_OK;
 }
 

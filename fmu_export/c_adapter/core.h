@@ -9,7 +9,8 @@
 #pragma GCC visibility push(hidden) /* an FMU exports the functions of the standard only, whoever compiles it */
 #endif
 
-/* Values of the interface stand in one array: parameters, inputs, outputs, state derivatives; then comes the time. */
+/* Values stand in one array: parameters, inputs, outputs, state derivatives, and, which are no part of the interface,
+ * margins of the requirements. The time has the value reference after the derivatives. */
 enum { N_PU = N_P + N_U, N_VARIABLES = N_P + N_U + N_Y, N_VALUES = N_P + N_U + N_Y + N_X, TIME = N_VALUES };
 
 typedef enum { CORE_OK = 0, CORE_DISCARD = 2, CORE_ERROR = 3 } CoreStatus; /* the numbers of fmi2Status, fmi3Status */
@@ -23,16 +24,16 @@ typedef enum {
     TERMINATED = 32
 } Phase;
 
-enum { OUTPUTS_VALID = 1, DERIVATIVES_VALID = 2 };
+enum { OUTPUTS_VALID = 1, RATES_VALID = 2 };
 
 /* All that changes: a copy of it is the FMU state. */
 typedef struct {
-    double values[N_VALUES + 1];
+    double values[N_VALUES + N_STEP_REQUIREMENTS + 1];
     double x[N_X + 1];
     double u_rate[N_U + 1]; /* first derivatives of the inputs, of the next step only */
     double time;
     int phase;
-    int valid; /* which computed values belong to the present state and inputs: OUTPUTS_VALID, DERIVATIVES_VALID */
+    int valid; /* which computed values belong to the present state and inputs: OUTPUTS_VALID, RATES_VALID */
     int discarded; /* the last step failed */
 } CoreState;
 
