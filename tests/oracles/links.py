@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -41,10 +40,9 @@ class Links:
     y_A: np.ndarray
 
     @classmethod
-    def of_plant(cls, **changed: Any) -> Links:
-        """The links that the start values of the plant's parameters describe, or with some of these changed."""
+    def of_plant(cls) -> Links:
+        """The links that the start values of the plant's parameters describe."""
         P = PARAMETERS.unpack(PARAMETERS.starts)
-        vars(P).update(changed)
         r_b = P.Z / (P.m_b * P.l)
         J_a, J_b = P.X - P.m_b * P.l**2 - P.m_a * P.r_a**2, P.Y - P.m_b * r_b**2
         return cls(P.l, P.m_a, P.r_a, J_a, P.m_b, r_b, J_b, P.x_A, P.y_A)
