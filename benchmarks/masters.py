@@ -2,24 +2,33 @@
 
 from __future__ import annotations
 
-import importlib
 import statistics
-import subprocess
-import sys
-import tempfile
 from collections.abc import Callable
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 import numpy as np
 
 from benchmarks.measure import Section, ratio
-from benchmarks.peers import PEERS
-from benchmarks.peers.case import Case, PeerRun
 from benchmarks.system import STEP, STOP_TIME, case, undisturbed
 from cosim import Simulation
+from interop.tools.launch import ToolFailed, package_version, run_tool, tool
 from tests.continuous_loop import end_effector, solve
 
+#: Masters of `interop.tools`, in the order of the table.
+PEERS = (
+    "fmpy_loop",
+    "fmpy_container",
+    "fmu_toolbox",
+    "fmu_toolbox_sequential",
+    "ecos",
+    "libcosim",
+    "fmi4j",
+    "cofmupy",
+    "pathsim",
+    "fmipp",
+    "omsimulator",
+    "pyfmi",
+)
 ROUNDS = 5
 ACCURACY = 1e-6  # m
 #: Peers that take longer than this (s) for one run of the time to accuracy are left out of it, with the reason.
@@ -27,34 +36,10 @@ PATIENCE = 60.0
 EVERY = 0.06  # s, where paths are compared: points of all steps used
 
 
-class PeerFailed(Exception):
-    """A peer did not finish; one line says why."""
-
-
-def run_peer(name: str, given: Case) -> PeerRun:
-    """One run in a process of its own."""
-    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
-        case_file, out = Path(folder) / "case.json", Path(folder) / "out.npz"
-        given.to_json(case_file)
-        command = [sys.executable, "-m", "benchmarks.peers", name, str(case_file), str(out)]
-        done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=1800)
-        if not out.is_file():
-            raise PeerFailed((done.stderr.strip().splitlines() or [f"exit code {done.returncode}"])[-1])
-        return PeerRun.from_npz(out)
-
-
 def available() -> tuple[list[str], dict[str, str]]:
     """Peers that can run here, and why the others can't."""
-    reasons = {name: importlib.import_module(f"benchmarks.peers.{name}").unavailable() for name in PEERS}
+    reasons = {name: tool(name).unavailable() for name in PEERS}
     return [n for n, r in reasons.items() if r is None], {n: r for n, r in reasons.items() if r is not None}
-
-
-def _version(name: str) -> str:
-    package = importlib.import_module(f"benchmarks.peers.{name}").PACKAGE
-    try:
-        return f"{package} {version(package)}"
-    except PackageNotFoundError:
-        return str(package)
 
 
 def reference_path() -> np.ndarray:
@@ -90,7 +75,7 @@ def measure_masters(folder: Path) -> list[Section]:
 
         def theirs(name: str, step: float = STEP, only_path: bool = False) -> Callable[[], tuple[float, float]]:
             def run() -> tuple[float, float]:
-                r = run_peer(name, case(folder, step, path_only=only_path))
+                r = run_tool(name, case(folder, step, path_only=only_path))
                 return r.loop_time_s, error(r.time, np.column_stack([r.x_E, r.y_E]), reference)
 
             return run
@@ -116,7 +101,7 @@ def _equal_work(
         for name, call in list(calls.items()):
             try:
                 taken, errors[name] = call()
-            except PeerFailed as failure:
+            except ToolFailed as failure:
                 missing[name] = f"failed: {failure}"
                 del calls[name], seconds[name]
                 continue
@@ -127,7 +112,7 @@ def _equal_work(
     rows = [
         (
             n,
-            "" if n in ours else _version(n),
+            "" if n in ours else package_version(n),
             f"{statistics.median(v) * 1e3:.0f}",
             f"{against[n]:.1f}",
             f"{errors[n]:.1e}",
@@ -182,7 +167,7 @@ def _equal_accuracy(
             continue
         try:
             seconds, reached = theirs(name, float(step), True)()
-        except PeerFailed as failure:
+        except ToolFailed as failure:
             rows.append((name, f"{step * 1e3:.3g}", "-", f"failed: {failure}", "-"))
             continue
         rows.append((name, f"{step * 1e3:.3g}", f"{reached:.1e}", f"{seconds * 1e3:.0f}", f"{seconds / fastest:.0f}"))

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from benchmarks.peers.case import PATH, Case
 from cosim import System
 from cosim.robot.coupling import CONNECTIONS
 from cosim.robot.fmus import fmu_path
 from cosim.robot.models import MODELS
 from cosim.robot.scenario import Scenario, load_scenario
+from interop.tools.case import PATH, Case
 
 STOP_TIME, STEP = 15.0, 1e-3
 #: No signals, which not every master can feed: the inputs that nothing is connected to are held at zero.

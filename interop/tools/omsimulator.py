@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from benchmarks.peers.case import Case, PeerRun
+from interop.tools.case import Case, ToolRun
 
 NAME = "omsimulator"
 TITLE = "OMSimulator"
@@ -16,6 +16,6 @@ def unavailable() -> str | None:
     return "no driver: its pip package holds no binary but fetches one from a build server; build it from source"
 
 
-def run(case: Case, folder: Path) -> PeerRun:
+def run(case: Case, folder: Path) -> ToolRun:
     """Never called."""
     raise NotImplementedError(unavailable())

@@ -10,8 +10,8 @@ import fmpy
 import numpy as np
 from fmpy.fmi2 import FMU2Slave
 
-from benchmarks.peers.case import Case
-from benchmarks.peers.fmpy_loop import instance
+from interop.tools.case import Case
+from interop.tools.fmpy_loop import instance
 
 #: What a reader of the figures has to know.
 NOTE = "C functions of the container called by ctypes; FMPy's doStep and getReal take three times as long"

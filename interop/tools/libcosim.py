@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from benchmarks.peers.availability import missing
-from benchmarks.peers.case import PATH, Case, PeerRun, split
+from interop.tools.availability import missing
+from interop.tools.case import Case, ToolRun, split
 
 if TYPE_CHECKING:
     from libcosimpy.CosimObserver import CosimObserver
@@ -26,7 +26,7 @@ def unavailable() -> str | None:
     return missing("libcosimpy", "pip install libcosimpy")
 
 
-def run(case: Case, folder: Path) -> PeerRun:  # noqa: ARG001 - nothing is written
+def run(case: Case, folder: Path) -> ToolRun:  # noqa: ARG001 - nothing is written
     """One call of libcosim simulates until the stop time."""
     from libcosimpy.CosimEnums import CosimVariableType
     from libcosimpy.CosimExecution import CosimExecution
@@ -61,10 +61,10 @@ def run(case: Case, folder: Path) -> PeerRun:  # noqa: ARG001 - nothing is writt
     loop_time = time.perf_counter() - loop_began
 
     table = {name: _samples(observer, *at, case.steps) for name, at in recorded.items()}
-    x_E, y_E = (table[name] for name in PATH)
+    x_E, y_E = (table[name] for name in case.path)
     total = time.perf_counter() - began
     note = "loop time holds the initialisation of the FMUs"
-    return PeerRun(loop_time, total, case.times, x_E, y_E, "parallel (Jacobi)", len(recorded), note)
+    return ToolRun(loop_time, total, case.times, x_E, y_E, "parallel (Jacobi)", len(recorded), note)
 
 
 def _samples(observer: CosimObserver, index: int, reference: int, steps: int) -> np.ndarray:

@@ -18,8 +18,8 @@ import fmpy
 import numpy as np
 from fmpy.model_description import ModelDescription
 
-from benchmarks.peers.availability import missing
-from benchmarks.peers.case import PATH, Case, PeerRun, split
+from interop.tools.availability import missing
+from interop.tools.case import Case, ToolRun, split
 
 NAME = "cofmupy"
 TITLE = "CoFmuPy, Gauss-Seidel"
@@ -31,7 +31,7 @@ def unavailable() -> str | None:
     return missing("cofmupy", "pip install --no-deps cofmupy && pip install confluent-kafka networkx pandas plotly")
 
 
-def run(case: Case, folder: Path) -> PeerRun:
+def run(case: Case, folder: Path) -> ToolRun:
     """One call of the coordinator a step; its `run_simulation` is the same loop, but ends by a sum of rounded times."""
     with redirect_stdout(StringIO()):
         from cofmupy import Coordinator, wrappers
@@ -52,10 +52,10 @@ def run(case: Case, folder: Path) -> PeerRun:
         coordinator.do_step(case.step_size)
     loop_time = time.perf_counter() - loop_began
     results = coordinator.get_results()
-    x_E, y_E = (np.array(results[split(name)]) for name in PATH)
+    x_E, y_E = (np.array(results[split(name)]) for name in case.path)
     total = time.perf_counter() - began
     recorded = len(results) - 1  # one is the time
-    return PeerRun(loop_time, total, case.times[1:], x_E, y_E, "Gauss-Seidel", recorded, "records outputs only")
+    return ToolRun(loop_time, total, case.times[1:], x_E, y_E, "Gauss-Seidel", recorded, "records outputs only")
 
 
 def _system(case: Case) -> dict[str, object]:

@@ -1,4 +1,4 @@
-"""What a peer is given (`Case`) and what it gives back (`PeerRun`), each also as a file, to cross process borders."""
+"""What a peer is given (`Case`) and what it gives back (`ToolRun`), each also as a file, to cross process borders."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-#: What is compared between masters: the position of the end effector (m).
+#: The position of the end effector where the robot is an instance of its own.
 PATH = ("plant.x_E", "plant.y_E")
 
 
@@ -30,7 +30,9 @@ class Case:
     stop_time, step_size : float
         In s; the start is at 0 and the stop time is a whole number of steps.
     recorded : list of str
-        Scalars `instance.variable` to record at each communication point, `PATH` among them.
+        Scalars `instance.variable` to record at each communication point, those of `path` among them.
+    path : (str, str)
+        What is compared between masters: the position of the end effector (m).
     """
 
     fmus: Mapping[str, Path]
@@ -39,6 +41,7 @@ class Case:
     stop_time: float
     step_size: float
     recorded: list[str]
+    path: tuple[str, str] = PATH
 
     @property
     def steps(self) -> int:
@@ -71,6 +74,7 @@ class Case:
         """Read a case from a file that `to_json` wrote."""
         data: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
         data["fmus"] = {instance: Path(fmu) for instance, fmu in data["fmus"].items()}
+        data["path"] = tuple(data["path"])
         data["connections"] = [(source, target) for source, target in data["connections"]]
         return cls(**data)
 
@@ -82,7 +86,7 @@ def split(path: str) -> tuple[str, str]:
 
 
 @dataclass
-class PeerRun:
+class ToolRun:
     """What a peer did.
 
     Attributes
@@ -115,7 +119,7 @@ class PeerRun:
         np.savez(path, **asdict(self))
 
     @classmethod
-    def from_npz(cls, path: Path) -> PeerRun:
+    def from_npz(cls, path: Path) -> ToolRun:
         """Read a run from a file that `to_npz` wrote."""
         with np.load(path) as data:
             return cls(**{name: data[name] if data[name].ndim else data[name].item() for name in data.files})

@@ -10,9 +10,9 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from benchmarks.peers.availability import missing
-from benchmarks.peers.case import PATH, Case, PeerRun, split
-from benchmarks.peers.container_loop import NOTE, run_container
+from interop.tools.availability import missing
+from interop.tools.case import Case, ToolRun, split
+from interop.tools.container_loop import NOTE, run_container
 
 if TYPE_CHECKING:
     from fmu_manipulation_toolbox.assembly import AssemblyNode
@@ -27,7 +27,7 @@ def unavailable() -> str | None:
     return missing("fmu_manipulation_toolbox.assembly", "pip install 'fmu-manipulation-toolbox>=2.0'")
 
 
-def run(case: Case, folder: Path, *, sequential: bool = False) -> PeerRun:
+def run(case: Case, folder: Path, *, sequential: bool = False) -> ToolRun:
     """Build the container, then step it and get all from it at each communication point."""
     from fmu_manipulation_toolbox.assembly import AssemblyNode
 
@@ -42,11 +42,11 @@ def run(case: Case, folder: Path, *, sequential: bool = False) -> PeerRun:
     outputs = _describe(node, case)
     node.make_fmu(folder)
     table, loop_time = run_container(folder / "container.fmu", folder / "container", case, outputs)
-    x_E, y_E = (table[:, outputs.index(name)] for name in PATH)
+    x_E, y_E = (table[:, outputs.index(name)] for name in case.path)
     total = time.perf_counter() - began
     order = "Gauss-Seidel" if sequential else "parallel (Jacobi)"
     note = f"records all but connected inputs; {NOTE}"
-    return PeerRun(loop_time, total, case.times, x_E, y_E, order, len(outputs), note)
+    return ToolRun(loop_time, total, case.times, x_E, y_E, order, len(outputs), note)
 
 
 def _describe(node: AssemblyNode, case: Case) -> list[str]:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from benchmarks.peers import fmu_toolbox
-from benchmarks.peers.case import Case, PeerRun
+from interop.tools import fmu_toolbox
+from interop.tools.case import Case, ToolRun
 
 NAME = "fmu_toolbox_sequential"
 TITLE = "FMU Manipulation Toolbox, container, sequential"
@@ -14,6 +14,6 @@ PACKAGE = fmu_toolbox.PACKAGE
 unavailable = fmu_toolbox.unavailable
 
 
-def run(case: Case, folder: Path) -> PeerRun:
+def run(case: Case, folder: Path) -> ToolRun:
     """As `fmu_toolbox`, each FMU stepping after those that feed it."""
     return fmu_toolbox.run(case, folder, sequential=True)

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING
 import fmpy
 from fmpy.model_description import CoSimulation, ModelDescription, ModelVariable
 
-from benchmarks.peers.availability import missing
-from benchmarks.peers.case import PATH, Case, PeerRun, split
-from benchmarks.peers.container_loop import NOTE, run_container
+from interop.tools.availability import missing
+from interop.tools.case import Case, ToolRun, split
+from interop.tools.container_loop import NOTE, run_container
 
 if TYPE_CHECKING:
     from fmpy.container_fmu.config import Component, Connection
@@ -31,15 +31,15 @@ def unavailable() -> str | None:
     return missing("fmpy.container_fmu.cli", "pip install 'fmpy>=0.3.32'")
 
 
-def run(case: Case, folder: Path) -> PeerRun:
+def run(case: Case, folder: Path) -> ToolRun:
     """Build the container, then step it and get all from it at each communication point."""
     began = time.perf_counter()
     file = folder / "container.fmu"
     _build(case, folder / "build", file)
     table, loop_time = run_container(file, folder / "container", case, case.recorded)
-    x_E, y_E = (table[:, case.recorded.index(name)] for name in PATH)
+    x_E, y_E = (table[:, case.recorded.index(name)] for name in case.path)
     total = time.perf_counter() - began
-    return PeerRun(loop_time, total, case.times, x_E, y_E, "sequential", len(case.recorded), NOTE)
+    return ToolRun(loop_time, total, case.times, x_E, y_E, "sequential", len(case.recorded), NOTE)
 
 
 def _build(case: Case, folder: Path, file: Path) -> None:

@@ -10,8 +10,8 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from benchmarks.peers.availability import missing
-from benchmarks.peers.case import PATH, Case, PeerRun, split
+from interop.tools.availability import missing
+from interop.tools.case import Case, ToolRun, split
 
 if TYPE_CHECKING:
     from pathsim import Connection
@@ -28,7 +28,7 @@ def unavailable() -> str | None:
     return missing("pathsim_fmi", "pip install pathsim-fmi")
 
 
-def run(case: Case, folder: Path) -> PeerRun:
+def run(case: Case, folder: Path) -> ToolRun:
     """One call simulates until the stop time."""
     from pathsim import Connection, Simulation
     from pathsim.blocks import Scope
@@ -51,9 +51,9 @@ def run(case: Case, folder: Path) -> PeerRun:
     simulation.run(case.stop_time)
     loop_time = time.perf_counter() - loop_began
     times, values = scope.read()
-    x_E, y_E = (values[outputs.index(name)] for name in PATH)
+    x_E, y_E = (values[outputs.index(name)] for name in case.path)
     total = time.perf_counter() - began
-    return PeerRun(loop_time, total, times, x_E, y_E, "sequential", len(outputs), "records outputs only")
+    return ToolRun(loop_time, total, times, x_E, y_E, "sequential", len(outputs), "records outputs only")
 
 
 def _port(blocks: dict[str, CoSimulationFMU], path: str) -> object:

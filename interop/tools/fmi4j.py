@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.peers.case import PATH, Case, PeerRun, split
+from interop.tools.case import Case, ToolRun, split
 
 NAME = "fmi4j"
 TITLE = "FMI4j, loop in Java"
@@ -31,13 +31,13 @@ def unavailable() -> str | None:
     return None
 
 
-def run(case: Case, folder: Path) -> PeerRun:
+def run(case: Case, folder: Path) -> ToolRun:
     """Run the case twice in one virtual machine; the second run is measured, the first warms its compiler up."""
     fields: list[tuple[object, ...]] = [("steps", case.steps, case.step_size)]
     fields += [("fmu", instance, Path(fmu).resolve()) for instance, fmu in case.fmus.items()]
     fields += [("start", i, name, value) for i, values in case.start.items() for name, value in values.items()]
     fields += [("connect", *split(source), *split(target)) for source, target in case.connections]
-    fields += [("record", *split(name)) for name in case.recorded] + [("path", *split(name)) for name in PATH]
+    fields += [("record", *split(name)) for name in case.recorded] + [("path", *split(name)) for name in case.path]
     description, result = folder / "case.txt", folder / "result.bin"
     description.write_text("\n".join("\t".join(map(str, line)) for line in fields), encoding="utf-8")
 
@@ -47,9 +47,9 @@ def run(case: Case, folder: Path) -> PeerRun:
         reasons = [line for line in java.stderr.splitlines() if "Exception" in line or "error:" in line]
         raise RuntimeError(reasons[0] if reasons else f"java ended with exit code {java.returncode}")
     (loop_time, total), path = np.split(np.fromfile(result, dtype=">f8").astype(float), [2])
-    x_E, y_E = path.reshape(-1, len(PATH)).T
+    x_E, y_E = path.reshape(-1, len(case.path)).T
     note = "second run in one virtual machine, after the compiler's first"
-    return PeerRun(loop_time, total, case.times, x_E, y_E, "sequential", len(case.recorded), note)
+    return ToolRun(loop_time, total, case.times, x_E, y_E, "sequential", len(case.recorded), note)
 
 
 @cache

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from benchmarks.peers.case import Case, PeerRun
+from interop.tools.case import Case, ToolRun
 
 NAME = "fmipp"
 TITLE = "FMI++"
@@ -16,6 +16,6 @@ def unavailable() -> str | None:
     return "no driver: pip has only its source (2.1.0), which needs patches to compile against today's SUNDIALS"
 
 
-def run(case: Case, folder: Path) -> PeerRun:
+def run(case: Case, folder: Path) -> ToolRun:
     """Never called."""
     raise NotImplementedError(unavailable())

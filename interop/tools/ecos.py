@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from benchmarks.peers.availability import missing
-from benchmarks.peers.case import PATH, Case, PeerRun, split
+from interop.tools.availability import missing
+from interop.tools.case import Case, ToolRun, split
 
 if TYPE_CHECKING:
     from ecospy import EcosSimulation
@@ -35,7 +35,7 @@ def unavailable() -> str | None:
     return None
 
 
-def run(case: Case, folder: Path) -> PeerRun:
+def run(case: Case, folder: Path) -> ToolRun:
     """Run once with the CSV writer, timed, and once for the path: the writer keeps only six decimals."""
     began = time.perf_counter()
     file = folder / "results.csv"
@@ -54,7 +54,7 @@ def run(case: Case, folder: Path) -> PeerRun:
 
     x_E, y_E = _path(case)
     note = "the CSV file has six decimals; the path is from a second run, without it"
-    return PeerRun(loop_time, total, case.times, x_E, y_E, "parallel (Jacobi)", recorded, note)
+    return ToolRun(loop_time, total, case.times, x_E, y_E, "parallel (Jacobi)", recorded, note)
 
 
 @contextmanager
@@ -76,7 +76,7 @@ def _simulation(case: Case) -> Iterator[EcosSimulation]:
 
 def _path(case: Case) -> np.ndarray:
     """Position of the end effector (2, steps + 1) in m, read step by step."""
-    names = [_identifier(name) for name in PATH]
+    names = [_identifier(name) for name in case.path]
     with _simulation(case) as simulation:
         simulation.init(parameter_set=_START_VALUES)
         path = [[simulation.get_real(name) for name in names]]

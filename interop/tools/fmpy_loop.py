@@ -1,19 +1,27 @@
-"""FMPy as its users drive it: a loop in Python over the wrappers `FMU2Slave.getReal`, `setReal` and `doStep`."""
+"""FMPy as its users drive it: a loop in Python over the wrappers `FMU2Slave.getReal`, `setReal` and `doStep`.
+
+FMI 3.0 is the same with `FMU3Slave`, `getFloat64` and `setFloat64`.
+"""
 
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from pathlib import Path
+from typing import TypeAlias
 
 import fmpy
 import numpy as np
 from fmpy.fmi2 import FMU2Slave
+from fmpy.fmi3 import FMU3Slave
 
-from benchmarks.peers.case import PATH, Case, PeerRun, split
+from interop.tools.case import Case, ToolRun, split
 
 NAME = "fmpy_loop"
 TITLE = "FMPy, loop over FMU2Slave"
 PACKAGE = "fmpy"
+
+Slave: TypeAlias = FMU2Slave | FMU3Slave
 
 
 def unavailable() -> str | None:
@@ -21,7 +29,7 @@ def unavailable() -> str | None:
     return None
 
 
-def run(case: Case, folder: Path) -> PeerRun:
+def run(case: Case, folder: Path) -> ToolRun:
     """Exchange in the order of the connections, record, step; one call of FMPy for each instance and purpose."""
     began = time.perf_counter()
     references = case.references()
@@ -38,11 +46,11 @@ def run(case: Case, folder: Path) -> PeerRun:
     records = [(instances[name], [references[name][v] for v in names]) for name, names in recorded.items()]
     columns = [f"{name}.{v}" for name, names in recorded.items() for v in names]
 
-    for slave in instances.values():
-        slave.setupExperiment(startTime=0.0, stopTime=case.stop_time)
     for name, values in case.start.items():
-        instances[name].setReal([references[name][v] for v in values], list(values.values()))
+        setter(instances[name])([references[name][v] for v in values], list(values.values()))
     for slave in instances.values():
+        if isinstance(slave, FMU2Slave):
+            slave.setupExperiment(startTime=0.0, stopTime=case.stop_time)
         slave.enterInitializationMode()
     _exchange(transfers)
     for slave in instances.values():
@@ -57,7 +65,7 @@ def run(case: Case, folder: Path) -> PeerRun:
         _exchange(transfers)
         row = []
         for slave, refs in records:
-            row += slave.getReal(refs)
+            row += getter(slave)(refs)
         rows.append(row)
     loop_time = time.perf_counter() - loop_began
 
@@ -65,16 +73,26 @@ def run(case: Case, folder: Path) -> PeerRun:
     for slave in slaves:
         slave.terminate()
         slave.freeInstance()
-    x_E, y_E = (table[:, columns.index(name)] for name in PATH)
+    x_E, y_E = (table[:, columns.index(name)] for name in case.path)
     total = time.perf_counter() - began
-    return PeerRun(loop_time, total, case.times, x_E, y_E, "sequential", len(columns))
+    return ToolRun(loop_time, total, case.times, x_E, y_E, "sequential", len(columns))
 
 
-def instance(name: str, fmu: Path, folder: Path) -> FMU2Slave:
+def getter(slave: Slave) -> Callable[[list[int]], list[float]]:
+    """Get real values by their references."""
+    return slave.getReal if isinstance(slave, FMU2Slave) else slave.getFloat64
+
+
+def setter(slave: Slave) -> Callable[[list[int], list[float]], None]:
+    """Set real values by their references."""
+    return slave.setReal if isinstance(slave, FMU2Slave) else slave.setFloat64
+
+
+def instance(name: str, fmu: Path, folder: Path) -> Slave:
     """An instance of an FMU file, unpacked into a folder."""
     description = fmpy.read_model_description(fmu)
     fmpy.extract(fmu, folder)
-    slave = FMU2Slave(
+    slave = (FMU2Slave if description.fmiVersion.startswith("2") else FMU3Slave)(
         guid=description.guid,
         unzipDirectory=folder,
         modelIdentifier=description.coSimulation.modelIdentifier,
@@ -99,9 +117,9 @@ def _transfers(case: Case, references: dict[str, dict[str, int]]) -> list[tuple[
     return result
 
 
-def _exchange(transfers: list[tuple[list[tuple[FMU2Slave, list[int]]], FMU2Slave, list[int]]]) -> None:
+def _exchange(transfers: list[tuple[list[tuple[Slave, list[int]]], Slave, list[int]]]) -> None:
     for sources, target, references in transfers:
         values = []
         for source, refs in sources:
-            values += source.getReal(refs)
-        target.setReal(references, values)
+            values += getter(source)(refs)
+        setter(target)(references, values)
