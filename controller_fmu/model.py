@@ -1,6 +1,6 @@
 """`RobotController`: the paper's adaptive robust controller as a `Model`.
 
-Equation numbers are those of Han et al. 2021.
+Equation numbers are those of Han et al. 2021. Feedforward and torque limits go beyond the paper and are off by default.
 """
 
 from __future__ import annotations
@@ -12,8 +12,12 @@ import numpy as np
 
 from fmu_export.model import DefaultExperiment, Layout, Model, Variable
 from fmu_export.norm import norm
+from fmu_export.saturation import saturate
 
 Array = Any
+
+#: Start value of the torque limits, which stands for none: FMI has no infinity. It is that of Modelica.Constants.inf.
+NO_LIMIT = 1e60
 
 PARAMETERS = Layout(
     [
@@ -34,6 +38,8 @@ PARAMETERS = Layout(
         Variable("S", "s-1", "Diagonal of S: ratio of position to velocity feedback", size=3, start=2.0, min=0.0),
         Variable("k", "1", "Adaptation constant of (37)", start=12.0, min=1e-12),
         Variable("psi_start", "1", "Initial estimate psi of the uncertainty bound", size=2, start=0.0),
+        Variable("feedforward", "1", "Share of tau_ref in the torque: 0 none (the paper), 1 all", min=0.0, max=1.0),
+        Variable("tau_max", "N.m", "Torque limit of each motor; 1e60 is none", size=3, start=NO_LIMIT, min=0.0),
     ]
 )
 
@@ -43,6 +49,7 @@ INPUTS = Layout(
         Variable("omega_a", "rad/s", "Measured angular velocity of the active links", size=3),
         Variable("theta_ref", "rad", "Desired angle of the active links", size=3),
         Variable("omega_ref", "rad/s", "Desired angular velocity of the active links", size=3),
+        Variable("tau_ref", "N.m", "Torque that a nominal model needs for the desired motion", size=3),
     ]
 )
 
@@ -77,13 +84,14 @@ def derivatives(t: Any, x: Array, u: Array, p: Array) -> Array:  # noqa: ARG001 
 
 
 def output_values(t: Any, x: Array, u: Array, p: Array) -> Array:  # noqa: ARG001
-    """Control torque (38) and psi, (5,)."""
+    """Control torque and psi, (5,): (38), with the feedforward added, within the limits."""
     U, P = INPUTS.unpack(u), PARAMETERS.unpack(p)
     s = _sliding_error(U, P)
     Pi = x @ _regressor(U)  # (89)
     tau_1 = -s * Pi**2
     tau_2 = -s
-    return OUTPUTS.pack(tau_a=P.alpha * tau_1 + P.beta * tau_2, psi=x)
+    tau_a = P.alpha * tau_1 + P.beta * tau_2 + P.feedforward * U.tau_ref
+    return OUTPUTS.pack(tau_a=saturate(tau_a, P.tau_max), psi=x)
 
 
 MODEL = Model(

@@ -10,7 +10,7 @@ system.add("controller", "fmus/fmi2/RobotController.fmu", start={"alpha": 2.0})
 system.add("trajectory", "fmus/fmi2/RobotTrajectory.fmu")
 for name in ("theta_a", "omega_a"):
     system.connect(f"plant.{name}", f"controller.{name}")
-for name in ("theta_ref", "omega_ref"):
+for name in ("theta_ref", "omega_ref", "tau_ref"):
     system.connect(f"trajectory.{name}", f"controller.{name}")
 system.connect("controller.tau_a", "plant.tau_a")
 system.drive("plant.dm", lambda t: 0.25 * np.sin(np.pi * t))

@@ -33,6 +33,8 @@ _TEMPLATES = {
     ca.OP_FABS: "fabs({0})",
     ca.OP_TANH: "tanh({0})",
     ca.OP_EQ: "({0} == {1})",
+    ca.OP_LT: "({0} < {1})",
+    ca.OP_LE: "({0} <= {1})",
 }
 
 HEADER = (

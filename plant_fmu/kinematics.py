@@ -99,3 +99,16 @@ def velocity_jacobians(theta: Array, l: Any) -> tuple[Array, Array]:
     J_a = np.stack([n * np.cos(b), n * np.sin(b)], axis=1)
     J_b = np.stack([-n * np.cos(a), -n * np.sin(a)], axis=1)
     return J_a, J_b
+
+
+def velocity_jacobian_rates(theta: Array, omega: Array, l: Any) -> tuple[Array, Array]:
+    """Rates of J_a and J_b of (23), each (3, 2) in 1/(m s), at joint angles and velocities (6,) of a closed state."""
+    a, b = theta[:3], theta[3:]
+    J_a, J_b = velocity_jacobians(theta, l)
+    # n' / n, and the turning of the unit vectors along the links
+    relative_rate = np.diag(-(omega[3:] - omega[:3]) * np.cos(b - a) / np.sin(b - a))
+    n = 1.0 / (l * np.sin(b - a))
+    turn_b, turn_a = n * omega[3:], n * omega[:3]
+    J_a_rate = relative_rate @ J_a + np.stack([-turn_b * np.sin(b), turn_b * np.cos(b)], axis=1)
+    J_b_rate = relative_rate @ J_b + np.stack([turn_a * np.sin(a), -turn_a * np.cos(a)], axis=1)
+    return J_a_rate, J_b_rate

@@ -20,11 +20,16 @@ GEOMETRY = (
     Variable("y_A", "m", "y position of the base joints", size=3, start=(0.25, 0.0, 0.5005)),
 )
 
+#: Inertia constants (87).
+INERTIA = (
+    Variable("X", "kg.m2", "Inertia constant X of (13)", start=0.0932, min=1e-12),
+    Variable("Y", "kg.m2", "Inertia constant Y of (13)", start=0.0381, min=1e-12),
+    Variable("Z", "kg.m2", "Inertia constant Z of (13)", start=0.0426, min=0.0),
+)
+
 PARAMETERS = Layout(
     [
-        Variable("X", "kg.m2", "Inertia constant X of (13)", start=0.0932, min=1e-12),
-        Variable("Y", "kg.m2", "Inertia constant Y of (13)", start=0.0381, min=1e-12),
-        Variable("Z", "kg.m2", "Inertia constant Z of (13)", start=0.0426, min=0.0),
+        *INERTIA,
         Variable("m_a", "kg", "Mass of every active link", start=1.2525, min=1e-12),
         Variable("m_b", "kg", "Mass of every passive link", start=1.0771, min=1e-12),
         *GEOMETRY,

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from plant_fmu.dynamics import coriolis_matrix, mass_matrix
-from plant_fmu.kinematics import velocity_jacobians
+from plant_fmu.kinematics import velocity_jacobian_rates, velocity_jacobians
 
 Array = Any
 
@@ -43,13 +43,8 @@ def passive_velocity_map(theta: Array, omega: Array, l: Any) -> tuple[Array, Arr
     N_rate : array (3, 3)
         In 1/s.
     """
-    a, b = theta[:3], theta[3:]
     J_a, J_b = velocity_jacobians(theta, l)
-    # n' / n and the turning of the unit vectors along the links
-    relative_rate = -((omega[3:] - omega[:3]) * np.cos(b - a) / np.sin(b - a))[:, None]
-    n = 1.0 / (l * np.sin(b - a))
-    J_a_rate = relative_rate * J_a + np.stack([-n * np.sin(b), n * np.cos(b)], axis=1) * omega[3:, None]
-    J_b_rate = relative_rate * J_b + np.stack([n * np.sin(a), -n * np.cos(a)], axis=1) * omega[:3, None]
+    J_a_rate, J_b_rate = velocity_jacobian_rates(theta, omega, l)
     G = J_a.T @ J_a
     J_a_pinv = np.linalg.solve(G, J_a.T)
     G_rate = J_a_rate.T @ J_a + J_a.T @ J_a_rate

@@ -74,7 +74,7 @@ def allowed(module: str, imported: str) -> bool:
         return True
     if is_model(module):
         return (
-            imported in ("numpy", "fmu_export.model", "fmu_export.norm")
+            imported in ("numpy", "fmu_export.model", "fmu_export.norm", "fmu_export.saturation")
             or is_model(imported)
             or inside(imported, "numpy")
         )

@@ -28,7 +28,7 @@ def test_system_has_the_models_signals_and_values(name: str) -> None:
 
 def test_parameters_by_name_scalar_vector_and_params() -> None:
     controller = MODELS["controller"]
-    u, psi = np.arange(12.0), np.array([0.1, 0.2])
+    u, psi = np.arange(15.0), np.array([0.1, 0.2])
     plain = to_control(controller).output(0, psi, u)[:3]
     without = to_control(controller, parameters={"alpha": 0.0}).output(0, psi, u)[:3]
     np.testing.assert_array_equal(to_control(controller).output(0, psi, u, params={"alpha": 0.0})[:3], without)

@@ -11,10 +11,19 @@ from plant_fmu.model import PARAMETERS as PLANT
 
 RNG = np.random.default_rng(11)
 
+#: Torque of the nominal model (N m), which by default has no part in the control.
+TAU_REF = np.array([0.1, -0.2, 0.3])
+
+
+def parameters(**given: object) -> np.ndarray:
+    """Parameters of the controller: its start values but for those given."""
+    starts = vars(controller.PARAMETERS.unpack(controller.PARAMETERS.starts))
+    return controller.PARAMETERS.pack(**starts | given)
+
 
 def law(u: np.ndarray, psi: np.ndarray, alpha: float, beta: float, k: float, S: list[float]) -> tuple[list, list]:
     """(38), (89) and (90) element by element, in plain Python."""
-    theta_a, omega_a, theta_ref, omega_ref = (list(map(float, part)) for part in np.split(u, 4))
+    theta_a, omega_a, theta_ref, omega_ref = (list(map(float, part)) for part in np.split(u[:12], 4))
     s = [(omega_a[i] - omega_ref[i]) + S[i] * (theta_a[i] - theta_ref[i]) for i in range(3)]
     squares = sum(a * a for a in theta_a), sum(w * w for w in omega_a)
     bound = psi[0] * squares[0] + psi[1] * squares[1]
@@ -25,9 +34,9 @@ def law(u: np.ndarray, psi: np.ndarray, alpha: float, beta: float, k: float, S: 
 
 @pytest.mark.parametrize("_", range(20))
 def test_law_is_the_papers(_: int) -> None:
-    u, psi = RNG.normal(size=12), RNG.uniform(0, 1, 2)
+    u, psi = np.append(RNG.normal(size=12), TAU_REF), RNG.uniform(0, 1, 2)
     alpha, beta, k, S = 1.3, 1.7, 9.0, [2.0, 2.5, 3.0]
-    p = controller.PARAMETERS.pack(alpha=alpha, beta=beta, S=np.array(S), k=k, psi_start=np.zeros(2))
+    p = parameters(alpha=alpha, beta=beta, S=np.array(S), k=k)
     torque, rate = law(u, psi, alpha, beta, k, S)
     outputs = controller.OUTPUTS.unpack(controller.output_values(0.0, psi, u, p))
     np.testing.assert_allclose(outputs.tau_a, torque, rtol=1e-13)
@@ -37,7 +46,7 @@ def test_law_is_the_papers(_: int) -> None:
 
 def test_a_full_turn_of_a_joint_changes_the_torque() -> None:
     """Erratum: (89) is not invariant under theta_a + 2 pi, although reference and angle turn together."""
-    u, psi, p = RNG.normal(size=12), np.array([0.05, 0.001]), controller.PARAMETERS.starts
+    u, psi, p = np.append(RNG.normal(size=12), TAU_REF), np.array([0.05, 0.001]), controller.PARAMETERS.starts
     turned = u.copy()
     turned[[0, 6]] += 2 * np.pi
     before, after = (controller.output_values(0.0, psi, v, p)[:3] for v in (u, turned))
@@ -51,7 +60,7 @@ def test_desired_path_is_93_about_its_centre() -> None:
     p[names.index("phase")] = 0.0
     w, n, R, a, b = 1.0, 5.0, 0.5, 3.0, 0.06 / 3.5
     for t in np.linspace(0, 7, 50):
-        position, _ = trajectory.desired_path(t, p)
+        position, _, _ = trajectory.desired_path(t, p)
         x = b * (a * np.cos(w * t) + R * np.cos(w * t) * np.cos(n * w * t))
         y = b * (a * np.sin(w * t) + R * np.sin(w * t) * np.cos(n * w * t))
         np.testing.assert_allclose(position, [0.225 + x, 0.355 + y], atol=1e-15)
@@ -59,7 +68,7 @@ def test_desired_path_is_93_about_its_centre() -> None:
 
 def test_desired_start_is_where_the_papers_errors_put_it() -> None:
     """(0.225, 0.295): errors of (-5, +5) mm and (0.035, -0.018, -0.025) rad at t = 0 in Figs. 8-12."""
-    position, _ = trajectory.desired_path(0.0, trajectory.PARAMETERS.starts)
+    position, _, _ = trajectory.desired_path(0.0, trajectory.PARAMETERS.starts)
     np.testing.assert_allclose(position, [0.225, 0.295], atol=1e-15)
 
 

@@ -40,12 +40,15 @@ CONTRACT = {
         "RobotPlant",
         "parameter",
     ): "X Y Z kg.m2; m_a m_b kg; l r_a x_E_start y_E_start m; baumgarte s-1; max_step s",
-    ("RobotController", "input"): "theta_a[3] theta_ref[3] rad; omega_a[3] omega_ref[3] rad/s",
+    ("RobotController", "input"): "theta_a[3] theta_ref[3] rad; omega_a[3] omega_ref[3] rad/s; tau_ref[3] N.m",
     ("RobotController", "output"): "tau_a[3] N.m; psi[2] 1",
-    ("RobotController", "parameter"): "alpha k psi_start[2] 1; beta N.m.s/rad; S[3] s-1; max_step s",
+    (
+        "RobotController",
+        "parameter",
+    ): "alpha k psi_start[2] feedforward 1; beta N.m.s/rad; S[3] s-1; tau_max[3] N.m; max_step s",
     ("RobotTrajectory", "input"): "",
-    ("RobotTrajectory", "output"): "theta_ref[3] rad; omega_ref[3] rad/s; x_ref y_ref m",
-    ("RobotTrajectory", "parameter"): "x_c y_c b m; phase rad; w rad/s; n R a 1",
+    ("RobotTrajectory", "output"): "theta_ref[3] rad; omega_ref[3] rad/s; x_ref y_ref m; tau_ref[3] N.m",
+    ("RobotTrajectory", "parameter"): "x_c y_c b m; phase rad; w rad/s; n R a 1; X Y Z kg.m2",
 }
 
 #: Dimensions by hand: (kg, m, s, rad).
@@ -346,7 +349,7 @@ def test_direct_feedthrough_that_a_master_must_know(fmus):
     assert inputs_of("RobotPlant", "kinetic_energy") == {"dm"}
     # s_1 of (32) needs the errors of joint 1 only, Pi of (89) all measurements
     measured = {f"{v}_a[{i}]" for v in ("theta", "omega") for i in (1, 2, 3)}
-    assert inputs_of("RobotController", "tau_a[1]") == measured | {"theta_ref[1]", "omega_ref[1]"}
+    assert inputs_of("RobotController", "tau_a[1]") == measured | {"theta_ref[1]", "omega_ref[1]", "tau_ref[1]"}
     assert inputs_of("RobotController", "psi[1]") == set()
 
 

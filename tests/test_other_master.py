@@ -15,7 +15,7 @@ RECORDED = {
 }
 CONNECTIONS = [
     *((f"plant.{v}_a", f"controller.{v}_a") for v in ("theta", "omega")),
-    *((f"trajectory.{v}_ref", f"controller.{v}_ref") for v in ("theta", "omega")),
+    *((f"trajectory.{v}_ref", f"controller.{v}_ref") for v in ("theta", "omega", "tau")),
     ("controller.tau_a", "plant.tau_a"),
 ]
 

@@ -8,5 +8,6 @@ CONNECTIONS = (
     ("plant.omega_a", "controller.omega_a"),
     ("trajectory.theta_ref", "controller.theta_ref"),
     ("trajectory.omega_ref", "controller.omega_ref"),
+    ("trajectory.tau_ref", "controller.tau_ref"),
     ("controller.tau_a", "plant.tau_a"),
 )

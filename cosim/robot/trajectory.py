@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from fmu_export.model import DefaultExperiment, Layout, Model, ModelFunction, Requirement, Variable
+from plant_fmu.inverse_dynamics import minimum_norm_torque
 from plant_fmu.kinematics import inverse_kinematics, reach_margin, velocity_jacobians
-from plant_fmu.model import GEOMETRY
+from plant_fmu.model import GEOMETRY, INERTIA
 
 Array = Any
 
@@ -26,6 +27,7 @@ PARAMETERS = Layout(
         Variable("a", "1", "Radius a of (93), in units of b", start=3.0),
         Variable("b", "m", "Scale b of (93)", start=0.06 / 3.5),
         *GEOMETRY,
+        *INERTIA,
     ]
 )
 
@@ -37,20 +39,26 @@ OUTPUTS = Layout(
         Variable("omega_ref", "rad/s", "Desired angular velocity of the active links", size=3),
         Variable("x_ref", "m", "Desired x position of the end effector"),
         Variable("y_ref", "m", "Desired y position of the end effector"),
+        Variable("tau_ref", "N.m", "Least torque that moves the nominal robot as desired, (27)", size=3),
     ]
 )
 
 
-def desired_path(t: Any, p: Array) -> tuple[Array, Array]:
-    """Desired position (2,) in m and velocity (2,) in m/s of the end effector at time t (s), (93)."""
+def desired_path(t: Any, p: Array) -> tuple[Array, Array, Array]:
+    """Desired position (m), velocity (m/s) and acceleration (m/s^2) of the end effector, (2,) each, at t (s), (93)."""
     P = PARAMETERS.unpack(p)
     angle = P.w * t + P.phase
     radius = P.b * (P.a + P.R * np.cos(P.n * P.w * t))
     radius_rate = -P.b * P.R * P.n * P.w * np.sin(P.n * P.w * t)
+    radius_acceleration = -P.b * P.R * (P.n * P.w) ** 2 * np.cos(P.n * P.w * t)
     outward = np.stack([np.cos(angle), np.sin(angle)])
     along = np.stack([-np.sin(angle), np.cos(angle)])
     centre = np.stack([P.x_c, P.y_c])
-    return centre + radius * outward, radius_rate * outward + radius * P.w * along
+    return (
+        centre + radius * outward,
+        radius_rate * outward + radius * P.w * along,
+        (radius_acceleration - radius * P.w**2) * outward + 2.0 * radius_rate * P.w * along,
+    )
 
 
 def initial_state(p: Array) -> Array:
@@ -64,18 +72,24 @@ def derivatives(t: Any, x: Array, u: Array, p: Array) -> Array:  # noqa: ARG001
 
 
 def output_values(t: Any, x: Array, u: Array, p: Array) -> Array:  # noqa: ARG001
-    """Outputs (8,): joint references by inverse kinematics and J_a of (23)."""
+    """Outputs (11,): joint references by inverse kinematics and J_a of (23), torque by inverse dynamics."""
     P = PARAMETERS.unpack(p)
-    position, velocity = desired_path(t, p)
+    position, velocity, acceleration = desired_path(t, p)
     theta = inverse_kinematics(position[0], position[1], P.l, P.x_A, P.y_A)
     J_a, _ = velocity_jacobians(theta, P.l)
-    return OUTPUTS.pack(theta_ref=theta[:3], omega_ref=J_a @ velocity, x_ref=position[0], y_ref=position[1])
+    return OUTPUTS.pack(
+        theta_ref=theta[:3],
+        omega_ref=J_a @ velocity,
+        x_ref=position[0],
+        y_ref=position[1],
+        tau_ref=minimum_norm_torque(theta, velocity, acceleration, P.X, P.Y, P.Z, P.l),
+    )
 
 
 def _reach_of_chain(i: int) -> ModelFunction:
     def margin(t: Any, x: Array, u: Array, p: Array) -> Any:  # noqa: ARG001
         P = PARAMETERS.unpack(p)
-        position, _ = desired_path(t, p)
+        position, _, _ = desired_path(t, p)
         return reach_margin(position[0], position[1], P.l, P.x_A, P.y_A)[i]
 
     return margin
