@@ -120,7 +120,7 @@ def _system(root: Part, flow: Flow, values: dict[Node, Value]) -> System:
         fed = set()
         for name, elements in part.variables.items():
             if (part.path, name) in values:
-                start[name] = _fit(values[part.path, name], part, elements)
+                start[name] = _plain(_fit(values[part.path, name], part, elements))
         for element in part.ports.all_elements():
             feed = flow.into((part.path, element.name))
             if feed is None:
@@ -132,7 +132,7 @@ def _system(root: Part, flow: Flow, values: dict[Node, Value]) -> System:
                 connections.append((f"{source_part}.{source_name}", f"{part.path}.{element.name}", factor, offset))
                 fed.add(element.name)
             elif feed.source in values:
-                start[element.name] = _through(values[feed.source], feed, part, element)
+                start[element.name] = _plain(_through(values[feed.source], feed, part, element))
         _add_defaults(part, start, fed)
         system.add(part.path, part.fmu, start=start)
     for source, target, factor, offset in connections:
@@ -160,6 +160,10 @@ def _through(value: Value, feed: Feed, part: Part, element: Element) -> list[flo
     if isinstance(data, str):
         raise SSPError(f"{value.origin}: '{value.name}' is a text and can't be transformed on its way to '{name}'")
     return [factor * number + offset for number in data]
+
+
+def _plain(value: list[float] | str) -> Any:
+    return value[0] if len(value) == 1 and not isinstance(value, str) else value
 
 
 def _items(element: Element) -> dict[str, float]:
