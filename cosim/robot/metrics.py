@@ -41,7 +41,7 @@ def metrics(results: Results | StoredResults, steady_after: float) -> dict[str, 
     dict
         `tracking`: for x, y (m) and each joint (rad) `max`, `rms` and `accumulated` (integral of the absolute error,
         as Figs. 13-17 of the paper) over the run, `steady_max` and `steady_rms` from `steady_after` on (None for a
-        shorter run); `control_effort`: `max` (N m) and `integral` of |tau_a|^2 (N^2 m^2 s); `closure_error_max` (m).
+        shorter run); `control_effort`: `max` (N m) and `integral` of `|tau_a|^2` (N^2 m^2 s); `closure_error_max` (m).
     """
     time = results.time
     steady = time >= steady_after

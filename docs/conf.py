@@ -1,0 +1,37 @@
+"""The documentation site: `pip install -e ".[docs]"`, then `python -m sphinx -W docs site`."""
+
+from __future__ import annotations
+
+from importlib.metadata import version as _version
+
+project = "closed-chain-cosim"
+author = "the closed-chain-cosim authors"
+copyright = "MIT licence"
+version = release = _version("closed-chain-cosim")
+
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+exclude_patterns: list[str] = []
+templates_path: list[str] = []
+
+# Pages are plain Markdown, readable without this site too; headings are link targets, as they are for Git hosts.
+myst_heading_anchors = 3
+# model pages and changelog begin and end as files of their own
+suppress_warnings = ["myst.header", "toc.empty_glob"]
+
+# Docstrings: numpy style, `code` in single backticks.
+default_role = "code"
+napoleon_google_docstring = False
+napoleon_use_rtype = False
+napoleon_preprocess_types = False
+autodoc_member_order = "bysource"
+autodoc_typehints = "none"  # the parameters' text says it, with shapes and units
+autodoc_class_signature = "separated"
+python_use_unqualified_type_names = True
+
+html_theme = "furo"
+html_title = "closed-chain-cosim"
+html_show_sphinx = False
+html_show_sourcelink = False
+html_copy_source = False
+html_static_path = ["static"]
+html_css_files = ["site.css"]
