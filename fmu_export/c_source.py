@@ -10,6 +10,7 @@ from collections.abc import Sequence
 import casadi as ca
 
 from fmu_export.interface import Interface
+from fmu_export.operations import helpers
 from fmu_export.straight_line import statements
 from fmu_export.trace import TracedModel
 
@@ -46,6 +47,7 @@ def model_sources(traced: TracedModel, interface: Interface, guid: str) -> dict[
     return {
         "model.h": _header(traced, interface, guid, functions).encode(),
         "model.c": (_HEADER + '#include <math.h>\n#include "model.h"\n\n' + _tables(traced, interface)).encode()
+        + "".join(helper.c + "\n" for helper in helpers(functions)).encode()
         + "\n".join(c_function(f, _ARGUMENTS[f.name()]) for f in functions).encode(),
     }
 

@@ -6,40 +6,12 @@ from collections.abc import Callable, Sequence
 
 import casadi as ca
 
-#: CasADi's elementary operations, which C and Python write alike; {0} and {1} are the operands.
-_TEMPLATES = {
-    ca.OP_ASSIGN: "{0}",
-    ca.OP_ADD: "{0} + {1}",
-    ca.OP_SUB: "{0} - {1}",
-    ca.OP_MUL: "{0} * {1}",
-    ca.OP_DIV: "{0} / {1}",
-    ca.OP_NEG: "-{0}",
-    ca.OP_INV: "1.0 / {0}",
-    ca.OP_SQ: "{0} * {0}",
-    ca.OP_TWICE: "2.0 * {0}",
-    ca.OP_SQRT: "sqrt({0})",
-    ca.OP_POW: "pow({0}, {1})",
-    ca.OP_CONSTPOW: "pow({0}, {1})",
-    ca.OP_EXP: "exp({0})",
-    ca.OP_LOG: "log({0})",
-    ca.OP_SIN: "sin({0})",
-    ca.OP_COS: "cos({0})",
-    ca.OP_TAN: "tan({0})",
-    ca.OP_ASIN: "asin({0})",
-    ca.OP_ACOS: "acos({0})",
-    ca.OP_ATAN: "atan({0})",
-    ca.OP_ATAN2: "atan2({0}, {1})",
-    ca.OP_HYPOT: "hypot({0}, {1})",
-    ca.OP_FABS: "fabs({0})",
-    ca.OP_TANH: "tanh({0})",
-    ca.OP_EQ: "({0} == {1})",
-    ca.OP_LT: "({0} < {1})",
-    ca.OP_LE: "({0} <= {1})",
-}
+from fmu_export.operations import helpers, template
 
 HEADER = (
     '"""Equations, generated from the model by tracing; do not edit."""\n\n'
-    "from math import acos, asin, atan, atan2, cos, exp, fabs, hypot, inf, log, nan, pow, sin, sqrt, tan, tanh\n"
+    "from math import acos, asin, atan, atan2, ceil, cos, cosh, exp, fabs, floor, hypot, inf, log, nan, pow, "
+    "sin, sinh, sqrt, tan, tanh\n"
 )
 
 
@@ -51,7 +23,8 @@ def python_source(functions: Sequence[tuple[ca.Function, Sequence[str]]]) -> str
     functions : sequence of (function, argument names)
         Scalar arguments come as floats, the others as sequences of floats. Each returns a list of floats.
     """
-    return HEADER + "".join("\n\n" + _function_source(f, names) for f, names in functions)
+    own = [helper.python + "\n" for helper in helpers(f for f, _ in functions)]
+    return HEADER + "".join("\n\n" + source for source in (*own, *(_function_source(f, n) for f, n in functions)))
 
 
 def _function_source(f: ca.Function, argument_names: Sequence[str]) -> str:
@@ -83,8 +56,6 @@ def statements(f: ca.Function, argument_names: Sequence[str], literal: Callable[
         elif operation == ca.OP_OUTPUT:
             del assignments[targets[1]]
             lines.append((f"y{targets[1]}", f"w{operands[0]}"))
-        elif operation in _TEMPLATES:
-            lines.append((f"w{targets[0]}", _TEMPLATES[operation].format(*(f"w{i}" for i in operands))))
         else:
-            raise NotImplementedError(f"{f.name()}: CasADi operation {operation} has no template; add it to _TEMPLATES")
+            lines.append((f"w{targets[0]}", template(operation, f.name()).format(*(f"w{i}" for i in operands))))
     return [*((f"y{i}", zero) for i, zero in assignments.items()), *lines]

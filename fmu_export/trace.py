@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from math import isnan
 from typing import Any
 
 import casadi as ca
@@ -96,7 +97,10 @@ def trace(model: Model) -> TracedModel:
     Raises
     ------
     ValueError
-        The model's functions return arrays whose lengths differ from what it declares.
+        The model's functions return arrays whose lengths differ from what it declares, branch on values, or use
+        functions of the module `math` on their arguments.
+    TypeError
+        They make arrays of single values by np.array.
     """
     n_x, n_u, n_p = len(model.state_layout), len(model.inputs), len(model.parameters)
     t, x, u, p, h = (_symbols(*s) for s in (("t", 1), ("x", n_x), ("u", n_u), ("p", n_p), ("h", 1)))
@@ -108,7 +112,10 @@ def trace(model: Model) -> TracedModel:
         column = _column(value)
         if column.numel() != length:
             raise ValueError(f"{model.name}: {name} returns {column.numel()} values, {length} are declared")
-        return ca.Function(name, arguments, [ca.densify(ca.cse(column))])
+        traced = ca.Function(name, arguments, [ca.densify(ca.cse(column))])
+        if any(traced.instruction_id(k) == ca.OP_CONST and isnan(traced.instruction_constant(k)) for k in _all(traced)):
+            raise ValueError(f"{model.name}: {name} has a constant NaN, as of math.sin(t) or float(t); use np.sin")
+        return traced
 
     def margins(at: str) -> tuple[Array, int]:
         requirements: list[Requirement] = [r for r in model.requirements if r.at == at]
@@ -122,7 +129,7 @@ def trace(model: Model) -> TracedModel:
         change = sum((ca.jtimes(column, symbol, seed) for symbol, seed in zip(along, seeds, strict=True)), ca.SX(0))
         return ca.Function(name, [*arguments, *seeds], [ca.densify(ca.cse(change + ca.SX(*column.shape)))])
 
-    with _numpy_mode():
+    with _numpy_mode(), _explained(model.name):
         rates, y = model.derivatives(T, X, U, P), model.output_values(T, X, U, P)
         step_margins, n_margins = margins("step")
         rates_and_margins = ca.vertcat(_column(rates), _column(step_margins))
@@ -159,6 +166,10 @@ def feedthrough(model: Model) -> list[list[int]]:
     return _rows(ca.Function("outputs", [t, x, u, p], [y]).jac_sparsity(0, 2))
 
 
+def _all(function: ca.Function) -> range:
+    return range(function.n_instructions())
+
+
 def _column(value: Array) -> ca.SX:
     return ca.vec(ca.SX(value)) if np.size(value) else ca.SX(0, 1)
 
@@ -181,6 +192,28 @@ def _rows(sparsity: ca.Sparsity) -> list[list[int]]:
     for row, column in zip(*sparsity.get_triplet(), strict=True):
         rows[row].append(column)
     return [sorted(r) for r in rows]
+
+
+#: What CasADi says when it can't trace -> what the author of a model can do.
+_REMEDIES = {
+    "truth value": (ValueError, "an `if`, `max` or `min` on values can't be traced; use np.where, np.maximum, np.clip"),
+    "numpy array": (
+        TypeError,
+        "np.array, math.* and float() take no symbols; use np.stack, np.concatenate, np.sin, ...",
+    ),
+}
+
+
+@contextmanager
+def _explained(model: str) -> Iterator[None]:
+    """Say in the model's terms what CasADi can't trace."""
+    try:
+        yield
+    except (RuntimeError, TypeError) as error:
+        for part, (kind, remedy) in _REMEDIES.items():
+            if part in str(error):
+                raise kind(f"{model}: {remedy}") from error
+        raise
 
 
 @contextmanager
