@@ -227,7 +227,7 @@ class Exchange:
             function=self._instances[component].function_address(name),
             references=self._arena.references(list(batch.references)),
             n_references=len(batch.references),
-            buffer=batch.buffer_address,
+            data=batch.buffer_address,
             first=first,
             n=len(elements),
             **fields,
@@ -251,8 +251,12 @@ class Exchange:
         operation, name = self._exchange(
             Kind.SET,
             part,
-            targets=self._arena.integers([index[k.target.name] for k in links]),
-            sources=self._arena.integers([self._positions[k.source_component, k.source.name] for k in links]),
+            targets=self._arena.integers(
+                [
+                    *(index[k.target.name] for k in links),
+                    *(self._positions[k.source_component, k.source.name] for k in links),
+                ]
+            ),
             n_targets=len(links),
         )
         entry = Entry(operation, component, name)
@@ -262,26 +266,26 @@ class Exchange:
         return (link.factor, link.offset) != (1.0, 0.0) or (link.target_component, link.target.name) in self._added
 
     def _transform(self, component: str, links: Sequence[Link], position: Mapping[str, int]) -> Entry:
+        targets = [position[k.target.name] for k in links]
         sources = [self._positions[k.source_component, k.source.name] for k in links]
         added = [self._added.get((component, k.target.name), NONE) for k in links]
         numbers = self._arena.array(ctypes.c_double, [*(k.factor for k in links), *(k.offset for k in links)])
         operation = self._operation(
             Kind.TRANSFORM,
             component,
-            targets=self._arena.integers([position[k.target.name] for k in links]),
-            sources=self._arena.integers([*sources, *added]),
-            buffer=ctypes.addressof(numbers),
+            targets=self._arena.integers([*targets, *sources, *added]),
+            data=ctypes.addressof(numbers),
             n_targets=len(links),
         )
         return Entry(operation, component)
 
     def _sample(self, drive: Drive) -> Entry:
         keys = [(drive.component, e.name) for e in drive.targets]
+        targets = [(self._added if drive.added else self._positions)[key] for key in keys]
         operation = self._operation(
             Kind.SAMPLE,
             drive.component,
-            targets=self._arena.integers([(self._added if drive.added else self._positions)[key] for key in keys]),
-            sources=self._arena.integers([self._columns[key] for key in keys]),
+            targets=self._arena.integers([*targets, *(self._columns[key] for key in keys)]),
             n_targets=len(keys),
         )
         return Entry(operation, drive.component)
@@ -296,13 +300,10 @@ class Exchange:
         keys = [(component, e.name) for e in elements]
         n = len(elements)
         references = [v.valueReference for v in variables_of(elements)]
-        buffer = self._arena.zeros(n)
-        sources = [self._columns.get(k, EXTRAPOLATED) if k in linear.moving else HELD for k in keys]
-        rates = Rates(
-            values=self._arena.zeros(n),
-            per_second=self._arena.zeros(n),
-            orders=self._arena.integers([1] * n),
-        )
+        columns = [self._columns.get(k, EXTRAPOLATED) if k in linear.moving else HELD for k in keys]
+        rates = self._arena.structure(Rates)
+        rates.values, rates.per_second, rates.buffer = (self._arena.zeros(n) for _ in range(3))
+        rates.orders = self._arena.integers([1] * n)
         name = "fmi2SetRealInputDerivatives" if instance.version == 2 else "fmi3SetFloat64"
         operation = self._operation(
             Kind.RATES,
@@ -310,13 +311,11 @@ class Exchange:
             function=instance.function_address(name),
             references=self._arena.references(references),
             n_references=len(references),
-            buffer=ctypes.addressof(buffer),
             n=n,
-            targets=self._arena.integers([self._positions[key] for key in keys]),
-            sources=self._arena.integers(sources),
-            first=next((i for i, source in enumerate(sources) if source != EXTRAPOLATED), n),
+            targets=self._arena.integers([*(self._positions[key] for key in keys), *columns]),
+            first=next((i for i, column in enumerate(columns) if column != EXTRAPOLATED), n),
             n_targets=n,
-            rates=ctypes.pointer(rates),
+            data=ctypes.addressof(rates),
         )
         return Entry(operation, component, name)
 
@@ -324,6 +323,9 @@ class Exchange:
         instance = self._instances[component]
         name = f"fmi{instance.version}DoStep"
         operation = self._operation(
-            Kind.STEP, component, function=instance.function_address(name), rates=ctypes.pointer(Rates())
+            Kind.STEP,
+            component,
+            function=instance.function_address(name),
+            data=ctypes.addressof(self._arena.structure(Rates)),
         )
         return Entry(operation, component, name)

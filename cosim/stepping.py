@@ -15,7 +15,7 @@ from cosim.exchange import Entry, Exchange, Table
 from cosim.failures import Failing, SimulationError, SimulationInterrupted
 from cosim.instance import Batch, Instance
 from cosim.interrupts import DeferredInterrupt
-from cosim.loop.binding import NOT_FINITE, RETURNED_EARLY, WANTS_TO_END, Loop, Operation, loop_library
+from cosim.loop.binding import NOT_FINITE, RETURNED_EARLY, WANTS_TO_END, Loop, Operation, Rates, loop_library
 from cosim.pacing import Pacer
 from cosim.ports import variables_of
 from cosim.recording import PassedOn, Recorder
@@ -193,7 +193,7 @@ class Run:
         if status == WANTS_TO_END:
             return f"{entry.function} asked to end the simulation"
         if status == RETURNED_EARLY:
-            return f"{entry.function} returned early, at t = {operation.rates.contents.time!r} s"
+            return f"{entry.function} returned early, at t = {Rates.from_address(operation.data).time!r} s"
         return str(instance.failure(entry.function, status))
 
 

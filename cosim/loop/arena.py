@@ -21,15 +21,20 @@ class Arena:
 
     def array(self, kind: Any, values: Sequence[float]) -> Any:
         """A ctypes array of a type, with these values."""
-        size = ctypes.sizeof(kind) * max(1, len(values))
+        array = self.structure(kind * max(1, len(values)))
+        array[: len(values)] = values
+        return array
+
+    def structure(self, kind: Any) -> Any:
+        """A ctypes structure of a type, all zero."""
+        size = ctypes.sizeof(kind)
         self._used += -self._used % ctypes.alignment(kind)
         if not self._blocks or self._used + size > len(self._blocks[-1]):
             self._blocks.append((ctypes.c_char * max(_BLOCK, size))())
             self._used = 0
-        array = (kind * max(1, len(values))).from_buffer(self._blocks[-1], self._used)
-        array[: len(values)] = values
+        part = kind.from_buffer(self._blocks[-1], self._used)
         self._used += size
-        return array
+        return part
 
     def integers(self, values: Sequence[int]) -> Any:
         """Indices."""

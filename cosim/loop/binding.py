@@ -60,6 +60,7 @@ class Rates(ctypes.Structure):
     _fields_ = (
         ("values", POINTER(c_double)),
         ("per_second", POINTER(c_double)),
+        ("buffer", POINTER(c_double)),
         ("orders", POINTER(c_int32)),
         ("time", c_double),
     )
@@ -76,10 +77,8 @@ class Operation(ctypes.Structure):
         ("function", c_void_p),
         ("instance", c_void_p),
         ("references", POINTER(c_uint32)),
-        ("buffer", c_void_p),
-        ("sources", POINTER(c_int32)),
+        ("data", c_void_p),
         ("targets", POINTER(c_int32)),
-        ("rates", POINTER(Rates)),
         ("n_references", c_int32),
         ("first", c_int32),
         ("n", c_int32),

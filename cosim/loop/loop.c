@@ -14,6 +14,12 @@
 #define EXPORT __attribute__((visibility("default")))
 #endif
 
+#ifdef __GNUC__
+#define PREFETCH(address) __builtin_prefetch(address)
+#else
+#define PREFETCH(address) (void)(address)
+#endif
+
 typedef enum { SAMPLE, SET, GET, RATES, STEP, TRANSFORM } Kind;
 
 /* C type of the values that a function of an FMU takes. */
@@ -28,6 +34,7 @@ enum { NONE = -1 };
 /* How the inputs of an FMU change over a step. */
 typedef struct {
     double *values, *per_second; /* values at this point (before it is reached: at the last one), rates */
+    double *buffer;              /* FMI 3.0: for the values during the step */
     const int32_t *orders;       /* all 1, as fmi2SetRealInputDerivatives wants them */
     double time;                 /* of this point */
 } Rates;
@@ -37,15 +44,16 @@ typedef struct {
     int32_t every;               /* takes part in the communication points whose number is a multiple of this */
     void *function, *instance;
     const uint32_t *references;
-    void *buffer;                /* values in the type of the function; NULL for doubles, which need no copy */
-    const int32_t *sources, *targets; /* SET: copied first. SAMPLE: columns, positions. GET: targets must be finite.
-                                         RATES: columns, EXTRAPOLATED or HELD, and positions.
-                                         TRANSFORM: sources and, after them, what is added (or NONE), positions all;
-                                         buffer: factors and, after them, offsets. */
-    Rates *rates;                /* RATES. STEP: where `time` is that at which the FMU stopped */
+    void *data; /* SET, GET: buffer for values in the type of the function; NULL for doubles, which need no copy.
+                   RATES: its Rates. STEP: Rates, where `time` is that at which the FMU stopped.
+                   TRANSFORM: factors and, after them, offsets. */
+    const int32_t *targets; /* positions, and after them, as many:
+                               SET, TRANSFORM: positions of the sources; TRANSFORM: then of what is added, or NONE.
+                               SAMPLE: columns. RATES: columns, EXTRAPOLATED or HELD.
+                               GET: nothing; the targets are the values that must be finite. */
     int32_t n_references, first, n, n_targets; /* first, n: the values that it gets or sets, contiguous;
                                                   RATES: the first that is not EXTRAPOLATED */
-} Operation;
+} Operation; /* 64 bytes: with many FMUs the loop is as fast as the processor's cache */
 
 typedef struct {
     double start_time, step_size;
@@ -105,11 +113,11 @@ static void convert(int32_t type, void *buffer, double *values, int64_t n, bool 
 
 static int exchange(const Operation *op, double *values, bool to_fmu) {
     double *part = values + op->first;
-    void *data = op->buffer ? op->buffer : part;
-    if (to_fmu && op->buffer) convert(op->type, data, part, op->n, true);
+    void *data = op->data ? op->data : part;
+    if (to_fmu && op->data) convert(op->type, data, part, op->n, true);
     int status = op->version == 2 ? ((Exchange2 *)op->function)(op->instance, op->references, (size_t)op->n_references, data)
                                   : ((Exchange3 *)op->function)(op->instance, op->references, (size_t)op->n_references, data, (size_t)op->n);
-    if (!to_fmu && op->buffer) convert(op->type, data, part, op->n, false);
+    if (!to_fmu && op->data) convert(op->type, data, part, op->n, false);
     return status;
 }
 
@@ -131,7 +139,8 @@ static bool jumps_within(const Loop *loop, int64_t first, int64_t last) {
 
 /* How fast the inputs of an FMU change over its next step. */
 static int set_rates(const Loop *loop, const Operation *op, int64_t point, double time) {
-    Rates *rates = op->rates;
+    Rates *rates = op->data;
+    const int32_t *columns = op->targets + op->n_targets;
     double per_second = 1.0 / (op->every * loop->step_size);
     int64_t next = point + op->every, row = next - loop->first_sample;
     bool fresh = point == 0 || jumps_within(loop, point - op->every, point); /* what was before says nothing */
@@ -142,10 +151,10 @@ static int set_rates(const Loop *loop, const Operation *op, int64_t point, doubl
         rates->values[i] = value;
     }
     for (int32_t i = op->first; i < op->n_targets; i++)
-        if (op->sources[i] == HELD)
+        if (columns[i] == HELD)
             rates->per_second[i] = 0.0;
-        else if (op->sources[i] != EXTRAPOLATED && known)
-            rates->per_second[i] = (loop->samples[row * loop->n_samples + op->sources[i]] - rates->values[i]) * per_second;
+        else if (columns[i] != EXTRAPOLATED && known)
+            rates->per_second[i] = (loop->samples[row * loop->n_samples + columns[i]] - rates->values[i]) * per_second;
     rates->time = time;
     if (op->version == 3) return 0; /* the FMU asks for its inputs during the step */
     return ((Rates2 *)op->function)(op->instance, op->references, (size_t)op->n_references, rates->orders, rates->per_second);
@@ -159,9 +168,9 @@ EXPORT void intermediate_update(void *environment, double time, bool set_request
     *return_early = false;
     *return_time = time;
     if (!set_requested || !op) return;
-    const Rates *rates = op->rates;
-    for (int32_t i = 0; i < op->n; i++) ((double *)op->buffer)[i] = rates->values[i] + (time - rates->time) * rates->per_second[i];
-    ((Exchange3 *)op->function)(op->instance, op->references, (size_t)op->n_references, op->buffer, (size_t)op->n);
+    const Rates *rates = op->data;
+    for (int32_t i = 0; i < op->n; i++) rates->buffer[i] = rates->values[i] + (time - rates->time) * rates->per_second[i];
+    ((Exchange3 *)op->function)(op->instance, op->references, (size_t)op->n_references, rates->buffer, (size_t)op->n);
 }
 
 static int do_step(const Operation *op, double time, double step) {
@@ -169,32 +178,33 @@ static int do_step(const Operation *op, double time, double step) {
     bool event = false, terminate = false, early = false;
     double last_time = time;
     int status = ((Step3 *)op->function)(op->instance, time, step, true, &event, &terminate, &early, &last_time);
-    op->rates->time = last_time; /* for the report of an early return */
+    ((Rates *)op->data)->time = last_time; /* for the report of an early return */
     return status > 1 ? status : terminate ? WANTS_TO_END : early ? RETURNED_EARLY : status;
 }
 
 static int perform(const Loop *loop, const Operation *op, int64_t point, double time) {
     double *values = loop->values;
+    const int32_t *targets = op->targets, *sources = targets + op->n_targets;
     int status;
     switch ((Kind)op->kind) {
         case SAMPLE: {
             const double *row = loop->samples + (point - loop->first_sample) * loop->n_samples;
-            for (int32_t i = 0; i < op->n_targets; i++) values[op->targets[i]] = row[op->sources[i]];
+            for (int32_t i = 0; i < op->n_targets; i++) values[targets[i]] = row[sources[i]];
             return 0;
         }
         case SET:
-            for (int32_t i = 0; i < op->n_targets; i++) values[op->targets[i]] = values[op->sources[i]];
+            for (int32_t i = 0; i < op->n_targets; i++) values[targets[i]] = values[sources[i]];
             return exchange(op, values, true);
         case GET:
             status = exchange(op, values, false);
-            return status <= 1 && !all_finite(values, op->targets, op->n_targets) ? NOT_FINITE : status;
+            return status <= 1 && !all_finite(values, targets, op->n_targets) ? NOT_FINITE : status;
         case RATES:
             return set_rates(loop, op, point, time);
         case TRANSFORM:
             for (int32_t i = 0, n = op->n_targets; i < n; i++) {
-                const double *factors = op->buffer, *offsets = factors + n;
-                int32_t added = op->sources[n + i];
-                values[op->targets[i]] = factors[i] * values[op->sources[i]] + offsets[i] + (added == NONE ? 0.0 : values[added]);
+                const double *factors = op->data, *offsets = factors + n;
+                int32_t added = sources[n + i];
+                values[targets[i]] = factors[i] * values[sources[i]] + offsets[i] + (added == NONE ? 0.0 : values[added]);
             }
             return 0;
         case STEP:
@@ -203,10 +213,14 @@ static int perform(const Loop *loop, const Operation *op, int64_t point, double 
     return 0;
 }
 
+/* So many operations before it is called an instance is fetched into the cache. */
+enum { AHEAD = 4 };
+
 /* Perform operations at a communication point; false, with the reason in `loop`, when one fails. */
 static bool perform_all(Loop *loop, const Operation operations[], int64_t n, int64_t point, bool at_step) {
     double time = loop->start_time + (double)point * loop->step_size;
     for (int64_t k = 0; k < n; k++) {
+        if (k + AHEAD < n) PREFETCH(operations[k + AHEAD].instance);
         if (operations[k].every > 1 && point % operations[k].every) continue; /* a division costs more than a call */
         int status = perform(loop, &operations[k], point, time);
         if (status < 0 || status > 1) { /* worse than a warning */

@@ -17,28 +17,21 @@
 #define OUTPUTS(core) ((core)->state.values + N_PU)
 #define RATES(core) ((core)->state.values + N_VARIABLES) /* state derivatives, then margins */
 
-Core *core_new(const char *resources, int model_exchange, CoreLogger *logger, void *environment) {
-    Core *core = calloc(1, sizeof *core);
-    if (!core) return NULL;
-    core->resources = malloc(strlen(resources) + 1);
-    if (!core->resources) {
-        free(core);
-        return NULL;
-    }
-    strcpy(core->resources, resources);
+CoreStatus core_init(Core *core, const char *resources, int model_exchange, CoreLogger *logger, void *environment) {
     core->model_exchange = model_exchange;
     core->logger = logger;
     core->environment = environment;
-    if (core_reset(core) != CORE_OK) {
-        core_free(core);
-        return NULL;
-    }
-    return core;
+    core->resources = malloc(strlen(resources) + 1);
+    if (!core->resources) return core_fail(core, CORE_ERROR, "no memory for an instance");
+    strcpy(core->resources, resources);
+    CoreStatus status = core_reset(core);
+    if (status != CORE_OK) core_close(core);
+    return status;
 }
 
-void core_free(Core *core) {
+void core_close(Core *core) {
     free(core->resources);
-    free(core);
+    core->resources = NULL;
 }
 
 CoreStatus core_fail(Core *core, CoreStatus status, const char *format, ...) {

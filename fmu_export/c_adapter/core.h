@@ -51,8 +51,9 @@ typedef struct {
     char *resources; /* folder */
 } Core;
 
-Core *core_new(const char *resources, int model_exchange, CoreLogger *logger, void *environment);
-void core_free(Core *core);
+/* Initialise a core, which stands inside its instance, so that all of an instance that a step touches lies together. */
+CoreStatus core_init(Core *core, const char *resources, int model_exchange, CoreLogger *logger, void *environment);
+void core_close(Core *core);
 
 /* Log a message in printf format and return the status. */
 CoreStatus core_fail(Core *core, CoreStatus status, const char *format, ...);

@@ -9,7 +9,7 @@
 #include "uri.h"
 
 typedef struct {
-    Core *core;
+    Core core;
     char *name;
     fmi2CallbackLogger logger;
     fmi2ComponentEnvironment environment;
@@ -20,9 +20,9 @@ enum { ANY = INSTANTIATED | INITIALIZATION | STEP | EVENT | CONTINUOUS | TERMINA
 /* Return fmi2Error unless the instance is there and the call is allowed now. */
 #define CHECK(c, phases) \
     Instance *instance = c; \
-    if (!instance || !core_allowed(instance->core, phases, __func__)) return fmi2Error
+    if (!instance || !core_allowed(&instance->core, phases, __func__)) return fmi2Error
 
-#define MISSING ((fmi2Status)core_fail(instance->core, CORE_ERROR, "%s: an argument is missing", __func__))
+#define MISSING ((fmi2Status)core_fail(&instance->core, CORE_ERROR, "%s: an argument is missing", __func__))
 
 static void forward_log(void *environment, CoreStatus status, const char *message) {
     static const char *const categories[] = {"logAll", "logStatusWarning", "logStatusDiscard", "logStatusError"};
@@ -55,14 +55,15 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
     }
     Instance *instance = calloc(1, sizeof *instance);
     char *folder = path_of_uri(resources);
+    CoreStatus status = CORE_ERROR;
     if (instance && folder && (instance->name = malloc(strlen(name) + 1))) {
         strcpy(instance->name, name);
         instance->logger = functions->logger;
         instance->environment = functions->componentEnvironment;
-        instance->core = core_new(folder, type == fmi2ModelExchange, forward_log, instance);
+        status = core_init(&instance->core, folder, type == fmi2ModelExchange, forward_log, instance);
     }
     free(folder);
-    if (instance && !instance->core) {
+    if (instance && status != CORE_OK) {
         free(instance->name);
         free(instance);
         return NULL;
@@ -73,7 +74,7 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
 void fmi2FreeInstance(fmi2Component c) {
     Instance *instance = c;
     if (!instance) return;
-    core_free(instance->core);
+    core_close(&instance->core);
     free(instance->name);
     free(instance);
 }
@@ -81,29 +82,29 @@ void fmi2FreeInstance(fmi2Component c) {
 fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean tolerance_defined, fmi2Real tolerance, fmi2Real start, fmi2Boolean stop_defined, fmi2Real stop) {
     (void)tolerance_defined, (void)tolerance, (void)stop_defined, (void)stop;
     CHECK(c, INSTANTIATED);
-    return (fmi2Status)core_start_at(instance->core, start);
+    return (fmi2Status)core_start_at(&instance->core, start);
 }
 
 fmi2Status fmi2EnterInitializationMode(fmi2Component c) {
     CHECK(c, INSTANTIATED);
-    instance->core->state.phase = INITIALIZATION;
+    instance->core.state.phase = INITIALIZATION;
     return fmi2OK;
 }
 
 fmi2Status fmi2ExitInitializationMode(fmi2Component c) {
     CHECK(c, INITIALIZATION);
-    return (fmi2Status)core_exit_initialization(instance->core);
+    return (fmi2Status)core_exit_initialization(&instance->core);
 }
 
 fmi2Status fmi2Terminate(fmi2Component c) {
     CHECK(c, RUNNING);
-    instance->core->state.phase = TERMINATED;
+    instance->core.state.phase = TERMINATED;
     return fmi2OK;
 }
 
 fmi2Status fmi2Reset(fmi2Component c) {
     CHECK(c, ANY);
-    return (fmi2Status)core_reset(instance->core);
+    return (fmi2Status)core_reset(&instance->core);
 }
 
 /* Values */
@@ -111,18 +112,18 @@ fmi2Status fmi2Reset(fmi2Component c) {
 fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2Real value[]) {
     CHECK(c, ANY);
     if (n && (!vr || !value)) return MISSING;
-    return (fmi2Status)core_get(instance->core, vr, n, value);
+    return (fmi2Status)core_get(&instance->core, vr, n, value);
 }
 
 fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2Real value[]) {
     CHECK(c, INSTANTIATED | INITIALIZATION | RUNNING);
     if (n && (!vr || !value)) return MISSING;
-    return (fmi2Status)core_set(instance->core, vr, n, value);
+    return (fmi2Status)core_set(&instance->core, vr, n, value);
 }
 
 static fmi2Status no_such_type(fmi2Component c, size_t n, const char *function) {
     CHECK(c, ANY);
-    return n ? (fmi2Status)core_fail(instance->core, CORE_ERROR, "%s: every variable of this FMU is of type Real", function) : fmi2OK;
+    return n ? (fmi2Status)core_fail(&instance->core, CORE_ERROR, "%s: every variable of this FMU is of type Real", function) : fmi2OK;
 }
 
 #define REFUSE(Type) \
@@ -143,14 +144,14 @@ fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference
     CHECK(c, INITIALIZATION | STEP);
     if (n && (!vr || !order || !value)) return MISSING;
     for (size_t i = 0; i < n; i++)
-        if (order[i] != 1) return (fmi2Status)core_fail(instance->core, CORE_ERROR, "input derivatives of order %d are not used, only of order 1", (int)order[i]);
-    return (fmi2Status)core_set_input_rates(instance->core, vr, n, value);
+        if (order[i] != 1) return (fmi2Status)core_fail(&instance->core, CORE_ERROR, "input derivatives of order %d are not used, only of order 1", (int)order[i]);
+    return (fmi2Status)core_set_input_rates(&instance->core, vr, n, value);
 }
 
 fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2Integer order[], fmi2Real value[]) {
     (void)vr, (void)n, (void)order, (void)value;
     CHECK(c, ANY);
-    return (fmi2Status)core_fail(instance->core, CORE_ERROR, "output derivatives are not provided (maxOutputDerivativeOrder is 0)");
+    return (fmi2Status)core_fail(&instance->core, CORE_ERROR, "output derivatives are not provided (maxOutputDerivativeOrder is 0)");
 }
 
 fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReference unknown[], size_t n, const fmi2ValueReference known[], size_t m,
@@ -159,10 +160,10 @@ fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReferenc
     if ((n && (!unknown || !unknown_change)) || (m && (!known || !known_change))) return MISSING;
     double change[N_VALUES + 1] = {0};
     for (size_t i = 0; i < m; i++) {
-        if (known[i] >= N_VALUES) return (fmi2Status)core_fail(instance->core, CORE_ERROR, "no variable has the value reference %u", known[i]);
+        if (known[i] >= N_VALUES) return (fmi2Status)core_fail(&instance->core, CORE_ERROR, "no variable has the value reference %u", known[i]);
         change[known[i]] = known_change[i];
     }
-    return (fmi2Status)core_direction(instance->core, unknown, n, change, unknown_change);
+    return (fmi2Status)core_direction(&instance->core, unknown, n, change, unknown_change);
 }
 
 /* FMU states */
@@ -170,15 +171,15 @@ fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReferenc
 fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *state) {
     CHECK(c, ANY);
     if (!state) return MISSING;
-    if (!*state && !(*state = malloc(sizeof(CoreState)))) return (fmi2Status)core_fail(instance->core, CORE_ERROR, "no memory for an FMU state");
-    memcpy(*state, &instance->core->state, sizeof(CoreState));
+    if (!*state && !(*state = malloc(sizeof(CoreState)))) return (fmi2Status)core_fail(&instance->core, CORE_ERROR, "no memory for an FMU state");
+    memcpy(*state, &instance->core.state, sizeof(CoreState));
     return fmi2OK;
 }
 
 fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate state) {
     CHECK(c, ANY);
-    if (!state) return (fmi2Status)core_fail(instance->core, CORE_ERROR, "there is no FMU state to set");
-    memcpy(&instance->core->state, state, sizeof(CoreState));
+    if (!state) return (fmi2Status)core_fail(&instance->core, CORE_ERROR, "there is no FMU state to set");
+    memcpy(&instance->core.state, state, sizeof(CoreState));
     return fmi2OK;
 }
 
@@ -193,7 +194,7 @@ fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *state) {
 
 fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate state, size_t *size) {
     CHECK(c, ANY);
-    if (!state || !size) return (fmi2Status)core_fail(instance->core, CORE_ERROR, "there is no FMU state to serialise");
+    if (!state || !size) return (fmi2Status)core_fail(&instance->core, CORE_ERROR, "there is no FMU state to serialise");
     *size = core_serialized_size();
     return fmi2OK;
 }
@@ -201,18 +202,18 @@ fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate state, size_
 fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate state, fmi2Byte bytes[], size_t size) {
     CHECK(c, ANY);
     if (!state || !bytes || size < core_serialized_size())
-        return (fmi2Status)core_fail(instance->core, CORE_ERROR, "an FMU state needs %lu bytes", (unsigned long)core_serialized_size());
+        return (fmi2Status)core_fail(&instance->core, CORE_ERROR, "an FMU state needs %lu bytes", (unsigned long)core_serialized_size());
     core_serialize(state, bytes);
     return fmi2OK;
 }
 
 fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size_t size, fmi2FMUstate *state) {
     CHECK(c, ANY);
-    if (!state || !bytes) return (fmi2Status)core_fail(instance->core, CORE_ERROR, "there are no bytes to read an FMU state from");
+    if (!state || !bytes) return (fmi2Status)core_fail(&instance->core, CORE_ERROR, "there are no bytes to read an FMU state from");
     CoreState read;
-    CoreStatus status = core_deserialize(instance->core, bytes, size, &read);
+    CoreStatus status = core_deserialize(&instance->core, bytes, size, &read);
     if (status != CORE_OK) return (fmi2Status)status;
-    if (!*state && !(*state = malloc(sizeof read))) return (fmi2Status)core_fail(instance->core, CORE_ERROR, "no memory for an FMU state");
+    if (!*state && !(*state = malloc(sizeof read))) return (fmi2Status)core_fail(&instance->core, CORE_ERROR, "no memory for an FMU state");
     memcpy(*state, &read, sizeof read);
     return fmi2OK;
 }
@@ -222,14 +223,14 @@ fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size
 fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real step, fmi2Boolean no_state_before) {
     (void)no_state_before;
     CHECK(c, STEP);
-    CoreStatus status = core_do_step(instance->core, time, step);
-    instance->core->state.discarded = status == CORE_DISCARD;
+    CoreStatus status = core_do_step(&instance->core, time, step);
+    instance->core.state.discarded = status == CORE_DISCARD;
     return (fmi2Status)status;
 }
 
 fmi2Status fmi2CancelStep(fmi2Component c) {
     CHECK(c, ANY);
-    return (fmi2Status)core_fail(instance->core, CORE_ERROR, "steps are synchronous; there is none to cancel");
+    return (fmi2Status)core_fail(&instance->core, CORE_ERROR, "steps are synchronous; there is none to cancel");
 }
 
 static fmi2Status no_status(fmi2Component c) {
@@ -246,7 +247,7 @@ fmi2Status fmi2GetRealStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Rea
     if (kind != fmi2LastSuccessfulTime) return no_status(c);
     CHECK(c, ANY);
     if (!value) return MISSING;
-    *value = instance->core->state.time;
+    *value = instance->core.state.time;
     return fmi2OK;
 }
 
@@ -259,7 +260,7 @@ fmi2Status fmi2GetBooleanStatus(fmi2Component c, const fmi2StatusKind kind, fmi2
     if (kind != fmi2Terminated) return no_status(c);
     CHECK(c, ANY);
     if (!value) return MISSING;
-    *value = instance->core->state.discarded; /* a discarded step would fail again: the inputs must change first */
+    *value = instance->core.state.discarded; /* a discarded step would fail again: the inputs must change first */
     return fmi2OK;
 }
 
@@ -272,7 +273,7 @@ fmi2Status fmi2GetStringStatus(fmi2Component c, const fmi2StatusKind kind, fmi2S
 
 fmi2Status fmi2EnterEventMode(fmi2Component c) {
     CHECK(c, CONTINUOUS | EVENT);
-    instance->core->state.phase = EVENT;
+    instance->core.state.phase = EVENT;
     return fmi2OK;
 }
 
@@ -285,7 +286,7 @@ fmi2Status fmi2NewDiscreteStates(fmi2Component c, fmi2EventInfo *info) {
 
 fmi2Status fmi2EnterContinuousTimeMode(fmi2Component c) {
     CHECK(c, EVENT);
-    instance->core->state.phase = CONTINUOUS;
+    instance->core.state.phase = CONTINUOUS;
     return fmi2OK;
 }
 
@@ -299,37 +300,37 @@ fmi2Status fmi2CompletedIntegratorStep(fmi2Component c, fmi2Boolean no_state_bef
 
 fmi2Status fmi2SetTime(fmi2Component c, fmi2Real time) {
     CHECK(c, EVENT | CONTINUOUS);
-    return (fmi2Status)core_set_time(instance->core, time);
+    return (fmi2Status)core_set_time(&instance->core, time);
 }
 
 static fmi2Status check_states(Instance *instance, const double x[], size_t n, const char *function) {
     if (n == N_X && (x || !n)) return fmi2OK;
-    if (n == N_X) return (fmi2Status)core_fail(instance->core, CORE_ERROR, "%s: the array is missing", function);
-    return (fmi2Status)core_fail(instance->core, CORE_ERROR, "%s: this FMU has %d continuous states, not %lu", function, N_X, (unsigned long)n);
+    if (n == N_X) return (fmi2Status)core_fail(&instance->core, CORE_ERROR, "%s: the array is missing", function);
+    return (fmi2Status)core_fail(&instance->core, CORE_ERROR, "%s: this FMU has %d continuous states, not %lu", function, N_X, (unsigned long)n);
 }
 
 fmi2Status fmi2SetContinuousStates(fmi2Component c, const fmi2Real x[], size_t n) {
     CHECK(c, CONTINUOUS);
     if (check_states(instance, x, n, __func__)) return fmi2Error;
-    return (fmi2Status)core_set_states(instance->core, x);
+    return (fmi2Status)core_set_states(&instance->core, x);
 }
 
 fmi2Status fmi2GetDerivatives(fmi2Component c, fmi2Real derivatives[], size_t n) {
     CHECK(c, EVENT | CONTINUOUS | TERMINATED);
     if (check_states(instance, derivatives, n, __func__)) return fmi2Error;
-    return (fmi2Status)core_get_derivatives(instance->core, derivatives);
+    return (fmi2Status)core_get_derivatives(&instance->core, derivatives);
 }
 
 fmi2Status fmi2GetEventIndicators(fmi2Component c, fmi2Real indicators[], size_t n) {
     (void)indicators;
     CHECK(c, INITIALIZATION | EVENT | CONTINUOUS | TERMINATED);
-    return n ? (fmi2Status)core_fail(instance->core, CORE_ERROR, "this FMU has no event indicators") : fmi2OK;
+    return n ? (fmi2Status)core_fail(&instance->core, CORE_ERROR, "this FMU has no event indicators") : fmi2OK;
 }
 
 fmi2Status fmi2GetContinuousStates(fmi2Component c, fmi2Real x[], size_t n) {
     CHECK(c, INITIALIZATION | EVENT | CONTINUOUS | TERMINATED);
     if (check_states(instance, x, n, __func__)) return fmi2Error;
-    return (fmi2Status)core_get_states(instance->core, x);
+    return (fmi2Status)core_get_states(&instance->core, x);
 }
 
 fmi2Status fmi2GetNominalsOfContinuousStates(fmi2Component c, fmi2Real nominals[], size_t n) {

@@ -7,7 +7,7 @@
 #include "core.h"
 
 typedef struct {
-    Core *core;
+    Core core;
     fmi3LogMessageCallback logger;
     fmi3IntermediateUpdateCallback intermediate_update;
     fmi3InstanceEnvironment environment;
@@ -18,9 +18,9 @@ enum { ANY = INSTANTIATED | INITIALIZATION | STEP | EVENT | CONTINUOUS | TERMINA
 /* Return fmi3Error unless the instance is there and the call is allowed now. */
 #define CHECK(c, phases) \
     Instance *instance = c; \
-    if (!instance || !core_allowed(instance->core, phases, __func__)) return fmi3Error
+    if (!instance || !core_allowed(&instance->core, phases, __func__)) return fmi3Error
 
-#define FAIL(...) ((fmi3Status)core_fail(instance->core, CORE_ERROR, __VA_ARGS__))
+#define FAIL(...) ((fmi3Status)core_fail(&instance->core, CORE_ERROR, __VA_ARGS__))
 
 #define MISSING FAIL("%s: an argument is missing", __func__)
 
@@ -56,8 +56,7 @@ static fmi3Instance instantiate(fmi3String name, fmi3String token, fmi3String re
     if (instance) {
         instance->logger = logger;
         instance->environment = environment;
-        instance->core = core_new(resources, model_exchange, forward_log, instance);
-        if (instance->core) return instance;
+        if (core_init(&instance->core, resources, model_exchange, forward_log, instance) == CORE_OK) return instance;
         free(instance);
     } else if (logger) {
         logger(environment, fmi3Error, "logStatusError", problem ? problem : "no memory for an instance");
@@ -83,7 +82,7 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3
     Instance *instance = instantiate(name, token, resources, 0, environment, logger);
     if (instance && intermediate_update && n_required) {
         instance->intermediate_update = intermediate_update;
-        instance->core->request_inputs = request_inputs;
+        instance->core.request_inputs = request_inputs;
     }
     return instance;
 }
@@ -99,38 +98,38 @@ fmi3Instance fmi3InstantiateScheduledExecution(fmi3String name, fmi3String token
 void fmi3FreeInstance(fmi3Instance c) {
     Instance *instance = c;
     if (!instance) return;
-    core_free(instance->core);
+    core_close(&instance->core);
     free(instance);
 }
 
 fmi3Status fmi3EnterInitializationMode(fmi3Instance c, fmi3Boolean tolerance_defined, fmi3Float64 tolerance, fmi3Float64 start, fmi3Boolean stop_defined, fmi3Float64 stop) {
     (void)tolerance_defined, (void)tolerance, (void)stop_defined, (void)stop;
     CHECK(c, INSTANTIATED);
-    CoreStatus status = core_start_at(instance->core, start);
-    if (status == CORE_OK) instance->core->state.phase = INITIALIZATION;
+    CoreStatus status = core_start_at(&instance->core, start);
+    if (status == CORE_OK) instance->core.state.phase = INITIALIZATION;
     return (fmi3Status)status;
 }
 
 fmi3Status fmi3ExitInitializationMode(fmi3Instance c) {
     CHECK(c, INITIALIZATION);
-    return (fmi3Status)core_exit_initialization(instance->core);
+    return (fmi3Status)core_exit_initialization(&instance->core);
 }
 
 fmi3Status fmi3EnterEventMode(fmi3Instance c) {
     CHECK(c, EVENT | CONTINUOUS);
-    instance->core->state.phase = EVENT;
+    instance->core.state.phase = EVENT;
     return fmi3OK;
 }
 
 fmi3Status fmi3Terminate(fmi3Instance c) {
     CHECK(c, RUNNING);
-    instance->core->state.phase = TERMINATED;
+    instance->core.state.phase = TERMINATED;
     return fmi3OK;
 }
 
 fmi3Status fmi3Reset(fmi3Instance c) {
     CHECK(c, ANY);
-    return (fmi3Status)core_reset(instance->core);
+    return (fmi3Status)core_reset(&instance->core);
 }
 
 /* Values */
@@ -144,13 +143,13 @@ static fmi3Status check_arrays(Instance *instance, const void *references, size_
 fmi3Status fmi3GetFloat64(fmi3Instance c, const fmi3ValueReference references[], size_t n, fmi3Float64 values[], size_t n_values) {
     CHECK(c, ANY);
     if (check_arrays(instance, references, n, values, n_values, __func__)) return fmi3Error;
-    return (fmi3Status)core_get(instance->core, references, n, values);
+    return (fmi3Status)core_get(&instance->core, references, n, values);
 }
 
 fmi3Status fmi3SetFloat64(fmi3Instance c, const fmi3ValueReference references[], size_t n, const fmi3Float64 values[], size_t n_values) {
     CHECK(c, INSTANTIATED | INITIALIZATION | RUNNING);
     if (check_arrays(instance, references, n, values, n_values, __func__)) return fmi3Error;
-    return (fmi3Status)core_set(instance->core, references, n, values);
+    return (fmi3Status)core_set(&instance->core, references, n, values);
 }
 
 static fmi3Status no_such_type(fmi3Instance c, size_t n, const char *function) {
@@ -286,14 +285,14 @@ fmi3Status fmi3GetFMUState(fmi3Instance c, fmi3FMUState *state) {
     CHECK(c, ANY);
     if (!state) return FAIL("%s: there is no place for the FMU state", __func__);
     if (!*state && !(*state = malloc(sizeof(CoreState)))) return FAIL("no memory for an FMU state");
-    memcpy(*state, &instance->core->state, sizeof(CoreState));
+    memcpy(*state, &instance->core.state, sizeof(CoreState));
     return fmi3OK;
 }
 
 fmi3Status fmi3SetFMUState(fmi3Instance c, fmi3FMUState state) {
     CHECK(c, ANY);
     if (!state) return FAIL("there is no FMU state to set");
-    memcpy(&instance->core->state, state, sizeof(CoreState));
+    memcpy(&instance->core.state, state, sizeof(CoreState));
     return fmi3OK;
 }
 
@@ -324,7 +323,7 @@ fmi3Status fmi3DeserializeFMUState(fmi3Instance c, const fmi3Byte bytes[], size_
     CHECK(c, ANY);
     if (!state || !bytes) return FAIL("there are no bytes to read an FMU state from");
     CoreState read;
-    CoreStatus status = core_deserialize(instance->core, (const char *)bytes, size, &read);
+    CoreStatus status = core_deserialize(&instance->core, (const char *)bytes, size, &read);
     if (status != CORE_OK) return (fmi3Status)status;
     if (!*state && !(*state = malloc(sizeof read))) return FAIL("no memory for an FMU state");
     memcpy(*state, &read, sizeof read);
@@ -343,7 +342,7 @@ fmi3Status fmi3GetDirectionalDerivative(fmi3Instance c, const fmi3ValueReference
         if (knowns[i] >= N_VALUES) return FAIL("no variable has the value reference %u", knowns[i]);
         change[knowns[i]] = seed[i];
     }
-    return (fmi3Status)core_direction(instance->core, unknowns, n, change, sensitivity);
+    return (fmi3Status)core_direction(&instance->core, unknowns, n, change, sensitivity);
 }
 
 /* Co-simulation */
@@ -354,7 +353,7 @@ fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 time, fmi3Float64 step, fmi3Bo
     CHECK(c, STEP);
     if (!event || !terminate || !early_return || !last_time) return MISSING;
     *event = *terminate = *early_return = fmi3False;
-    CoreStatus status = core_do_step(instance->core, time, step);
+    CoreStatus status = core_do_step(&instance->core, time, step);
     *last_time = status == CORE_OK ? time + step : time;
     return (fmi3Status)status;
 }
@@ -372,7 +371,7 @@ fmi3Status fmi3UpdateDiscreteStates(fmi3Instance c, fmi3Boolean *again, fmi3Bool
 
 fmi3Status fmi3EnterContinuousTimeMode(fmi3Instance c) {
     CHECK(c, EVENT);
-    instance->core->state.phase = CONTINUOUS;
+    instance->core.state.phase = CONTINUOUS;
     return fmi3OK;
 }
 
@@ -386,7 +385,7 @@ fmi3Status fmi3CompletedIntegratorStep(fmi3Instance c, fmi3Boolean no_state_befo
 
 fmi3Status fmi3SetTime(fmi3Instance c, fmi3Float64 time) {
     CHECK(c, EVENT | CONTINUOUS);
-    return (fmi3Status)core_set_time(instance->core, time);
+    return (fmi3Status)core_set_time(&instance->core, time);
 }
 
 static fmi3Status check_states(Instance *instance, const double x[], size_t n, const char *function) {
@@ -397,13 +396,13 @@ static fmi3Status check_states(Instance *instance, const double x[], size_t n, c
 fmi3Status fmi3SetContinuousStates(fmi3Instance c, const fmi3Float64 x[], size_t n) {
     CHECK(c, CONTINUOUS);
     if (check_states(instance, x, n, __func__)) return fmi3Error;
-    return (fmi3Status)core_set_states(instance->core, x);
+    return (fmi3Status)core_set_states(&instance->core, x);
 }
 
 fmi3Status fmi3GetContinuousStateDerivatives(fmi3Instance c, fmi3Float64 derivatives[], size_t n) {
     CHECK(c, INITIALIZATION | EVENT | CONTINUOUS | TERMINATED);
     if (check_states(instance, derivatives, n, __func__)) return fmi3Error;
-    return (fmi3Status)core_get_derivatives(instance->core, derivatives);
+    return (fmi3Status)core_get_derivatives(&instance->core, derivatives);
 }
 
 fmi3Status fmi3GetEventIndicators(fmi3Instance c, fmi3Float64 indicators[], size_t n) {
@@ -415,7 +414,7 @@ fmi3Status fmi3GetEventIndicators(fmi3Instance c, fmi3Float64 indicators[], size
 fmi3Status fmi3GetContinuousStates(fmi3Instance c, fmi3Float64 x[], size_t n) {
     CHECK(c, INITIALIZATION | EVENT | CONTINUOUS | TERMINATED);
     if (check_states(instance, x, n, __func__)) return fmi3Error;
-    return (fmi3Status)core_get_states(instance->core, x);
+    return (fmi3Status)core_get_states(&instance->core, x);
 }
 
 fmi3Status fmi3GetNominalsOfContinuousStates(fmi3Instance c, fmi3Float64 nominals[], size_t n) {
