@@ -23,6 +23,7 @@ import pytest
 
 from controller_fmu.optimal_gains import PerformanceIndex, optimal_gains
 from cosim.__main__ import main
+from cosim.commands import execution
 from cosim.commands import run as run_command
 from cosim.results import Results
 from cosim.robot import figures, fmus
@@ -469,7 +470,7 @@ def test_ctrl_c_half_way_keeps_what_was_recorded(here):
 @pytest.mark.parametrize("out", ["file/out", "file"])
 def test_an_impossible_out_is_refused_before_anything_runs(here, capsys, monkeypatch, out):
     Path("file").write_text("a regular file")
-    for name in ("_simulate", "write_somewhere"):
+    for name in ("execute", "write_somewhere"):
         monkeypatch.setattr(run_command, name, lambda *_, **__: pytest.fail("something ran"))
     monkeypatch.setattr(run_command.fmus, "build_missing", lambda *_: pytest.fail("something was built"))
     assert main(["run", "--out", out]) == 1
@@ -641,7 +642,7 @@ def test_chosen_variables_at_chosen_points_in_chosen_formats(here, no_figures):
 @pytest.mark.parametrize("formats", [[], ["--format", "parquet"]])
 def test_a_long_run_goes_to_the_disk_and_says_the_same(here, no_figures, monkeypatch, formats):
     assert main(["run", "--stop", "0.2", "--out", "short"]) == 0
-    monkeypatch.setattr(run_command, "MOST_VALUES_IN_MEMORY", 1000)
+    monkeypatch.setattr(execution, "MOST_VALUES_IN_MEMORY", 1000)
     assert main(["run", "--stop", "0.2", "--out", "long", *formats]) == 0
     short = Results.from_csv("short/results.csv")
     stored = StoredResults(Path("long/results.parquet"), {})
@@ -654,7 +655,7 @@ def test_a_long_run_goes_to_the_disk_and_says_the_same(here, no_figures, monkeyp
 
 def test_a_long_run_that_fails_keeps_what_it_had(here, no_figures, capsys, monkeypatch):
     Path("mine.toml").write_text(INDEFINITE, encoding="utf-8")
-    monkeypatch.setattr(run_command, "MOST_VALUES_IN_MEMORY", 100)
+    monkeypatch.setattr(execution, "MOST_VALUES_IN_MEMORY", 100)
     assert main(["run", "mine.toml"]) == 1
     assert "what was recorded is in results/mine" in error_line(capsys)
     stored = StoredResults(Path("results/mine/results.parquet"), {})

@@ -4,16 +4,12 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import shutil
 import sys
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
-from functools import partial
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from tqdm import tqdm
-
+from cosim.commands.execution import Plan, UsageError, check_overrides, execute, in_words, start_value
 from cosim.errors import CosimError, SetupError, nearest
 from cosim.failures import SimulationError, SimulationInterrupted
 from cosim.output import OutputError, check_writable, write_json, write_somewhere
@@ -23,31 +19,21 @@ from cosim.robot.metrics import metrics
 from cosim.robot.own_fmus import replaced
 from cosim.robot.scenario import Scenario, load_scenario, names
 from cosim.robot.signals import SHAPES, Shape
-from cosim.simulation import Simulation, number_of_steps
 from cosim.stored import StoredResults
 from cosim.system import System
-from cosim.tables import FORMATS, TableWriter
+from cosim.tables import FORMATS
 from cosim.versions import versions
 
-#: A run that records more values than this is written as it goes, and not kept in memory.
-MOST_VALUES_IN_MEMORY = 10_000_000
-
-#: About this many bytes a value, by the ending of the file.
-BYTES_PER_VALUE = {".parquet": 8, ".csv": 20}
-
 SHAPE_NAMES = {kind: name for name, kind in SHAPES.items()}
-
-
-class UsageError(CosimError):
-    """Command-line options that make no sense."""
 
 
 def register(subparsers: Any) -> None:
     """Add the parser of `cosim run`."""
     parser = subparsers.add_parser(
         "run",
-        help="run a scenario of the coupled FMUs",
-        description=f"Couple the FMUs in a scenario. Scenarios: {', '.join(names())}, or a TOML file.",
+        help="run a scenario of the coupled FMUs, or an SSP",
+        description=f"Couple the FMUs in a scenario. Scenarios: {', '.join(names())}, or a TOML file. Or "
+        "couple those in an SSP, of any system.",
     )
     parser.add_argument("scenario", nargs="?", default="tracking", help="name or path (default %(default)s)")
     parser.add_argument(
@@ -97,6 +83,10 @@ def register(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run `cosim run`; returns the exit code, raises CosimError with one line on bad input."""
+    if args.scenario.lower().endswith(".ssp"):
+        from cosim.commands.run_ssp import run_ssp  # xmlschema takes a while to import
+
+        return run_ssp(args)
     scenario = _scenario(args)
     folder: Path = args.out if args.out is not None else Path("results") / scenario.name
     check_writable(folder)
@@ -110,10 +100,10 @@ def run(args: argparse.Namespace) -> int:
         print(f"note: the sources have changed since {outdated[0]} was built; rebuild with: python build_fmus.py")
     system = scenario.system(args.fmus, flavour)
     system = _with_own_fmus(args.fmu, system)
-    _check_overrides(args.set, system)
+    check_overrides(args.set, system, "change the scenario's TOML")
     formats = args.format or ["csv"]
     try:
-        results = _simulate(system, scenario, args, folder, formats)
+        results = execute(system, _plan(scenario), args, folder, formats)
     except SetupError as error:
         raise UsageError(f"{args.scenario}: {error}") from error
     except SimulationError as error:
@@ -130,56 +120,6 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _simulate(
-    system: System, scenario: Scenario, args: argparse.Namespace, folder: Path, formats: list[str]
-) -> Results | StoredResults:
-    """Run the scenario; a run that is too long for memory goes to the disk as it comes.
-
-    Raises
-    ------
-    SetupError, SimulationError, SimulationInterrupted
-        As `Simulation.run`; their results are those on the disk for a long run.
-    """
-    with (
-        Simulation(system, order=scenario.order, coupling=args.coupling, record=args.record) as simulation,
-        _progress(scenario.stop_time) as progress,
-    ):
-        run = partial(
-            simulation.run,
-            scenario.stop_time,
-            scenario.step_size,
-            record_every=args.record_every,
-            realtime=args.realtime,
-            progress=progress,
-        )
-        points = number_of_steps(0.0, scenario.stop_time, scenario.step_size) + 1
-        n_values = points // max(1, args.record_every) * (len(simulation.names) + 1)
-        if n_values <= MOST_VALUES_IN_MEMORY:
-            return run()
-        path = folder / "results.parquet"
-        files = {folder / f"results.{name}" for name in formats} | {path}
-        _check_room(folder, n_values, files)
-        try:
-            with TableWriter(sorted(files), simulation.names) as writer:
-                results = run(sink=writer)
-        except (SimulationError, SimulationInterrupted) as error:
-            if error.results is not None:
-                error.results = StoredResults(path, error.results.info)
-            raise
-        return StoredResults(path, results.info)
-
-
-def _check_room(folder: Path, n_values: int, files: set[Path]) -> None:
-    """A long run must not find out after hours that the disk is full."""
-    size = n_values * sum(BYTES_PER_VALUE[path.suffix] for path in files if path.suffix in BYTES_PER_VALUE)
-    free = shutil.disk_usage(folder).free
-    if size > free:
-        raise UsageError(
-            f"the results need about {size / 1e9:.3g} GB, but {folder} has {free / 1e9:.3g} GB of free space; "
-            "record less (--record, --record-every), or make the step longer"
-        )
-
-
 def _scenario(args: argparse.Namespace) -> Scenario:
     """The scenario with the options of the command line."""
     scenario = load_scenario(args.scenario)
@@ -188,14 +128,7 @@ def _scenario(args: argparse.Namespace) -> Scenario:
     given = {"step_size": args.step, "stop_time": args.stop, "order": args.order, "seed": args.seed}
     scenario = dataclasses.replace(scenario, **{k: v for k, v in given.items() if v is not None})
     for assignment in args.set:
-        path, equals, text = assignment.partition("=")
-        instance, dot, name = path.partition(".")
-        try:
-            value = float(text)
-        except ValueError:
-            equals = ""
-        if not (equals and dot and name):
-            raise UsageError(f"--set {assignment}: write INSTANCE.NAME=NUMBER, as controller.alpha=2")
+        instance, name, value = start_value(assignment)
         if instance not in scenario.components:
             hint = nearest(instance, scenario.components)
             raise UsageError(f"--set {assignment}: the scenario has no component '{instance}'; {hint}")
@@ -220,28 +153,8 @@ def _with_own_fmus(assignments: list[str], system: System) -> System:
     return system
 
 
-def _check_overrides(assignments: list[str], system: System) -> None:
-    """A start value of an input that something feeds would have no effect, and no one would notice."""
-    fed = {c.target for c in system.connections} | {s.target for s in system.signals}
-    for assignment in assignments:
-        path = assignment.partition("=")[0]
-        if {path, path.partition("[")[0]} & fed:
-            raise UsageError(
-                f"--set {assignment}: '{path}' is fed by a connection or a signal; change the scenario's TOML"
-            )
-
-
-@contextmanager
-def _progress(stop_time: float) -> Iterator[Callable[[float], None]]:
-    """A progress bar in simulated seconds, for runs that take more than two seconds."""
-    layout = "{desc} {percentage:3.0f}%|{bar}| {n:.1f}/{total:.1f} s simulated [{elapsed}<{remaining}]"
-    no_terminal = None  # tqdm's word for: no bar where there is no terminal to draw it on
-    with tqdm(total=stop_time, desc="running", delay=2.0, leave=False, bar_format=layout, disable=no_terminal) as bar:
-
-        def report(time: float) -> None:
-            bar.update(time - bar.n)
-
-        yield report
+def _plan(scenario: Scenario) -> Plan:
+    return Plan(scenario.stop_time, scenario.step_size, scenario.order)
 
 
 def _rescue(results: Results | StoredResults, scenario: Scenario, folder: Path, formats: list[str], error: str) -> str:
@@ -298,15 +211,8 @@ def _table(summary: dict[str, Any], scenario: Scenario, folder: Path) -> str:
     found = summary["metrics"]
     lines = [
         scenario.title,
-        f"{scenario.stop_time:g} s at {scenario.step_size * 1e3:g} ms, {scenario.order} order: "
-        f"loop {summary['loop_time_s']:.2f} s",
-        _coupling(summary["coupling"]),
+        *in_words(summary, _plan(scenario)),
     ]
-    if pace := summary.get("realtime"):
-        lines.append(
-            f"real time times {pace['factor']:g}: {pace['overruns']} overruns, points late by at most "
-            f"{pace['lateness_max_s'] * 1e3:.3g} ms, jitter {pace['jitter_rms_s'] * 1e3:.3g} ms rms"
-        )
     if found["tracking"]:
         steady = f"steady max (t >= {scenario.steady_after:g} s)"
         lines.append(f"\n{'tracking error':<16}{'max':>14}{'rms':>14}{'accumulated':>16}{steady:>28}")
@@ -325,13 +231,3 @@ def _table(summary: dict[str, Any], scenario: Scenario, folder: Path) -> str:
         ]
     lines.append(f"results, summary and figures: {folder}")
     return "\n".join(lines)
-
-
-def _coupling(coupling: dict[str, Any]) -> str:
-    """In words what inputs do between communication points."""
-    linear, held = coupling["linear"], coupling["held"]
-    if not linear:
-        return "inputs held between communication points (first-order coupling)"
-    if not held:
-        return "inputs linear between communication points (second-order coupling)"
-    return f"inputs linear between communication points, but for {len(held)} held ones (see summary.json)"

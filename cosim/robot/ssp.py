@@ -5,12 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
-from controller_fmu.optimal_gains import PerformanceIndex, optimal_gains
+from cosim.robot.reproduce.table import table1
 from cosim.robot.scenario import load_scenario
+from cosim.ssp.schema import SSPError
 from cosim.ssp.writer import Experiment, ParameterSet, write_ssp
-
-#: Weights (mu, nu) of the rows of Table 1.
-TABLE_1 = ((1.0, 1.0), (5.0, 1.0), (10.0, 1.0), (1.0, 10.0), (1.0, 5.0))
 
 _SCENARIO = "tracking"
 
@@ -26,7 +24,7 @@ def write_robot_ssp(
     folder: Path,
     flavour: str,
     *,
-    row: tuple[float, float] = TABLE_1[0],
+    row: tuple[float, float] = (1.0, 1.0),
     version: Literal["1.0", "2.0"] = "1.0",
 ) -> None:
     """Write the closed loop as an SSP.
@@ -44,28 +42,37 @@ def write_robot_ssp(
 
     Raises
     ------
+    SSPError
+        Table 1 has no such row.
     SetupError, SSPError, OSError
         As `write_ssp`.
     """
+    sets = _parameter_sets(*row)
     scenario = load_scenario(_SCENARIO)
     write_ssp(
         path,
         scenario.system(folder, flavour),
         "RobotClosedLoop",
         Experiment(scenario.stop_time, scenario.step_size),
-        [gains(mu, nu, bound=(mu, nu) == row) for mu, nu in TABLE_1],
+        sets,
         version=version,
         description=_DESCRIPTION,
     )
 
 
-def gains(mu: float, nu: float, *, bound: bool) -> ParameterSet:
-    """Optimal gains of the controller for weights of Table 1."""
-    found = optimal_gains(PerformanceIndex(mu, nu))
-    return ParameterSet(
-        f"gains_mu{mu:g}_nu{nu:g}",
-        "controller",
-        {"alpha": found.alpha, "beta": found.beta},
-        f"Optimal gains of the paper's Table 1, mu = {mu:g}, nu = {nu:g}",
-        bound,
-    )
+def _parameter_sets(mu: float, nu: float) -> list[ParameterSet]:
+    """Optimal gains of all rows of Table 1, one of them bound."""
+    rows = table1()
+    if (mu, nu) not in [(row.mu, row.nu) for row in rows]:
+        known = ", ".join(f"({row.mu:g}, {row.nu:g})" for row in rows)
+        raise SSPError(f"Table 1 has no row for mu = {mu:g}, nu = {nu:g}; its rows (mu, nu) are {known}")
+    return [
+        ParameterSet(
+            f"gains_mu{row.mu:g}_nu{row.nu:g}",
+            "controller",
+            {"alpha": row.alpha, "beta": row.beta},
+            f"Optimal gains of the paper's Table 1, mu = {row.mu:g}, nu = {row.nu:g}",
+            (row.mu, row.nu) == (mu, nu),
+        )
+        for row in rows
+    ]
