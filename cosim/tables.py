@@ -110,8 +110,9 @@ def record_batch(times: np.ndarray, values: np.ndarray, wanted: pa.Schema) -> pa
     """Rows in Arrow's columns."""
     import pyarrow as pa
 
-    columns = np.asfortranarray(values)
-    arrays = [pa.array(times), *(pa.array(columns[:, i]) for i in range(columns.shape[1]))]
+    columns = [np.ascontiguousarray(times, dtype=np.float64), *np.array(values, dtype=np.float64, order="F").T]
+    # pa.array would import pandas, where it is installed, which takes longer than most runs
+    arrays = [pa.Array.from_buffers(pa.float64(), len(times), [None, pa.py_buffer(column)]) for column in columns]
     return pa.record_batch(arrays, schema=wanted)
 
 
