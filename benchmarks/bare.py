@@ -1,9 +1,12 @@
-"""What FMUs alone cost: the calls of one communication step in a C loop, on one FMU after the other."""
+"""What FMUs alone cost: the calls of one communication step after the other, in a C loop with nothing between them."""
 
 from __future__ import annotations
 
 import ctypes
 import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from functools import cache
 from pathlib import Path
 
@@ -13,30 +16,38 @@ from fmpy.fmi2 import FMU2Slave
 from cosim.robot.coupling import CONNECTIONS
 from cosim.robot.fmus import fmu_path
 from cosim.robot.models import MODELS
+from fmu_export.model import Model
 from fmu_export.toolchain import compile_library, host_target
 
 _LOOP = b"""
 #include <stddef.h>
 typedef int Exchange(void *, const unsigned *, size_t, double *);
 typedef int Step(void *, double, double, int);
+typedef struct { void *function, *instance; const unsigned *references; size_t n; double *values; } Call;
 #ifdef _WIN32
 __declspec(dllexport)
 #else
 __attribute__((visibility("default")))
 #endif
-int steps(void *c, Exchange *set, Exchange *get, Step *step, const unsigned *inputs, size_t n_inputs,
-          const unsigned *outputs, size_t n_outputs, const unsigned *late, size_t n_late, double *u, double *y,
-          double h, long n) {
+int steps(const Call calls[], int n_calls, double h, long n) {
     int status = 0;
-    for (long i = 0; i < n && !status; i++) {
-        if (n_outputs) status |= get(c, outputs, n_outputs, y);
-        if (n_inputs) status |= set(c, inputs, n_inputs, u);
-        if (n_late) status |= get(c, late, n_late, y);
-        status |= step(c, i * h, h, 1);
-    }
+    for (long i = 0; i < n && !status; i++)
+        for (const Call *c = calls; c < calls + n_calls; c++)
+            status |= c->n ? ((Exchange *)c->function)(c->instance, c->references, c->n, c->values)
+                           : ((Step *)c->function)(c->instance, i * h, h, 1);
     return status;
 }
 """
+
+
+class _Call(ctypes.Structure):
+    _fields_ = (
+        ("function", ctypes.c_void_p),
+        ("instance", ctypes.c_void_p),
+        ("references", ctypes.POINTER(ctypes.c_uint)),
+        ("n", ctypes.c_size_t),
+        ("values", ctypes.POINTER(ctypes.c_double)),
+    )
 
 
 @cache
@@ -46,44 +57,54 @@ def _loop() -> ctypes.CDLL:
     return ctypes.CDLL(str(path))
 
 
-def bare_times(folder: Path, flavour: str, n: int, step: float = 1e-3) -> float:
-    """Seconds that n steps (s) of plant, controller and trajectory take, summed, by the calls our master makes."""
-    import time
+@contextmanager
+def _slave(fmu: Path, name: str) -> Iterator[tuple[FMU2Slave, dict[str, int]]]:
+    """An FMU that is ready to step, and its value references."""
+    description = fmpy.read_model_description(fmu)
+    with tempfile.TemporaryDirectory() as folder:
+        fmpy.extract(fmu, folder)
+        slave = FMU2Slave(
+            guid=description.guid, unzipDirectory=folder, modelIdentifier=description.modelName, instanceName=name
+        )
+        slave.instantiate()
+        slave.setupExperiment(startTime=0.0)
+        slave.enterInitializationMode()
+        slave.exitInitializationMode()
+        yield slave, {v.name: v.valueReference for v in description.modelVariables}
+        slave.terminate()
+        slave.freeInstance()
 
+
+def _exchanges(name: str, model: Model) -> list[tuple[str, list[str]]]:
+    """What our master gets and sets of an FMU at a communication point, in order."""
     sources = {source for source, _ in CONNECTIONS}
-    total = 0.0
-    for name, model in MODELS.items():
-        description = fmpy.read_model_description(fmu_path(folder, flavour, name))
-        references = {v.name: v.valueReference for v in description.modelVariables}
-        feeding = [n for v in model.outputs.variables for n in v.names if f"{name}.{v.name}" in sources]
-        rest = [n for n in model.outputs.names if n not in feeding]
-        early, late = (feeding, rest) if name == "plant" else ([], [*feeding, *rest])
-        with tempfile.TemporaryDirectory() as unpacked:
-            fmpy.extract(fmu_path(folder, flavour, name), unpacked)
-            slave = FMU2Slave(
-                guid=description.guid, unzipDirectory=unpacked, modelIdentifier=description.modelName, instanceName=name
-            )
-            slave.instantiate()
-            slave.setupExperiment(startTime=0.0)
-            slave.enterInitializationMode()
-            slave.exitInitializationMode()
-            vrs = [
-                (ctypes.c_uint * max(1, len(ns)))(*(references[n] for n in ns))
-                for ns in (model.inputs.names, early, late)
-            ]
-            u, y = (ctypes.c_double * 64)(), (ctypes.c_double * 64)()
-            functions = [
-                ctypes.cast(getattr(slave.dll, f), ctypes.c_void_p)
-                for f in ("fmi2SetReal", "fmi2GetReal", "fmi2DoStep")
-            ]
-            arguments = [ctypes.c_void_p(slave.component), *functions]
-            for vr, ns in zip(vrs, (model.inputs.names, early, late), strict=True):
-                arguments += [vr, ctypes.c_size_t(len(ns))]
-            began = time.perf_counter()
-            status = _loop().steps(*arguments, u, y, ctypes.c_double(step), ctypes.c_long(n))
-            total += time.perf_counter() - began
-            slave.terminate()
-            slave.freeInstance()
-            if status:
-                raise RuntimeError(f"{name}: a call returned {status}")
+    feeding = [n for v in model.outputs.variables for n in v.names if f"{name}.{v.name}" in sources]
+    rest = [n for n in model.outputs.names if n not in feeding]
+    if name == "plant":  # it feeds the controller before it gets its torques
+        return [("Get", feeding), ("Set", model.inputs.names), ("Get", rest)]
+    return [("Set", model.inputs.names), ("Get", [*feeding, *rest])]
+
+
+def bare_time(folder: Path, flavour: str, n: int, step: float = 1e-3) -> float:
+    """Seconds that n steps (s) of plant, controller and trajectory take, by the calls our master makes."""
+    exchanges, steps = [], []
+    inputs, outputs = (ctypes.c_double * 64)(), (ctypes.c_double * 64)()
+    with ExitStack() as stack:
+        for name, model in MODELS.items():
+            slave, references = stack.enter_context(_slave(fmu_path(folder, flavour, name), name))
+
+            def call(function: str, names: list[str], slave: FMU2Slave = slave, of: dict = references) -> _Call:
+                address = ctypes.cast(getattr(slave.dll, f"fmi2{function}"), ctypes.c_void_p).value
+                numbers = (ctypes.c_uint * max(1, len(names)))(*(of[n] for n in names))
+                values = inputs if function == "SetReal" else outputs
+                return _Call(address, slave.component, numbers, len(names), values)
+
+            exchanges += [call(f"{kind}Real", names) for kind, names in _exchanges(name, model) if names]
+            steps.append(call("DoStep", []))
+        calls = (_Call * (len(exchanges) + len(steps)))(*exchanges, *steps)
+        began = time.perf_counter()
+        status = _loop().steps(calls, len(calls), ctypes.c_double(step), ctypes.c_long(n))
+        total = time.perf_counter() - began
+    if status:
+        raise RuntimeError(f"a call returned {status}")
     return total

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.bare import bare_times
+from benchmarks.bare import bare_time
 from benchmarks.measure import Section, interleaved, ratio
 from benchmarks.monolith import COLUMNS, Monolith
 from benchmarks.system import STEP, STOP_TIME, disturbed
@@ -87,7 +87,7 @@ def measure_pythonfmu(folder: Path) -> Section:
         def ours() -> float:
             return float(simulation.run(steps * STEP, STEP).info["loop_time_s"])
 
-        seconds = interleaved({"our master": ours, "bare loop": lambda: bare_times(folder, "pythonfmu", steps)}, 7)
+        seconds = interleaved({"our master": ours, "bare loop": lambda: bare_time(folder, "pythonfmu", steps)}, 7)
     against = ratio(seconds["our master"], seconds["bare loop"])
     return Section(
         "With pythonfmu FMUs",
