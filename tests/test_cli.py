@@ -81,7 +81,7 @@ def test_help_of_run_names_the_scenarios(capsys):
     with pytest.raises(SystemExit):
         main(["run", "--help"])
     shown = capsys.readouterr().out
-    for scenario in ("tracking", "tracking-noise", "tracking-undisturbed", "pd", "open-loop"):
+    for scenario in ("tracking", "tracking-feedforward", "tracking-noise", "tracking-undisturbed", "pd", "open-loop"):
         assert scenario in "".join(shown.split())  # lines break at hyphens, too
 
 
@@ -314,7 +314,14 @@ def test_commands_need_no_working_folder_of_the_project(tmp_path, monkeypatch, c
     monkeypatch.chdir(tmp_path)
     assert tune.run(argparse_of("tune")) == 0
     assert list(tmp_path.iterdir()) == []
-    assert run.names() == ["open-loop", "pd", "tracking", "tracking-noise", "tracking-undisturbed"]
+    assert run.names() == [
+        "open-loop",
+        "pd",
+        "tracking",
+        "tracking-feedforward",
+        "tracking-noise",
+        "tracking-undisturbed",
+    ]
 
 
 def argparse_of(*arguments: str) -> argparse.Namespace:

@@ -115,6 +115,20 @@ def test_closed_loop_is_that_of_the_pythonfmu_flavour(tracking: dict[str, Result
     assert np.ptp(found["plant.x_E"]) > 0.01
 
 
+def test_flavours_agree_with_feedforward_and_weak_motors(robot_fmus: Path, native_fmus: Path) -> None:  # noqa: F811
+    scenario = load_scenario("tracking-feedforward").with_start_value("controller", "tau_max", 0.1)
+    folders = {"pythonfmu": robot_fmus} | dict.fromkeys(FLAVOURS, native_fmus)
+    reference, *others = (
+        simulate(scenario.system(folder, flavour), 1.0, scenario.step_size, coupling="hold")
+        for flavour, folder in folders.items()
+    )
+    torque = np.abs(reference["plant.tau_a"])
+    assert torque.max() == 0.1
+    assert 0.05 < (torque == 0.1).mean() < 0.95
+    for found in others:
+        np.testing.assert_allclose(found.values, reference.values, rtol=1e-12, atol=1e-12)
+
+
 # 2. Contract
 
 

@@ -25,6 +25,7 @@ from cosim.robot.reproduce.content import (
     Controller,
     Erratum,
     PaperFigure,
+    Reading,
     Reproduction,
     TableRow,
     TheoremCheck,
@@ -95,6 +96,10 @@ def content(results, tmp_path_factory: pytest.TempPathFactory) -> Reproduction:
         open_loop=results[None],
         accumulated={},
         pd_same_beta={},
+        readings=(
+            Reading("as printed, for 60 s", "disturbed", 3.75e-3, 4.43e-3, 0.07, 0.2, 0.5),
+            Reading("nominal feedforward <b>", "nominal", 4.4e-8, 5e-12, 0.068, 0.169, 0.52),
+        ),
         steady_after=STEADY,
         disturbed_from=ONSET,
         info={"flavour": DEFAULT_FLAVOUR, "step_size": 1e-3, "coupling": {"mode": "auto", "held": []}},
@@ -286,6 +291,18 @@ def test_everything_has_a_text_alternative(elements):
         if tag == "th":
             assert a["scope"] in ("col", "row")
     assert sum(tag == "figure" for tag, _, _ in elements.all) == sum(tag == "figcaption" for tag, _, _ in elements.all)
+
+
+def test_readings_say_which_reach_what_is_printed(html):
+    section = re.search(r'<section id="readings".*?</section>', html, re.S)[0]
+    assert "1 of 2 come as low" in section
+    rows = re.findall(r"<tr>.*?</tr>", section, re.S)[1:]
+    assert ["not reached" in row for row in rows] == [True, False]
+    assert "3.75·10<sup>−3</sup>, 4.43·10<sup>−3</sup>" in rows[0]
+    assert "nominal feedforward &lt;b&gt;" in rows[1]
+    bars = [float(w) for w in re.findall(r'class="bar" y="4" width="([\d.]+)"', section)]
+    line = float(re.search(r"M([\d.]+) 0V", section)[1])
+    assert bars[0] > line > bars[1] > 0.0
 
 
 def test_texts_stay_texts(html, elements):

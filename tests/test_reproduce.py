@@ -92,6 +92,30 @@ def test_accumulated_errors_of_the_scenario_s_torque_are_those_of_its_run(materi
         assert value == material.metric("1", name, "accumulated")
 
 
+def test_readings_start_from_the_printed_law(material: Material) -> None:
+    """The first two are runs of the figures; the third and the others differ from them."""
+    printed, pd, *others = material.runs.readings
+    for reading, key in ((printed, "1"), (pd, "pd")):
+        for name, error in (("x", reading.steady_x), ("y", reading.steady_y)):
+            assert error == material.metric(key, name, "steady_max")
+        assert not reading.reaches_printed
+    assert len({(r.steady_x, r.torque_rms) for r in (printed, pd, *others)}) == len(others) + 2
+
+
+def test_only_perfect_knowledge_or_extreme_stiffness_gives_the_printed_steady_error(runs: Runs) -> None:
+    reaching = [r for r in runs.readings if r.reaches_printed]
+    assert {r.condition for r in reaching if "feedforward" in r.assumption} == {"nominal"}
+    stiff, strong = (r for r in reaching if r.condition == "disturbed")
+    assert stiff.torque_max > 1e3
+    assert strong.torque_max == 0.5
+    assert max(r.torque_steady for r in reaching) < 0.2
+
+
+def test_readings_with_limits_stay_within_them(runs: Runs) -> None:
+    limited = {r.assumption: r.torque_max for r in runs.readings[-2:]}
+    assert set(limited.values()) == {0.1}
+
+
 # --- Table 1 ---
 
 

@@ -18,7 +18,7 @@ from cosim.robot.models import MODELS
 from cosim.robot.scenario import Scenario, ScenarioError, _scenario, load_scenario, names
 from cosim.robot.signals import Multisine, Noise, Shape, Sine
 
-SHIPPED = ["open-loop", "pd", "tracking", "tracking-noise", "tracking-undisturbed"]
+SHIPPED = ["open-loop", "pd", "tracking", "tracking-feedforward", "tracking-noise", "tracking-undisturbed"]
 
 
 def signal(scenario: Scenario, target: str, size: int):

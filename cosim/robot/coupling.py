@@ -11,3 +11,6 @@ CONNECTIONS = (
     ("trajectory.tau_ref", "controller.tau_ref"),
     ("controller.tau_a", "plant.tau_a"),
 )
+
+#: Inputs that a system may leave unconnected, and what they are then: with a desired path that has no such output.
+OPTIONAL_INPUTS = {"controller.tau_ref": 0.0}

@@ -9,13 +9,15 @@ from pathlib import Path
 from cosim.errors import SetupError
 from cosim.load import load
 from cosim.ports import Ports
+from cosim.robot.coupling import OPTIONAL_INPUTS
 from cosim.system import System
 
 
 def replaced(system: System, fmus: Mapping[str, Path]) -> tuple[System, list[str]]:
     """A copy of a system in which some components are other FMUs.
 
-    Connections to inputs that the new FMU does not have are left out: not every controller wants all signals.
+    Connections to inputs that the new FMU does not have are left out: not every controller wants all signals. So are
+    those from outputs that it does not have to optional inputs, which are then held.
 
     Parameters
     ----------
@@ -27,7 +29,7 @@ def replaced(system: System, fmus: Mapping[str, Path]) -> tuple[System, list[str
     -------
     system : System
     missing : list of str
-        Inputs `instance.variable` that are not there.
+        Inputs and outputs `instance.variable` that are not there.
 
     Raises
     ------
@@ -39,9 +41,15 @@ def replaced(system: System, fmus: Mapping[str, Path]) -> tuple[System, list[str
     for instance, path in fmus.items():
         components[instance] = dataclasses.replace(components[instance], fmu=path)
         ports = Ports(instance, load(instance, path).description)
-        targets = [c.target for c in system.connections if c.target.partition(".")[0] == instance]
-        missing += [target for target in targets if not _has(ports, target.partition(".")[2])]
-    connections = [c for c in system.connections if c.target not in missing]
+        ends = [c.target for c in system.connections]
+        ends += [c.source for c in system.connections if c.target in OPTIONAL_INPUTS]
+        own = [end.partition(".") for end in ends]
+        missing += [".".join((i, name)) for i, _, name in own if i == instance and not _has(ports, name)]
+    for target in (c.target for c in system.connections if c.source in missing and c.target not in missing):
+        component, _, name = target.partition(".")
+        start = {name: OPTIONAL_INPUTS[target], **components[component].start}
+        components[component] = dataclasses.replace(components[component], start=start)
+    connections = [c for c in system.connections if not {c.source, c.target} & set(missing)]
     return System(components, connections, list(system.signals)), missing
 
 

@@ -22,6 +22,7 @@ from cosim.robot.report.claims import (
 )
 from cosim.robot.report.curves import curves_data, curves_section
 from cosim.robot.report.prose import prose
+from cosim.robot.report.readings import readings_section
 from cosim.robot.report.series import all_series, controller_names
 from cosim.robot.reproduce.content import PaperFigure, Reproduction, Runs
 
@@ -90,6 +91,7 @@ def page(content: Reproduction) -> str:
             _figures_section(content.figures),
             table1_section(content.table1),
             theorem_section(content.theorem1, runs),
+            readings_section(runs.readings),
             errata_section(content.errata),
             _made_section(runs, content.versions),
         )
@@ -137,11 +139,12 @@ def _header(content: Reproduction) -> str:
             ("figures", "Figures"),
             ("table1", "Table 1"),
             ("theorem1", "Theorem 1"),
+            ("readings", "What would give 1e-6 m"),
             ("errata", "Errata"),
             ("made", "How it was made"),
         )
     )
-    n_runs = len(runs.closed_loop) + len(runs.accumulated) + len(runs.pd_same_beta) + 1
+    n_runs = len(runs.closed_loop) + len(runs.accumulated) + len(runs.pd_same_beta) + len(runs.readings) + 1
     return f"""<header>
 <p class="over">closed-chain-cosim {escape(content.versions.get("closed-chain-cosim", ""))}</p>
 <h1>The paper, reproduced</h1>

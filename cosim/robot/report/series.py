@@ -18,6 +18,7 @@ _ROW = 0.01
 CONDITION_NAMES: dict[Condition, str] = {
     "disturbed": "mass change and disturbance torque",
     "mass change": "mass change only",
+    "disturbance": "disturbance torque only",
     "nominal": "neither mass change nor disturbance",
 }
 

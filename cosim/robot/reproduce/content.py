@@ -13,9 +13,13 @@ from cosim.results import Results
 Verdict = Literal["holds", "holds in part", "does not hold", "cannot be judged"]
 
 #: What acts on the robot: "disturbed" is the paper's section 6, with the mass change dm and the disturbance torque
-#: from 4 s on; "mass change" is without that torque; "nominal" is without either.
-Condition = Literal["disturbed", "mass change", "nominal"]
+#: from 4 s on; "mass change" is without that torque, "disturbance" without that change; "nominal" is without either.
+Condition = Literal["disturbed", "mass change", "disturbance", "nominal"]
 
+#: Size of the steady errors in the insets of Figs. 8 and 9 (m).
+PRINTED_STEADY_ERROR = 1e-6
+
+#: Those under which all six controllers run.
 CONDITIONS: tuple[Condition, ...] = ("disturbed", "mass change", "nominal")
 
 
@@ -46,6 +50,37 @@ class Controller:
 
 
 @dataclass(frozen=True)
+class Reading:
+    """What one assumption beside the printed law gives.
+
+    Attributes
+    ----------
+    assumption : str
+        In words.
+    condition : Condition
+    steady_x, steady_y : float
+        Largest steady errors of the end effector (m).
+    torque_rms, torque_steady : float
+        Root mean square and largest torque of all motors once steady (N m).
+    torque_max : float
+        Largest torque of all motors in the whole run (N m).
+    """
+
+    assumption: str
+    condition: Condition
+    steady_x: float
+    steady_y: float
+    torque_rms: float
+    torque_steady: float
+    torque_max: float
+
+    @property
+    def reaches_printed(self) -> bool:
+        """Whether both steady errors are at most those of the paper's insets."""
+        return max(self.steady_x, self.steady_y) <= PRINTED_STEADY_ERROR
+
+
+@dataclass(frozen=True)
 class Runs:
     """All runs behind figures and claims.
 
@@ -62,6 +97,8 @@ class Runs:
         disturbance torques than that of `closed_loop`, with the mass change; rms 0 is none.
     pd_same_beta : mapping
         Key of a proposed controller -> `metrics` of the tracking errors under PD control with its beta, "disturbed".
+    readings : tuple of Reading
+        What other assumptions than the printed law give.
     steady_after : float
         From this time (s) on errors count as steady.
     disturbed_from : float
@@ -75,6 +112,7 @@ class Runs:
     open_loop: Results
     accumulated: Mapping[tuple[str, int, float], Mapping[str, float]]
     pd_same_beta: Mapping[str, Mapping[str, Mapping[str, float]]]
+    readings: tuple[Reading, ...]
     steady_after: float
     disturbed_from: float
     info: Mapping[str, Any]

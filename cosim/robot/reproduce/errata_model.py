@@ -152,13 +152,12 @@ def turns(material: Material) -> Erratum:
     """(89) depends on how full turns are counted."""
     r = material.runs.closed_loop["1", "disturbed"]
     i = len(r.time) // 2
-    vectors = [
-        r[name][i] for name in ("plant.theta_a", "plant.omega_a", "trajectory.theta_ref", "trajectory.omega_ref")
-    ]
+    inputs = {v.name: r[f"controller.{v.name}"][i] for v in controller.INPUTS.variables}
     turn = np.array([0.0, 0.0, 2 * np.pi])
     torques = []
     for shift in (0.0 * turn, turn):
-        u = np.concatenate([vectors[0] + shift, vectors[1], vectors[2] + shift, vectors[3]])
+        turned = {name: inputs[name] + shift for name in ("theta_a", "theta_ref")}
+        u = controller.INPUTS.pack(**inputs | turned)
         p = controller.PARAMETERS.starts
         torques.append(controller.output_values(0.0, r["controller.psi"][i], u, p)[:3])
     ratio = float(np.linalg.norm(torques[1]) / np.linalg.norm(torques[0]))

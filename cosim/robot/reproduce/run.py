@@ -93,6 +93,7 @@ def summary(content: Reproduction) -> dict[str, Any]:
             f"{key}, {condition}": metrics(results, runs.steady_after)
             for (key, condition), results in runs.closed_loop.items()
         },
+        "readings": [dataclasses.asdict(reading) for reading in runs.readings],
         "figures": [
             {"number": f.number, "title": f.title, "caption": f.caption, "alt": f.alt, "svg": f"figures/{f.svg.name}"}
             for f in content.figures

@@ -11,17 +11,16 @@ from pathlib import Path
 
 from cosim.results import Results
 from cosim.robot.metrics import metrics
+from cosim.robot.reproduce.acting import MASS_CHANGE, multisine, signals
 from cosim.robot.reproduce.content import CONDITIONS, Condition, Controller, Runs
+from cosim.robot.reproduce.readings import ASSUMPTIONS, all_readings
 from cosim.robot.reproduce.table import controllers
-from cosim.robot.scenario import Scenario, load_scenario
-from cosim.robot.signals import Multisine, Shape, Sine
+from cosim.robot.scenario import load_scenario
 from cosim.simulation import Simulation
 from cosim.system import Signal
 
 #: Only native FMUs are fast enough for all runs.
 FLAVOUR = "fmi2"
-
-DISTURBANCE, MASS_CHANGE = "plant.tau_d", "plant.dm"
 
 #: Claims on the disturbance are judged under several, since the paper doesn't say which it used: seeds, and rms (N m).
 SEEDS = tuple(range(1, 11))
@@ -33,7 +32,7 @@ Progress = Callable[[str], None]
 def number_of_runs() -> int:
     """How many runs `run_all` makes."""
     six = len(controllers())
-    return six * (len(CONDITIONS) + 1 + len(SEEDS) * len(LEVELS)) + (six - 1) + 1
+    return six * (len(CONDITIONS) + 1 + len(SEEDS) * len(LEVELS)) + (six - 1) + len(ASSUMPTIONS) + 1
 
 
 def run_all(folder: Path, progress: Progress = lambda what: None) -> Runs:
@@ -60,25 +59,27 @@ def run_all(folder: Path, progress: Progress = lambda what: None) -> Runs:
     pd_same_beta: dict[str, dict[str, dict[str, float]]] = {}
     with Simulation(scenario.system(folder, FLAVOUR), order=scenario.order) as simulation:
 
-        def run(controller: Controller, signals: list[Signal]) -> Results:
+        def run(controller: Controller, acting: list[Signal]) -> Results:
             start = {"controller.alpha": controller.alpha, "controller.beta": controller.beta}
-            results = simulation.run(scenario.stop_time, scenario.step_size, start=start, signals=signals)
+            results = simulation.run(scenario.stop_time, scenario.step_size, start=start, signals=acting)
             progress(controller.key)
             return results
 
         for condition in CONDITIONS:
-            signals = _signals(scenario, condition)
+            acting = signals(scenario, condition)
             for controller in six:
-                closed_loop[controller.key, condition] = run(controller, signals)
-        signals = _signals(scenario, "disturbed")
+                closed_loop[controller.key, condition] = run(controller, acting)
+        acting = signals(scenario, "disturbed")
         for controller in six[1:]:
-            results = run(dataclasses.replace(controller, alpha=0.0), signals)
+            results = run(dataclasses.replace(controller, alpha=0.0), acting)
             pd_same_beta[controller.key] = metrics(results, scenario.steady_after)["tracking"]
         for seed, rms in _disturbances():
-            signals = _signals(dataclasses.replace(scenario, seed=seed), "disturbed", rms)
+            acting = signals(dataclasses.replace(scenario, seed=seed), "disturbed", rms)
             for controller in six:
-                found = metrics(run(controller, signals), scenario.steady_after)["tracking"]
+                found = metrics(run(controller, acting), scenario.steady_after)["tracking"]
                 accumulated[controller.key, seed, rms] = {name: e["accumulated"] for name, e in found.items()}
+        one = next(c for c in six if c.key == "1")
+        readings = all_readings(simulation, scenario, one, progress)
         info = closed_loop["1", "disturbed"].info
     return Runs(
         controllers=six,
@@ -86,8 +87,9 @@ def run_all(folder: Path, progress: Progress = lambda what: None) -> Runs:
         open_loop=_open_loop(folder, progress),
         accumulated=accumulated,
         pd_same_beta=pd_same_beta,
+        readings=readings,
         steady_after=scenario.steady_after,
-        disturbed_from=_multisine(scenario).start_time,
+        disturbed_from=multisine(scenario).start_time,
         info={
             "flavour": FLAVOUR,
             "step_size": scenario.step_size,
@@ -95,7 +97,7 @@ def run_all(folder: Path, progress: Progress = lambda what: None) -> Runs:
             "order": scenario.order,
             "coupling": info["coupling"],
             "seed": scenario.seed,
-            "disturbance": dataclasses.asdict(_multisine(scenario)),
+            "disturbance": dataclasses.asdict(multisine(scenario)),
             "mass_change": dataclasses.asdict(scenario.signals[MASS_CHANGE]),
         },
     )
@@ -106,28 +108,6 @@ def _disturbances() -> Iterator[tuple[int, float]]:
     for rms in LEVELS:
         for seed in SEEDS:
             yield seed, rms
-
-
-def _multisine(scenario: Scenario) -> Multisine:
-    signal = scenario.signals[DISTURBANCE]
-    assert isinstance(signal, Multisine)
-    return signal
-
-
-def _signals(scenario: Scenario, condition: Condition, rms: float | None = None) -> list[Signal]:
-    """Disturbance torque, of another size if one is given, and mass change of a condition."""
-    torque = _multisine(scenario)
-    if rms is not None:
-        torque = dataclasses.replace(torque, rms=rms)
-    mass: Shape = scenario.signals[MASS_CHANGE]
-    if condition != "disturbed":
-        torque = dataclasses.replace(torque, rms=0.0)
-    if condition == "nominal":
-        mass = Sine(amplitude=0.0, frequency=1.0)
-    return [
-        Signal(target, signal.function(size, scenario.seed, target), signal.breakpoints, vectorized=True)
-        for target, signal, size in ((DISTURBANCE, torque, 3), (MASS_CHANGE, mass, 1))
-    ]
 
 
 def _open_loop(folder: Path, progress: Progress) -> Results:
