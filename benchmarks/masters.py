@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import statistics
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -65,9 +65,11 @@ def measure_masters(folder: Path) -> list[Section]:
         Simulation(undisturbed(folder), coupling="linear", record=["plant.x_E", "plant.y_E"]) as path_only,
     ):
 
-        def ours(simulation: Simulation, step: float = STEP) -> Callable[[], tuple[float, float]]:
+        def ours(
+            simulation: Simulation, step: float = STEP, start: Mapping[str, float] | None = None
+        ) -> Callable[[], tuple[float, float]]:
             def run() -> tuple[float, float]:
-                r = simulation.run(STOP_TIME, step)
+                r = simulation.run(STOP_TIME, step, start=start)
                 path = np.column_stack([r["plant.x_E"], r["plant.y_E"]])
                 return r.info["loop_time_s"], error(r.time, path, reference)
 
@@ -86,7 +88,10 @@ def measure_masters(folder: Path) -> list[Section]:
             missing,
         )
         errors: dict[str, float] = equal_work.data["errors"]  # type: ignore[assignment]
-        return [equal_work, _equal_accuracy(ours(path_only, 2e-3), theirs, errors, equal_work)]
+        # the others' steps are so short that the FMUs make one internal step in each; so do ours with longer ones allowed
+        one_internal_step = {"plant.max_step": 2e-3, "controller.max_step": 2e-3}
+        mine = ours(path_only, 2e-3, one_internal_step)
+        return [equal_work, _equal_accuracy(mine, theirs, errors, equal_work)]
 
 
 def _equal_work(
@@ -178,7 +183,8 @@ def _equal_accuracy(
     return Section(
         "Time to accuracy",
         f"The same run with the end effector within {ACCURACY:g} m of the continuous loop over 15 s; each with its "
-        "longest step that is accurate enough (from its error at 1 ms, of first order for all others), recording "
+        "longest step that is accurate enough (from its error at 1 ms, of first order for all others) and one internal "
+        "step of the FMUs in it, recording "
         "the path only. One run each, ours the median of several.",
         ("master", "step (ms)", "error (m)", "ms a run", "/ ours"),
         rows,

@@ -47,7 +47,7 @@ _LOOP = """
 EXPORT void run(long n, double h, const double p[], const double c[], const double r[], const double signals[],
                 const unsigned char jumps[], double *row) {
     /* plant: u = tau_a, tau_d, dm; controller: v = theta_a, omega_a, theta_ref, omega_ref, tau_ref */
-    double x[12], x_next[12], psi[2], psi_next[2], u[7], v[15], y[22 + 14], z[5 + 4], w[11];
+    double x[12], x_next[12], psi[2], psi_next[2], u[7], v[15], y[22 + 15], z[5 + 2], w[11];
     double u_rate[7], v_rate[15], last_u[7], last_v[15];
     double per_second = 1.0 / h;
     plant_initial_state(p, x);
