@@ -88,7 +88,7 @@ def measure_masters(folder: Path) -> list[Section]:
             missing,
         )
         errors: dict[str, float] = equal_work.data["errors"]  # type: ignore[assignment]
-        # the others' steps are so short that the FMUs make one internal step in each; so do ours with longer ones allowed
+        # the others' steps are so short that the FMUs make one internal step in each; so do ours where that is allowed
         one_internal_step = {"plant.max_step": 2e-3, "controller.max_step": 2e-3}
         mine = ours(path_only, 2e-3, one_internal_step)
         return [equal_work, _equal_accuracy(mine, theirs, errors, equal_work)]
