@@ -6,26 +6,24 @@ from importlib.metadata import version as _version
 
 project = "closed-chain-cosim"
 author = "the closed-chain-cosim authors"
-copyright = "MIT licence"
+copyright = "closed-chain-cosim contributors, MIT licence"
 version = release = _version("closed-chain-cosim")
 
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
-exclude_patterns: list[str] = []
-templates_path: list[str] = []
 
 # Pages are plain Markdown, readable without this site too; headings are link targets, as they are for Git hosts.
 myst_heading_anchors = 3
 # model pages and changelog begin and end as files of their own
-suppress_warnings = ["myst.header", "toc.empty_glob"]
+suppress_warnings = ["myst.header"]
 
 # Docstrings: numpy style, `code` in single backticks.
 default_role = "code"
 napoleon_google_docstring = False
 napoleon_use_rtype = False
-napoleon_preprocess_types = False
+napoleon_use_ivar = True
+smartquotes_action = "D"  # dashes, but no quotation marks: theta'' is a derivative
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"  # the parameters' text says it, with shapes and units
-autodoc_class_signature = "separated"
 python_use_unqualified_type_names = True
 
 html_theme = "furo"

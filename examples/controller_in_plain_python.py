@@ -1,7 +1,6 @@
-"""A controller that may use all of Python, here PD with a torque limit, as an FMU by pythonfmu.
+"""A controller that may use all of Python, here PD with a torque limit.
 
-pythonfmu build -f controller_in_plain_python.py
-cosim run --fmu controller=LimitedPD.fmu
+pythonfmu build -f <this file> makes its FMU. Then: cosim run --fmu controller=LimitedPD.fmu
 """
 
 from functools import partial
@@ -21,12 +20,12 @@ class LimitedPD(Fmi2Slave):
             self.register_variable(Real(name, causality=Fmi2Causality.parameter, variability=Fmi2Variability.fixed))
         self.u = {f"{name}[{i}]": 0.0 for name in INPUTS for i in (1, 2, 3)}
         for name in self.u:
-            getter, setter = partial(self.u.get, name), partial(self.u.__setitem__, name)
-            self.register_variable(Real(name, causality=Fmi2Causality.input, getter=getter, setter=setter))
+            get, put = partial(self.u.get, name), partial(self.u.__setitem__, name)
+            self.register_variable(Real(name, causality=Fmi2Causality.input, getter=get, setter=put))
         for i in (1, 2, 3):
             # a getter, so that the torque follows the inputs at once and not a step later
-            getter = partial(self.torque, i)
-            self.register_variable(Real(f"tau_a[{i}]", causality=Fmi2Causality.output, getter=getter))
+            get = partial(self.torque, i)
+            self.register_variable(Real(f"tau_a[{i}]", causality=Fmi2Causality.output, getter=get))
 
     def torque(self, i):
         """Torque of joint i in N.m."""
