@@ -1,34 +1,33 @@
-"""The FMUs under fixed inputs against `reference/`, in a process of their own; and that a small change is found."""
+"""Our FMUs against `reference/`, in a process of their own; and that a small change is found."""
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
+import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from cosim.__main__ import main
+from cosim.load import read_fmu
+from cosim.regression import Case, check
+from cosim.regression.run import interfaces_of
 from fmu_export.start_values import write_start_values
+from tests.conftest import DEFAULT_FLAVOUR
 
 REFERENCE = Path(__file__).parents[1] / "reference"
 CASES = ("RobotPlant", "RobotController", "RobotTrajectory")
 
 
-def run_case(name: str, fmu: Path, out: Path) -> None:
-    command = [sys.executable, REFERENCE / "run.py", REFERENCE / name, fmu, out]
-    subprocess.run(command, check=True, cwd=out.parent, env={**os.environ, "PYTHONWARNINGS": "error"})
-
-
-def compare(name: str, out: Path) -> int:
-    return main(["compare", str(out), str(REFERENCE / name / f"{name}_ref.csv")])
-
-
 @pytest.mark.parametrize("name", CASES)
-def test_fmu_gives_its_reference(fmus: Path, tmp_path: Path, name: str) -> None:
-    run_case(name, fmus / f"{name}.fmu", tmp_path / "out.csv")
-    assert compare(name, tmp_path / "out.csv") == 0
+@pytest.mark.parametrize("flavour", sorted({"pythonfmu", DEFAULT_FLAVOUR}))
+def test_fmu_gives_its_reference(robot_fmus: Path, name: str, flavour: str) -> None:
+    fmu = robot_fmus / flavour / f"{name}.fmu"
+    interfaces = interfaces_of(read_fmu(fmu, name))
+    assert len(interfaces) == (1 if flavour == "pythonfmu" else 2)
+    for interface in interfaces:
+        outcome = check(Case(name, REFERENCE / name), fmu, interface)
+        assert outcome.findings == []
+        assert len(outcome.signals) == len(Case(name, REFERENCE / name).reference().names)
 
 
 @pytest.mark.parametrize(
@@ -36,12 +35,24 @@ def test_fmu_gives_its_reference(fmus: Path, tmp_path: Path, name: str) -> None:
     [("RobotPlant", "Z", 1e-7), ("RobotController", "alpha", 1e-6), ("RobotTrajectory", "b", 1e-7)],
 )
 def test_small_change_of_a_parameter_is_found(
-    fmus: Path, tmp_path: Path, capsys: pytest.CaptureFixture, name: str, parameter: str, change: float
+    fmus: Path, tmp_path: Path, name: str, parameter: str, change: float
 ) -> None:
     fmu = tmp_path / f"{name}.fmu"
     fmu.write_bytes((fmus / f"{name}.fmu").read_bytes())
     start = {"Z": 0.0426, "alpha": 1.3597632624476745, "b": 0.06 / 3.5}[parameter]
     write_start_values(fmu, {parameter: start * (1 + change)})
-    run_case(name, fmu, tmp_path / "out.csv")
-    assert compare(name, tmp_path / "out.csv") == 1
-    assert "differs at" in capsys.readouterr().out
+    findings = check(Case(name, REFERENCE / name), fmu, "co_simulation").findings
+    assert "differs at" in findings[0]
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_references_name_all_units_and_hold_numbers(name: str) -> None:
+    case = Case(name, REFERENCE / name)
+    reference = case.reference()
+    assert np.isfinite(reference.values).all()
+    tables = tomllib.loads(case.tolerances_path.read_text(encoding="utf-8"))
+    for interface in ("co_simulation", "model_exchange"):
+        tolerances = case.tolerances(interface)
+        assert all(tolerances.of(signal).unit for signal in reference.names)
+        assert tolerances.relative <= 1e-7
+    assert set(tables["signals"]) <= {n.partition("[")[0] for n in reference.names}

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import time as clock
 from pathlib import Path
 from typing import Any
 
-from cosim.regression import Tolerances, compare
+from cosim.regression.comparison import compare_signals
+from cosim.regression.tolerances import Tolerances
 from cosim.results import Results
 
 
@@ -16,23 +18,35 @@ def register(subparsers: Any) -> None:
         "compare",
         help="compare a result with a reference",
         description="Compare all signals of a reference CSV; prints one line a finding, exits 1 on any. Tolerances are "
-        "read from the reference's name with .toml in place of .csv, if there is such a file.",
+        "read from the reference's name with .toml in place of .csv, if there is such a file. To run FMUs and compare "
+        "them in one go: pytest --fmu FMU (docs/regression.md).",
     )
     parser.add_argument("result", type=Path, help="CSV file of the result")
     parser.add_argument("reference", type=Path, help="CSV file of the reference")
     parser.add_argument("--tolerances", type=Path, metavar="TOML", help="another file of tolerances")
+    parser.add_argument("--report", type=Path, metavar="HTML", help="write a page with curves and bands")
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
     """Run `cosim compare`; returns 0 when nothing was found, else 1."""
+    began = clock.perf_counter()
     beside = args.reference.with_suffix(".toml")
     path = args.tolerances if args.tolerances is not None else (beside if beside.is_file() else None)
     tolerances = Tolerances() if path is None else Tolerances.from_toml(path)
     reference = Results.from_csv(args.reference)
-    findings = compare(Results.from_csv(args.result), reference, tolerances)
-    for finding in findings:
+    comparison = compare_signals(Results.from_csv(args.result), reference, tolerances)
+    for finding in comparison.findings:
         print(finding)
-    if not findings:
+    if not comparison.findings:
         print(f"{args.result}: all {len(reference.names)} signals agree with {args.reference}")
-    return int(bool(findings))
+    if args.report is not None:
+        from cosim.regression.outcome import Outcome
+        from cosim.regression.page import part, write_page
+
+        seconds = clock.perf_counter() - began
+        outcome = Outcome(
+            args.reference.stem, str(args.result), "", comparison.findings, comparison.signals, "", seconds
+        )
+        write_page([part(outcome)], args.report)
+    return int(bool(comparison.findings))

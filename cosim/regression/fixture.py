@@ -11,7 +11,7 @@ import pytest
 from cosim.errors import CosimError, nearest
 from cosim.load import read_fmu
 from cosim.regression.case import find_cases
-from cosim.regression.items import judged, no_case, reference_folder
+from cosim.regression.items import judged, near, no_case, reference_folder
 from cosim.regression.run import interfaces_of
 from cosim.regression.tolerances import Interface
 
@@ -50,7 +50,7 @@ class FmuRegression:
         path = Path(fmu)
         folder = Path(reference) if reference is not None else reference_folder(self._item.config)
         try:
-            interfaces = [interface] if interface else interfaces_of(read_fmu(path, "FMU"))
+            interfaces = [interface] if interface else interfaces_of(read_fmu(path, str(near(path))))
             cases = find_cases(path, folder)
         except CosimError as error:
             pytest.fail(str(error), pytrace=False)

@@ -12,10 +12,10 @@ from cosim.errors import CosimError
 from cosim.load import read_fmu
 from cosim.regression.case import Case, find_cases
 from cosim.regression.outcome import SHORT, Outcome, check
-from cosim.regression.plugin import PAGE
+from cosim.regression.page import part
 from cosim.regression.rebaseline import rebaseline
 from cosim.regression.run import interfaces_of
-from cosim.regression.session import SELECTION
+from cosim.regression.session import PARTS, SELECTION
 from cosim.regression.tolerances import Interface
 
 
@@ -42,7 +42,7 @@ class FmuFile(pytest.File):
         """Its cases, or why there are none."""
         renewed = self.config.getoption("cosim_fmu_rebaseline")
         try:
-            interfaces = interfaces_of(read_fmu(self.path, "FMU"))
+            interfaces = interfaces_of(read_fmu(self.path, str(near(self.path))))
             cases = find_cases(self.path, reference_folder(self.config))
         except CosimError as error:
             yield Trouble.from_parent(self, name="FMU", line=str(error))
@@ -132,16 +132,19 @@ class CaseItem(_Plain):
             raise Differences("\n".join(outcome.findings))
 
 
+def near(path: Path) -> Path:
+    """A path as seen from here, where it lies below."""
+    return path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path
+
+
 def judged(item: pytest.Item, case: Case, fmu: Path, interface: Interface) -> Outcome:
     """The outcome of a case, which also goes to the test report: properties, output, part of the page."""
     config = item.config
     in_process = config.getoption("cosim_fmu_in_process")
-    outcome = check(case, fmu, interface, isolated=not in_process, timeout=config.getoption("cosim_fmu_timeout"))
+    outcome = check(case, near(fmu), interface, isolated=not in_process, timeout=config.getoption("cosim_fmu_timeout"))
     item.user_properties += outcome.summary()
     if outcome.said:
         item.add_report_section("call", "FMU", outcome.said)
     if config.getoption("cosim_fmu_report"):
-        from cosim.regression.page import part
-
-        setattr(item, PAGE, [*getattr(item, PAGE, []), part(outcome)])
+        item.stash.setdefault(PARTS, []).append(part(outcome))
     return outcome

@@ -30,7 +30,8 @@ def part(outcome: Outcome) -> Part:
     )
     row = (
         f'<tr><th scope="row"><a href="#{anchor}">{title}</a></th><td>{verdict}</td>{farthest}'
-        f"<td>{len(outcome.signals)}</td><td>{outcome.seconds:.2g} s</td></tr>"
+        f'<td>{len(outcome.signals)}</td><td>{outcome.seconds:.2g} s</td><td class="path">{escape(outcome.fmu)}'
+        "</td></tr>"
     )
     findings = "".join(f"<li>{escape(finding)}</li>" for finding in outcome.findings)
     said = f"<details><summary>What the FMU printed</summary><pre>{escape(outcome.said)}</pre></details>"
@@ -69,7 +70,7 @@ def write_page(parts: Sequence[Part], path: Path) -> None:
     )
     ordered = sorted(parts, key=lambda one: one["passed"])  # what failed comes first
     style = (files("cosim.regression") / "page.css").read_text(encoding="utf-8")
-    heads = ("Case", "Verdict", "Farthest off", "Difference", "Allowed", "Signals", "Time")
+    heads = ("Case", "Verdict", "Farthest off", "Difference", "Allowed", "Signals", "Time", "File")
     table = "".join(f'<th scope="col">{h}</th>' for h in heads)
     rows = "\n".join(str(one["row"]) for one in ordered)
     sections = "\n".join(str(one["section"]) for one in ordered)

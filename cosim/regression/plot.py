@@ -47,7 +47,7 @@ def plot(signal: SignalComparison) -> str:
         f'<path class="band" d="{upper.area(signal.lower, signal.upper)}"/>',
         f'<path class="reference" d="{upper.path(signal.reference)}"/>',
         f'<path class="result" d="{upper.path(signal.result)}"/>',
-        *lower.frame([-1.0, 0.0, 1.0]),
+        *lower.frame([-1.0, 1.0]),
         f'<path class="band" d="{lower.area(_level(-1.0, ends), _level(1.0, ends))}"/>',
         f'<path class="result whole" d="{lower.path(shown)}"/>',
         *(

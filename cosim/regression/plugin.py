@@ -12,9 +12,6 @@ if TYPE_CHECKING:
 
     from cosim.regression.fixture import FmuRegression
 
-#: Attribute of a test report that has its parts of the page; pytest-xdist passes it on.
-PAGE = "cosim_fmu_page"
-
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Options, all of which begin with --fmu."""
@@ -87,9 +84,10 @@ def pytest_collection_modifyitems(session: pytest.Session, items: list[pytest.It
 def pytest_runtest_makereport(item: pytest.Item) -> Iterator[None]:
     """Pass on what the page needs."""
     made: Any = yield
-    report = made.get_result()
-    if report.when == "call" and (parts := getattr(item, PAGE, None)):
-        setattr(report, PAGE, parts)
+    if item.config.getoption("cosim_fmu_report"):
+        from cosim.regression.session import pass_on
+
+        pass_on(item, made.get_result())
 
 
 @pytest.fixture

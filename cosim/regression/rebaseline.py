@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -64,7 +65,7 @@ def rebaseline(case: Case, path: Path, interface: Interface, timeout: float) -> 
     if case.reference_path.exists() and (why := _not_in_git(case.reference_path)):
         raise RebaselineError(f"{case.reference_path}: {why}; commit it, or move it away to begin anew")
     results, _ = run_isolated(case, path, interface, timeout)
-    fmu = read_fmu(path, "FMU")
+    fmu = read_fmu(path, str(path))
     experiment = experiment_of(case, fmu.description)
     case.folder.mkdir(parents=True, exist_ok=True)
     written = [case.reference_path]
@@ -108,10 +109,14 @@ def _tolerances(results: Results, *, both: bool) -> str:
         vectors.setdefault(vector_of(name), set()).add(unit)
     for name, found in vectors.items():
         of_all = {name: found.pop()} if len(found) == 1 else {n: u for n, u in units.items() if vector_of(n) == name}
-        lines += [f"{_quoted(one)} = {{ unit = {_quoted(unit)} }}" for one, unit in of_all.items()]
+        lines += [f"{_key(one)} = {{ unit = {_quoted(unit)} }}" for one, unit in of_all.items()]
     if both:
         lines += ["", "# another solver than that inside the co-simulation", "[model_exchange]", "relative = 1e-4"]
     return "\n".join(lines) + "\n"
+
+
+def _key(name: str) -> str:
+    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else _quoted(name)
 
 
 def _quoted(text: str) -> str:

@@ -15,7 +15,7 @@ from cosim.load import LoadedFMU, read_fmu
 from cosim.ports import KINDS, Element, Ports
 from cosim.regression.case import Between, Case, CaseError
 from cosim.regression.experiment import Experiment, experiment_of
-from cosim.regression.tolerances import Interface
+from cosim.regression.tolerances import Interface, vector_of
 from cosim.results import Results
 from cosim.simulation import Simulation
 from cosim.system import System
@@ -68,7 +68,7 @@ def run(case: Case, path: Path, interface: Interface) -> Results:
         raise CaseError(f"case '{case.name}': {path} has none of the signals of the reference")
     experiment = experiment_of(case, fmu.description)
     runner = _co_simulation if interface == "co_simulation" else _model_exchange
-    time, values = runner(case, fmu, ports, experiment, wanted)
+    time, values = runner(case, case.between, fmu, ports, experiment, wanted)
     units = {e.name: unit.name if (unit := ports.unit(e)) is not None else _bare_unit(e) for e in wanted}
     return Results(time, [e.name for e in wanted], values, {"units": units})
 
@@ -97,20 +97,19 @@ def input_function(time: np.ndarray, values: np.ndarray, between: Between) -> Ca
 
 
 def _co_simulation(
-    case: Case, fmu: LoadedFMU, ports: Ports, experiment: Experiment, wanted: list[Element]
+    case: Case, between: Between, fmu: LoadedFMU, ports: Ports, experiment: Experiment, wanted: list[Element]
 ) -> tuple[np.ndarray, np.ndarray]:
-    system = System()
-    system.add(_COMPONENT, fmu.path, start=dict(case.start))
     inputs = case.inputs() or Results(np.zeros(1), [], np.zeros((1, 0)))
+    system = System()
+    system.add(_COMPONENT, fmu.path, start=_held_inputs(ports, {*inputs.names, *case.start}) | dict(case.start))
     for i, name in enumerate(inputs.names):
         (element,) = _inputs(ports, [name], case)
         time = inputs.time
-        between = case.between if element.kind == "real" else "hold"
         jumps = np.unique(time[1:][np.diff(time) == 0.0])
-        function = input_function(time, inputs.values[:, i], between)
+        function = input_function(time, inputs.values[:, i], between if element.kind == "real" else "hold")
         system.drive(f"{_COMPONENT}.{name}", function, breakpoints=jumps.tolist(), vectorized=True)
     record = [f"{_COMPONENT}.{element.name}" for element in wanted]
-    coupling: Coupling = "auto" if case.between == "linear" else "hold"
+    coupling: Coupling = "auto" if between == "linear" else "hold"
     with Simulation(system, coupling=coupling, record=record) as simulation:
         results = simulation.run(
             experiment.stop_time,
@@ -122,11 +121,11 @@ def _co_simulation(
 
 
 def _model_exchange(
-    case: Case, fmu: LoadedFMU, ports: Ports, experiment: Experiment, wanted: list[Element]
+    case: Case, between: Between, fmu: LoadedFMU, ports: Ports, experiment: Experiment, wanted: list[Element]
 ) -> tuple[np.ndarray, np.ndarray]:
     from fmpy import simulate_fmu
 
-    signals = _structured_inputs(case, ports)
+    signals = _structured_inputs(case, between, ports)
     start = _start_values(case, ports)
     said: list[str] = []
 
@@ -167,6 +166,17 @@ def _on_grid(time: np.ndarray, experiment: Experiment) -> np.ndarray:
     return np.where(np.isclose(time, grid, rtol=1e-9, atol=1e-9 * experiment.interval), grid, time)
 
 
+def _held_inputs(ports: Ports, given: set[str]) -> dict[str, float]:
+    """Start values of the inputs that a case says nothing of, as the model description has them."""
+    held = {}
+    for element in ports.of_causality("input"):
+        start = (element.variable.start or "").split()
+        if start and element.kind in KINDS.values() and not given & {element.name, vector_of(element.name)}:
+            text = start[min(element.offset, len(start) - 1)]
+            held[element.name] = float({"true": "1", "false": "0"}.get(text, text))
+    return held
+
+
 def _inputs(ports: Ports, names: list[str], case: Case) -> list[Element]:
     """Elements of inputs by name."""
     elements = []
@@ -178,14 +188,14 @@ def _inputs(ports: Ports, names: list[str], case: Case) -> list[Element]:
     return elements
 
 
-def _structured_inputs(case: Case, ports: Ports) -> np.ndarray | None:
+def _structured_inputs(case: Case, between: Between, ports: Ports) -> np.ndarray | None:
     """Inputs in fmpy's form: one field a variable; a held input has two rows where it changes."""
     inputs = case.inputs()
     if inputs is None or not inputs.names:
         return None
     elements = _inputs(ports, inputs.names, case)
     time, values = inputs.time, inputs.values
-    if case.between == "hold":
+    if between == "hold":
         last = np.append(np.diff(time) > 0.0, True)
         time, values = time[last], values[last]
         time, values = np.repeat(time, 2)[1:], np.repeat(values, 2, axis=0)[:-1]

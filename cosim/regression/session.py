@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from cosim.regression.plugin import PAGE
+from cosim.regression.page import Part, write_page
 from cosim.regression.rebaseline import reason_against
 
 
@@ -24,6 +24,12 @@ class Selection:
 
 #: Where a session keeps its selection.
 SELECTION = pytest.StashKey[Selection]()
+
+#: Where a test keeps its parts of the page.
+PARTS = pytest.StashKey[list[Part]]()
+
+#: Attribute of a test report that has them; pytest-xdist sends it to the main process.
+_ATTRIBUTE = "cosim_fmu_page"
 
 
 def select(names: list[str]) -> Selection:
@@ -70,20 +76,24 @@ def configure(config: pytest.Config) -> None:
         config.pluginmanager.register(_Page(Path(path)), "cosim_fmu_report")
 
 
+def pass_on(item: pytest.Item, report: pytest.TestReport) -> None:
+    """Put what a test has for the page into its report."""
+    if report.when == "call" and PARTS in item.stash:
+        setattr(report, _ATTRIBUTE, item.stash[PARTS])
+
+
 class _Page:
     """Collects the parts of the page from the test reports, and writes it at the end."""
 
     def __init__(self, path: Path) -> None:
         self._path = path.absolute()
-        self._parts: list[dict[str, Any]] = []
+        self._parts: list[Part] = []
         self._said = ""
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        self._parts += getattr(report, PAGE, [])
+        self._parts += getattr(report, _ATTRIBUTE, [])
 
     def pytest_sessionfinish(self, session: pytest.Session) -> None:
-        from cosim.regression.page import write_page
-
         try:
             write_page(self._parts, self._path)
             self._said = f"report of the FMUs: {self._path}"
