@@ -7,7 +7,7 @@ import sys
 import traceback
 from collections.abc import Sequence
 
-from cosim.commands import compare, reproduce, run, ssp, sweep, tune, validate
+from cosim.commands import compare, reproduce, robustness, run, ssp, sweep, tune, validate
 from cosim.errors import CosimError
 from cosim.versions import versions
 
@@ -20,7 +20,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--version", action="version", version=versions()["closed-chain-cosim"])
     parser.add_argument("--debug", action="store_true", help="show the traceback of an error")
     subparsers = parser.add_subparsers(required=True, metavar="COMMAND")
-    for command in (run, sweep, tune, reproduce, ssp, validate, compare):
+    for command in (run, sweep, tune, reproduce, robustness, ssp, validate, compare):
         command.register(subparsers)
     options = parser.parse_args(arguments)
     try:

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from cosim.__main__ import main
-from cosim.commands.sweep import _progress
+from cosim.commands.sweep import sweep_progress
 from cosim.sweep.store import read
 from tests.conftest import DEFAULT_FLAVOUR
 
@@ -168,7 +168,7 @@ class Terminal(io.StringIO):
 
 def test_the_progress_bar_has_rate_and_time_left_and_counts_from_what_was_there(monkeypatch):
     monkeypatch.setattr(sys, "stderr", Terminal())
-    with _progress(1000) as progress:
+    with sweep_progress(1000) as progress:
         progress(400, 2)
         time.sleep(0.2)
         progress(420, 2)
@@ -184,6 +184,6 @@ def test_the_progress_bar_has_rate_and_time_left_and_counts_from_what_was_there(
 
 
 def test_there_is_no_bar_where_there_is_no_terminal(capsys):
-    with _progress(1000) as progress:
+    with sweep_progress(1000) as progress:
         progress(400, 2)
     assert capsys.readouterr().err == ""

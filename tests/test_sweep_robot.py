@@ -96,7 +96,7 @@ def test_the_noise_of_a_sensor_and_the_step_are_factors(robot_fmus):
         noisy,
         seed=4,
         step_size=2e-3,
-        disturbances={"controller.theta_a": Noise(2e-3, 4e-3), "controller.omega_a": Noise(0.04, 0.01)},
+        disturbances={"controller.theta_a": Noise(2e-3, 4e-3), "controller.omega_a": Noise(0.01, 0.01)},
     )
     rows = [without_times(run(made, p)) for p in (point, {})]
     expected = [without_times(by_simulate(robot_fmus, s)) for s in (changed, noisy)]

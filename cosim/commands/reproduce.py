@@ -16,6 +16,7 @@ from cosim.robot import fmus
 
 if TYPE_CHECKING:
     from cosim.robot.reproduce.content import Reproduction
+    from cosim.robot.robustness.content import Robustness
 
 
 class ReproductionError(CosimError):
@@ -35,6 +36,9 @@ def register(subparsers: Any) -> None:
         "--out", type=Path, default=Path("results/reproduction"), metavar="DIR", help="folder (default %(default)s)"
     )
     parser.add_argument("--fmus", type=Path, default=Path("fmus"), metavar="DIR", help="FMU folder (default fmus)")
+    parser.add_argument(
+        "--robustness", type=Path, metavar="DIR", help="results of `cosim robustness`, for a section of the report"
+    )
     parser.set_defaults(run=run)
 
 
@@ -43,9 +47,11 @@ def run(args: argparse.Namespace) -> int:
     # matplotlib and SciPy take a while to import, and other commands don't need them
     from cosim.robot.reproduce import run as reproduction
     from cosim.robot.reproduce.runs import FLAVOUR, run_all
+    from cosim.robot.robustness.content import load
 
     folder: Path = args.out
     check_writable(folder)
+    study = None if args.robustness is None else (load(args.robustness), args.robustness)
     for path in fmus.build_missing(args.fmus, FLAVOUR):
         print(f"built {path}")
     outdated = fmus.outdated(args.fmus, FLAVOUR)
@@ -57,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
 
         def write(where: Path) -> None:
             content = reproduction.reproduce(runs, where, progress)
-            _write_report(content, where)
+            _write_report(content, where, study)
             found.append((content, where))
 
         write_somewhere(write, folder)
@@ -67,10 +73,10 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _write_report(content: Reproduction, folder: Path) -> None:
+def _write_report(content: Reproduction, folder: Path, study: tuple[Robustness, Path] | None) -> None:
     from cosim.robot.report import write_report
 
-    write_report(content, folder)
+    write_report(content, folder, study)
 
 
 def _check(content: Reproduction) -> None:

@@ -121,9 +121,9 @@ def run(args: argparse.Namespace) -> int:
     if note := advice(args.design, len(points)):
         print(note)
     folder = args.out if args.out is not None else Path("results") / f"sweep-{next(iter(scenarios.values())).name}"
-    with _progress(len(points)) as progress:
+    with sweep_progress(len(points)) as progress:
         outcome = sweep(study, files, points, folder, scheduler=args.scheduler, workers=args.workers, progress=progress)
-    print(_table(outcome, folder))
+    print(sweep_table(outcome, folder))
     if outcome.interrupted:
         print("cosim: interrupted; the same command goes on where it stopped", file=sys.stderr)
         return 130
@@ -178,14 +178,14 @@ def _discrete(
 
 
 @contextmanager
-def _progress(points: int) -> Iterator[Callable[[int, int], None]]:
+def sweep_progress(points: int, what: str = "sweep") -> Iterator[Callable[[int, int], None]]:
     """A bar with rate and time left, on terminals."""
     bars: list[Any] = []
 
     def report(done: int, workers: int) -> None:
         if not bars:  # what was there before must not count for the rate
             no_terminal = None  # tqdm's word for: no bar where there is no terminal to draw it on
-            bars.append(tqdm(total=points, initial=done, unit=" runs", desc="sweep", disable=no_terminal))
+            bars.append(tqdm(total=points, initial=done, unit=" runs", desc=what, disable=no_terminal))
         bars[0].set_postfix_str(f"{workers} workers" if workers else "waiting for workers", refresh=False)
         bars[0].update(done - bars[0].n)
 
@@ -196,7 +196,7 @@ def _progress(points: int) -> Iterator[Callable[[int, int], None]]:
             bar.close()
 
 
-def _table(outcome: Outcome, folder: Path) -> str:
+def sweep_table(outcome: Outcome, folder: Path) -> str:
     """How the sweep has ended, for people."""
     summary = outcome.summary
     lines = [f"runs      {summary.done} of {summary.points}, {outcome.runs} of them now"]

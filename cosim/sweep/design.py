@@ -90,11 +90,11 @@ def design(kind: str, factors: Sequence[Factor], points: int | None = None, seed
         return Points(tuple(factors), _grid(factors, points))
     if points is None:
         raise SweepError(f"design {kind} needs a number of points; give it with --points")
-    _check_number(points)
+    check_number(points)
     if seed < 0:
         raise SweepError(f"design seed {seed} must be 0 or greater")
     unit = _latin_hypercube(len(factors), points, seed) if kind == "lhs" else _sobol(len(factors), points, seed)
-    return Points(tuple(factors), tuple(_scaled(f, u) for f, u in zip(factors, unit, strict=True)))
+    return Points(tuple(factors), tuple(scaled(f, u) for f, u in zip(factors, unit, strict=True)))
 
 
 def advice(kind: str, points: int) -> str:
@@ -116,7 +116,7 @@ def _grid(factors: Sequence[Factor], points: int | None) -> tuple[np.ndarray, ..
                 "or choose --design sobol"
             )
         sizes.append(len(factor.values))
-    _check_number(math.prod(sizes))
+    check_number(math.prod(sizes))
     return tuple(column.astype(np.int32) for column in np.unravel_index(np.arange(math.prod(sizes)), sizes))
 
 
@@ -136,14 +136,21 @@ def _sobol(dimensions: int, points: int, seed: int) -> Iterator[np.ndarray]:
     return iter(sequence.random_base2((points - 1).bit_length())[:points].T)
 
 
-def _scaled(factor: Factor, unit: np.ndarray) -> np.ndarray:
-    """Values of a factor from numbers in [0, 1)."""
+def scaled(factor: Factor, unit: np.ndarray) -> np.ndarray:
+    """Column of a factor from numbers (n,) in [0, 1): values of a range, numbers of levels."""
     if isinstance(factor, Levels):
         return np.minimum((unit * len(factor.values)).astype(np.int32), len(factor.values) - 1)
     return factor.low + unit * (factor.high - factor.low)
 
 
-def _check_number(points: int) -> None:
+def check_number(points: int) -> None:
+    """Whether a sweep can have so many points.
+
+    Raises
+    ------
+    SweepError
+        There are none, or too many.
+    """
     if points < 1:
         raise SweepError(f"{points} points can't be run; ask for at least one")
     if points > MOST_POINTS:

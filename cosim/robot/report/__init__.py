@@ -6,12 +6,13 @@ from pathlib import Path
 
 from cosim.robot.report.page import page
 from cosim.robot.reproduce.content import Reproduction
+from cosim.robot.robustness.content import Robustness
 
 #: Name of the page in its folder.
 REPORT = "report.html"
 
 
-def write_report(content: Reproduction, folder: Path) -> Path:
+def write_report(content: Reproduction, folder: Path, study: tuple[Robustness, Path] | None = None) -> Path:
     """Write `report.html`, which needs no other file and no network; the same content gives the same bytes.
 
     Parameters
@@ -19,6 +20,8 @@ def write_report(content: Reproduction, folder: Path) -> Path:
     content : Reproduction
         What was found; the files of its figures must be there.
     folder : Path
+    study : tuple of Robustness and Path, optional
+        The robustness study and its folder, for a section of the page.
 
     Returns
     -------
@@ -31,5 +34,5 @@ def write_report(content: Reproduction, folder: Path) -> Path:
         A figure can't be read, or the page can't be written.
     """
     path = folder / REPORT
-    path.write_text(page(content), encoding="utf-8", newline="\n")
+    path.write_text(page(content, study), encoding="utf-8", newline="\n")
     return path

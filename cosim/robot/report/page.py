@@ -23,8 +23,10 @@ from cosim.robot.report.claims import (
 from cosim.robot.report.curves import curves_data, curves_section
 from cosim.robot.report.prose import prose
 from cosim.robot.report.readings import readings_section
+from cosim.robot.report.robustness import robustness_section
 from cosim.robot.report.series import all_series, controller_names
 from cosim.robot.reproduce.content import PaperFigure, Reproduction, Runs
+from cosim.robot.robustness.content import Robustness
 
 _DOI = "10.1007/s11071-021-06739-y"
 
@@ -60,8 +62,8 @@ def _asset(name: str) -> str:
     return (files(__package__) / "assets" / name).read_text(encoding="utf-8")
 
 
-def page(content: Reproduction) -> str:
-    """The report as HTML.
+def page(content: Reproduction, study: tuple[Robustness, Path] | None = None) -> str:
+    """The report as HTML; with the robustness study and its folder, if there is one.
 
     Its security policy lets it load nothing from anywhere, and run the scripts of this package only.
 
@@ -91,6 +93,7 @@ def page(content: Reproduction) -> str:
             _figures_section(content.figures),
             table1_section(content.table1),
             theorem_section(content.theorem1, runs),
+            *(() if study is None else (robustness_section(*study),)),
             readings_section(runs.readings),
             errata_section(content.errata),
             _made_section(runs, content.versions),
@@ -109,7 +112,7 @@ def page(content: Reproduction) -> str:
 </head>
 <body>
 <a class="skip" href="#main">Skip to the content</a>
-{_header(content)}
+{_header(content, with_study=study is not None)}
 <main id="main">
 <noscript><p>Animation, plots and filters need JavaScript; claims, figures and tables do not.</p></noscript>
 {sections}
@@ -128,7 +131,7 @@ def _json(data: object) -> str:
     return json.dumps(data, separators=(",", ":"), ensure_ascii=False).replace("</", "<\\/")
 
 
-def _header(content: Reproduction) -> str:
+def _header(content: Reproduction, *, with_study: bool) -> str:
     runs = content.runs
     links = "".join(
         f'<a href="#{target}">{text}</a>'
@@ -139,6 +142,7 @@ def _header(content: Reproduction) -> str:
             ("figures", "Figures"),
             ("table1", "Table 1"),
             ("theorem1", "Theorem 1"),
+            *([("robustness", "Robustness")] if with_study else []),
             ("readings", "What would give 1e-6 m"),
             ("errata", "Errata"),
             ("made", "How it was made"),
