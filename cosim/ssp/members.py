@@ -56,9 +56,7 @@ def members_of(system: System) -> Members:
     members = Members({n: Member(f, ports[n], sources[n]) for n, f in fmus.items()}, [], [])
     for component in system.components.values():
         if component.every != 1:
-            raise SSPError(
-                f"component '{component.name}' communicates every {component.every} steps; SSP can't say that"
-            )
+            raise SSPError(f"component '{component.name}' has steps of its own (every); SSP has no word for that")
     for signal in system.signals:
         if signal.added:
             raise SSPError(f"a signal is added to '{signal.target}'; SSP has no word for that")
