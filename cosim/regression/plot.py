@@ -13,7 +13,7 @@ from cosim.regression.funnel import Curve
 
 _WIDTH, _LEFT, _RIGHT = 440.0, 72.0, 8.0
 #: Top and height of the two panels: the curves, and the place in the band.
-_CURVES = (8.0, 150.0)
+_CURVES = (20.0, 140.0)
 _PLACE = (176.0, 56.0)
 _HEIGHT = 272.0
 
@@ -98,7 +98,8 @@ class _Panel:
 
     def x(self, time: float) -> float:
         first, last = self._times
-        return _LEFT + (_WIDTH - _LEFT - _RIGHT) * (time - first) / ((last - first) or 1.0)
+        share = (time - first) / ((last - first) or 1.0)
+        return _LEFT + (_WIDTH - _LEFT - _RIGHT) * min(max(share, 0.0), 1.0)  # a funnel begins before and ends later
 
     def y(self, value: float) -> float:
         low, high = self._values
@@ -125,7 +126,10 @@ class _Panel:
         """Frame, and ticks of the values."""
         width = _WIDTH - _LEFT - _RIGHT
         lines = [f'<rect class="frame" x="{_LEFT:g}" y="{self._top:g}" width="{width:g}" height="{self._height:g}"/>']
-        for tick, text in _labels(ticks or _ticks(*self._values, 4)):
+        base, labels = _labels(ticks or _ticks(*self._values, 4))
+        if base:
+            lines.append(f'<text x="{_LEFT:g}" y="{self._top - 6:g}">{base} +</text>')
+        for tick, text in labels:
             y = self.y(tick)
             lines.append(f'<path class="tick" d="M{_LEFT:g} {y:.1f}h{width:g}"/>')
             lines.append(f'<text x="{_LEFT - 5:g}" y="{y + 4:.1f}" text-anchor="end">{text}</text>')
@@ -136,7 +140,7 @@ class _Panel:
         y = self._top + self._height + 16
         return [
             f'<text x="{self.x(tick):.1f}" y="{y:g}" text-anchor="middle">{text}</text>'
-            for tick, text in _labels(_ticks(*self._times, 5))
+            for tick, text in _labels(_ticks(*self._times, 5))[1]
         ]
 
 
@@ -150,9 +154,12 @@ def _ticks(low: float, high: float, most: int) -> list[float]:
     return [k * step for k in range(math.ceil(low / step), math.floor(high / step) + 1)]
 
 
-def _labels(ticks: list[float]) -> list[tuple[float, str]]:
-    """Ticks with as many digits as tell them apart."""
+def _labels(ticks: list[float]) -> tuple[str, list[tuple[float, str]]]:
+    """Ticks with as many digits as tell them apart; where that is many, what is left of a common base."""
     step = min((b - a for a, b in pairwise(ticks)), default=0.0)
     largest = max(map(abs, ticks), default=0.0)
-    digits = 3 if not step else min(max(1, math.ceil(math.log10(largest / step)) + 1), 9)
-    return [(tick, f"{tick:.{digits}g}".replace("-", "−")) for tick in ticks]
+    digits = 3 if not step else max(1, math.ceil(math.log10(largest / step)) + 1)
+    base = ticks[len(ticks) // 2] if digits > 6 else 0.0
+    digits = 3 if base else digits
+    texts = [f"{0.0 if abs(tick - base) < step / 2 else tick - base:.{digits}g}".replace("-", "−") for tick in ticks]
+    return f"{base:.15g}".replace("-", "−") if base else "", list(zip(ticks, texts, strict=True))
