@@ -1,7 +1,6 @@
-"""A controller of your own, here PID on each active joint, as an FMU for the robot's closed loop.
+"""A controller of your own, here PID on each active joint; this file builds its FMU.
 
-python replace_controller.py
-cosim run --fmu controller=PID.fmu
+Then: cosim run --fmu controller=PID.fmu
 """
 
 from pathlib import Path
