@@ -38,7 +38,7 @@ PARAMETERS = Layout(
         Variable("S", "s-1", "Diagonal of S: ratio of position to velocity feedback", size=3, start=2.0, min=0.0),
         Variable("k", "1", "Adaptation constant of (37)", start=12.0, min=1e-12),
         Variable("psi_start", "1", "Initial estimate psi of the uncertainty bound", size=2, start=0.0),
-        Variable("feedforward", "1", "Share of tau_ref in the torque: 0 none (the paper), 1 all", min=0.0, max=1.0),
+        Variable("feedforward", "1", "Share of tau_ref in the torque: 0 none (the paper), 1 all"),
         Variable("tau_max", "N.m", "Torque limit of each motor; 1e60 is none", size=3, start=NO_LIMIT, min=0.0),
     ]
 )
