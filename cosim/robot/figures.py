@@ -20,6 +20,9 @@ _DASHES = ("-", "--", "-.")
 #: A figure shows at most about this many points of a curve; more are not seen and make files large.
 _MOST_POINTS = 2000
 
+#: The default level makes files a quarter smaller, and takes a quarter of the time that figures take.
+_PNG = {"compress_level": 1}
+
 
 def write_figures(results: Results | StoredResults, title: str, steady_after: float, folder: Path) -> list[Path]:
     """Draw what a run recorded, as PNG files.
@@ -59,7 +62,7 @@ def write_figures(results: Results | StoredResults, title: str, steady_after: fl
             figure.suptitle(title, fontsize=10, parse_math=False)
             draw(figure, thinned, steady_after)
             written.append(folder / f"{name}.png")
-            figure.savefig(written[-1])
+            figure.savefig(written[-1], pil_kwargs=_PNG)
     return written
 
 
