@@ -20,7 +20,7 @@ _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#
 _DASHES = ("-", "--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1)), (0, (1, 3)))
 
 #: Rows of panels before another column is begun, and columns.
-_ROWS, _COLUMNS = 5, 5
+_ROWS, _COLUMNS = 6, 6
 
 #: A curve shows at most about this many points.
 _MOST_POINTS = 100_000
