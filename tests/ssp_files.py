@@ -41,7 +41,7 @@ def connectors(*items: str) -> str:
     parts = []
     for item in items:
         kind, name, *unit = item.split()
-        inner = f'<ssc:Real unit="{unit[0]}"/>' if unit else ""
+        inner = f'<ssc:Real unit="{unit[0]}"/>' if unit else "<ssc:Real/>"
         parts.append(f'<ssd:Connector kind="{kind}" name="{name}">{inner}</ssd:Connector>')
     return f"<ssd:Connectors>{''.join(parts)}</ssd:Connectors>"
 

@@ -27,8 +27,20 @@ from cosim.robot.ssp import write_robot_ssp
 from cosim.ssp.layout import Box, arrange
 from cosim.ssp.writer import Experiment, ParameterSet, write_ssp
 from tests.conftest import DEFAULT_FLAVOUR
-from tests.small_fmus import FLAVOURS, build
-from tests.ssp_files import read
+from tests.small_fmus import FLAVOURS, build, compiled
+from tests.ssp_files import (
+    archive,
+    binding,
+    bindings,
+    component,
+    connection,
+    connections,
+    description,
+    elements,
+    linear,
+    parameter_set,
+    read,
+)
 from tests.test_isolation import fresh
 from tests.tiny_models import GAIN, INTEGRATOR, REVERSED
 
@@ -136,6 +148,21 @@ def test_elements_of_vectors_are_paired_by_index(small: Path, tmp_path: Path) ->
     assert simulate(read(tmp_path / "r.ssp").system, 1.0, 0.5)["b.y"][-1].tolist() == [2.0, 4.0]
 
 
+@pytest.mark.parametrize("version", ["1.0", "2.0"])
+def test_values_of_all_types_come_back(tmp_path: Path, version: str) -> None:
+    probe = compiled(tmp_path, "fmi2_probe")
+    system = System()
+    system.add("a", probe, start={"u": 0.1, "n": 3, "b": True, "e": 2, "journal": "x.txt"})
+    system.add("b", probe)
+    for name, kind in (("y", "u"), ("n_out", "n"), ("e_out", "e"), ("b_out", "b")):
+        system.connect(f"a.{name}", f"b.{kind}")
+    path = tmp_path / "types.ssp"
+    write_ssp(path, system, "types", Experiment(1.0, 0.5), version=version)
+    results = simulate(read(path).system, 1.0, 0.5)
+    assert [results[f"b.{name}"][-1] for name in "uneb"] == [0.1, 3.0, 2.0, 1.0]
+    assert '<ssc:Enumeration name="Mode" />' in description_of(path)
+
+
 def test_what_an_ssp_can_not_say(small: Path, tmp_path: Path) -> None:
     def refused(system: System, message: str, *sets: ParameterSet) -> None:
         with pytest.raises(CosimError, match=message):
@@ -203,6 +230,30 @@ def test_libcosim_gives_the_same_with_the_same_gains(robot: Path, robot_fmus: Pa
         np.testing.assert_allclose(other[name], expected, rtol=0, atol=1e-12 * max(1.0, np.max(np.abs(expected))))
     default = by_hand(robot_fmus, {}, order="parallel", coupling="hold")  # other gains would be seen
     assert np.max(np.abs(np.array(other["plant.x_E"]) - default["plant.x_E"][1:])) > 1e-7
+
+
+def test_libcosim_agrees_on_transformations_and_bindings(small: Path, tmp_path: Path) -> None:
+    """An SSP written by hand; units are left out, since libcosim converts none."""
+    parts = elements(
+        component("gain", "gain", "input u[1]", "output y[1]", bindings=bindings(binding("K Real -0.5"))),
+        component("tank", "tank", "input u", "output x", bindings=bindings(binding(more=' source="resources/x.ssv"'))),
+    )
+    wires = connections(
+        connection("tank.x", "gain.u[1]", linear(2.0, 0.25)),
+        connection("gain.y[1]", "tank.u", linear(1.5, -1.0)),
+    )
+    fmus = {"gain": small / "fmi2" / "Gain.fmu", "tank": small / "fmi2" / "Integrator.fmu"}
+    text = description(parts + wires, units="")
+    path = archive(tmp_path / "hand.ssp", text, fmus, x_ssv=parameter_set("x_start Real 2.0"))
+    script = LIBCOSIM.replace("ssp_path=A.ssp)", "ssp_path=A.ssp, step_size=10**7)")
+    other = fresh(tmp_path, script, ssp=path, names=["tank.x", "gain.y[1]"], n=100)
+    results = simulate(read(path).system, 1.0, 0.01, order="parallel", coupling="hold")
+    assert results["tank.x"][0] == 2.0
+    for name in ("tank.x", "gain.y[1]"):
+        np.testing.assert_allclose(other[name], results[name][1:], rtol=0, atol=1e-12)
+    # x' = 1.5 (-0.5 (2 x + 0.25)) - 1 = -1.5 x - 1.1875
+    rest = -1.1875 / 1.5
+    assert results["tank.x"][-1] == pytest.approx(rest + (2.0 - rest) * np.exp(-1.5), abs=0.03)
 
 
 def test_fmpy_differs_by_its_delay(robot: Path, robot_fmus: Path) -> None:

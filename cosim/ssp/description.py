@@ -7,7 +7,7 @@ from typing import Any
 from xml.etree import ElementTree
 from xml.etree.ElementTree import SubElement
 
-from fmpy.model_description import BaseUnit, Unit
+from fmpy.model_description import BaseUnit, SimpleType, Unit
 
 from cosim.ports import Element, Ports
 from cosim.ssp.layout import Box, Layout, arrange
@@ -57,18 +57,18 @@ def description_file(
         {n: [e.name for e in m.outputs] for n, m in members.components.items()},
         members.wires,
     )
-    units = _Units()
+    definitions = _Definitions()
     root = _root("ssd:SystemStructureDescription", name, description, version)
     system = _sub(root, "ssd:System", name=_identifier(name))
     elements = _sub(system, "ssd:Elements")
     for component, member in members.components.items():
-        _component(elements, component, member, bindings.get(component, ()), layout, units, version)
+        _component(elements, component, member, bindings.get(component, ()), layout, definitions, version)
     if members.wires:
         _connections(_sub(system, "ssd:Connections"), members, layout)
     _sub(system, "ssd:SystemGeometry", **_corners(layout.canvas))
     start, stop, step = times
     _annotate(system, "org.openmodelica", step)
-    units.write(root, "ssd")
+    definitions.write(root, "ssd")
     experiment = _sub(root, "ssd:DefaultExperiment", startTime=repr(start), stopTime=repr(stop))
     _annotate(experiment, "com.opensimulationplatform", step)
     return _text(root)
@@ -86,17 +86,15 @@ def parameter_file(name: str, description: str, values: Mapping[str, Any], ports
         Of the component that they are for.
     version : {"1.0", "2.0"}
     """
-    units = _Units()
+    definitions = _Definitions()
     root = _root("ssv:ParameterSet", name, description, version)
     parameters = _sub(root, "ssv:Parameters")
     for label, value in values.items():
         (element,) = ports.find(label)
-        kind, attributes = _type(element, ports, units, version)
+        kind, attributes = _type(element, ports, definitions, version)
         text = _value(element, value)
-        if kind is None:
-            kind = "Enumeration"
         _sub(_sub(parameters, "ssv:Parameter", name=label), f"ssv:{kind}", value=text, **attributes)
-    units.write(root, "ssv")
+    definitions.write(root, "ssv")
     return _text(root)
 
 
@@ -110,27 +108,41 @@ def _value(element: Element, value: Any) -> str:
     return str(int(value)) if element.kind == "integer" else str(value)
 
 
-class _Units:
-    """Definitions of the units that a file uses."""
+class _Definitions:
+    """Units and enumerations that a file uses, and has to define."""
 
     def __init__(self) -> None:
-        self._used: dict[str, Unit] = {}
+        self._units: dict[str, Unit] = {}
+        self._enumerations: dict[str, dict[str, str]] = {}
 
-    def use(self, unit: Unit | None) -> dict[str, str]:
+    def unit(self, unit: Unit | None) -> dict[str, str]:
         """Attribute for a unit, none where the FMU does not say what it measures: SSP has to."""
         if unit is None or unit.baseUnit is None:
             return {}
-        known = self._used.setdefault(unit.name, unit)
+        known = self._units.setdefault(unit.name, unit)
         if _exponents(known.baseUnit) != _exponents(unit.baseUnit):
             raise SSPError(f"two FMUs have different units of the name '{unit.name}'; rename one of them")
         return {"unit": unit.name}
 
+    def enumeration(self, declared: SimpleType) -> dict[str, str]:
+        """Attribute for an enumeration."""
+        items = {str(item.name): str(item.value) for item in declared.items}
+        if self._enumerations.setdefault(declared.name, items) != items:
+            raise SSPError(f"two FMUs have different enumerations of the name '{declared.name}'; rename one of them")
+        return {"name": declared.name}
+
     def write(self, root: ElementTree.Element, prefix: str) -> None:
-        units = _sub(root, f"{prefix}:Units") if self._used else None
-        for name, unit in self._used.items():
-            assert units is not None
-            given = {k: repr(v) for k, v in _exponents(unit.baseUnit).items() if v != _BASE[k]}
-            _sub(_sub(units, "ssc:Unit", name=name), "ssc:BaseUnit", **given)
+        if self._enumerations:
+            enumerations = _sub(root, f"{prefix}:Enumerations")
+            for name, items in self._enumerations.items():
+                enumeration = _sub(enumerations, "ssc:Enumeration", name=name)
+                for item, value in items.items():
+                    _sub(enumeration, "ssc:Item", name=item, value=value)
+        if self._units:
+            units = _sub(root, f"{prefix}:Units")
+            for name, unit in self._units.items():
+                given = {k: repr(v) for k, v in _exponents(unit.baseUnit).items() if v != _BASE[k]}
+                _sub(_sub(units, "ssc:Unit", name=name), "ssc:BaseUnit", **given)
 
 
 def _exponents(base: BaseUnit) -> dict[str, float]:
@@ -143,7 +155,7 @@ def _component(
     member: Member,
     bindings: Iterable[str],
     layout: Layout,
-    units: _Units,
+    definitions: _Definitions,
     version: str,
 ) -> None:
     component = _sub(elements, "ssd:Component", name=name, source=member.source, implementation="CoSimulation")
@@ -155,9 +167,8 @@ def _component(
         connector = _sub(connectors, "ssd:Connector", name=element.name, kind=element.variable.causality)
         if element.variable.description:
             connector.set("description", element.variable.description)
-        kind, attributes = _type(element, member.ports, units, version)
-        if kind is not None:
-            _sub(connector, f"ssc:{kind}", **attributes)
+        kind, attributes = _type(element, member.ports, definitions, version)
+        _sub(connector, f"ssc:{kind}", **attributes)
         x, y = layout.connectors[name, element.name]
         _sub(connector, "ssd:ConnectorGeometry", x=_number(x), y=_number(y))
     _sub(component, "ssd:ElementGeometry", **_corners(layout.boxes[name]))
@@ -168,15 +179,15 @@ def _component(
         _sub(holder, "ssd:ParameterBinding", source=source)
 
 
-def _type(element: Element, ports: Ports, units: _Units, version: str) -> tuple[str | None, dict[str, str]]:
-    """Type in SSP, and its attributes; none for an enumeration, whose type is then that of the FMU."""
-    if element.variable.type == "Enumeration":
-        return None, {}
+def _type(element: Element, ports: Ports, definitions: _Definitions, version: str) -> tuple[str, dict[str, str]]:
+    """Type in SSP, and its attributes. libcosim wants one of every connector."""
+    fmi_type = element.variable.type
+    if fmi_type == "Enumeration":
+        return fmi_type, definitions.enumeration(element.variable.declaredType)
     kinds = {"real": "Real", "integer": "Integer", "boolean": "Boolean"}
-    kind = kinds.get(element.kind, element.kind)
-    if version != "1.0" and ports.description.fmiMajorVersion == 3:  # SSP 2.0 has the types of FMI 3.0
-        kind = element.variable.type
-    return kind, units.use(ports.unit(element)) if element.kind == "real" else {}
+    of_fmi_3 = version != "1.0" and ports.description.fmiMajorVersion == 3  # SSP 2.0 has the types of FMI 3.0
+    kind = fmi_type if of_fmi_3 else kinds.get(element.kind, element.kind)
+    return kind, definitions.unit(ports.unit(element)) if element.kind == "real" else {}
 
 
 def _connections(parent: ElementTree.Element, members: Members, layout: Layout) -> None:
