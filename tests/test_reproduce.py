@@ -233,7 +233,9 @@ def test_the_command_writes_one_folder_with_the_same_bytes_each_time(
     """From new runs on: every file but the page, which has its own tests."""
     said: list[str] = []
     monkeypatch.setattr(command, "_progress", lambda total: nullcontext(said.append))
-    monkeypatch.setattr(command, "_write_report", lambda content, folder: (folder / "report.html").write_text("page"))
+    monkeypatch.setattr(
+        command, "_write_report", lambda content, folder, study: (folder / "report.html").write_text("")
+    )
     folder = fmu_folder(tmp_path_factory.getbasetemp())
     assert command.run(parsed("--out", str(tmp_path / "out"), "--fmus", str(folder))) == 0
     names = {p.name for p in (tmp_path / "out").iterdir()}
