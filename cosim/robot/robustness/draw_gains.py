@@ -19,9 +19,12 @@ from cosim.robot.robustness.rows import Rows
 #: Gains with which one could be lowered by more than this (%), without raising the other, are all of one colour.
 _FAR = 50.0
 
-#: Places that ticks of the logarithmic axes may have.
-_TICKS = (0.05, 0.1, 0.2, 0.3, 0.5, 1.0, 2.0, 3.0, 5.0, 10.0, 20.0, 50.0, 100.0)
-_FINE_TICKS = (0.08, 0.09, 0.1, 0.11, 0.12, 0.13, 0.14, 0.15, 0.16, 0.18, 0.2)
+#: Places that ticks of logarithmic axes may have, by the largest ratio of their ends for which they can be read.
+_TICKS = {
+    4.0: (0.08, 0.09, 0.1, 0.11, 0.12, 0.13, 0.14, 0.15, 0.16, 0.18, 0.2, 0.25, 0.3),
+    500.0: (0.05, 0.1, 0.2, 0.3, 0.5, 1.0, 2.0, 3.0, 5.0, 10.0, 20.0, 50.0),
+    np.inf: (0.1, 1.0, 10.0, 100.0),
+}
 
 
 def pareto(rows: Rows, fronts: Sequence[Front]) -> tuple[Draw, StudyFigure]:
@@ -104,7 +107,7 @@ def _logarithmic(axes: Axes) -> None:
     """Logarithmic axes with plain numbers at ticks that can be read."""
     axes.set(xscale="log", yscale="log")
     for axis, limits in ((axes.xaxis, axes.get_xlim()), (axes.yaxis, axes.get_ylim())):
-        ticks = _FINE_TICKS if limits[1] < 4.0 * limits[0] else _TICKS
+        ticks = next(t for ratio, t in _TICKS.items() if limits[1] <= ratio * limits[0])
         axis.set_ticks([t for t in ticks if limits[0] <= t <= limits[1]], minor=False)
         axis.set_ticks([], minor=True)
         axis.set_major_formatter("{x:g}")

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 
 from cosim.robot.reproduce.style import ERROR_NAMES
 from cosim.robot.robustness.study import ALPHA, BETA, CONDITIONS, CURVE_PERIOD, GAINS, MONTE_CARLO
@@ -82,11 +83,15 @@ def _rows(folder: Path, scenario: str, factors: Sequence[str]) -> Rows:
         error=1e3 * np.hypot(*(numbers[name] for name in rms)),
         effort=np.sqrt(numbers[_INTEGRAL] / load_scenario(scenario).stop_time),
         steady_max={name: 1e3 * numbers[f"tracking.{name}.steady_max"] for name in ERROR_NAMES},
-        curves={name: 1e3 * _curves(table[curve_name(name)].to_pylist()) for name in ERROR_NAMES},
+        curves={name: 1e3 * _curves(table[curve_name(name)]) for name in ERROR_NAMES},
         factors={name: np.array(table[name].to_pylist()) for name in factors},
     )
 
 
-def _curves(lists: list[list[float] | None]) -> np.ndarray:
-    points = max((len(values) for values in lists if values is not None), default=0)
-    return np.array([np.full(points, np.nan) if values is None else values for values in lists])
+def _curves(column: pa.ChunkedArray) -> np.ndarray:
+    """Curves (n, points) of a column of lists, which are of one length where there are any."""
+    there = column.is_valid().to_numpy()
+    values = column.combine_chunks().flatten().to_numpy()
+    curves = np.full((len(there), len(values) // max(1, int(there.sum()))), np.nan)
+    curves[there] = values.reshape(int(there.sum()), -1)
+    return curves
