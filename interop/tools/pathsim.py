@@ -1,6 +1,7 @@
 """PathSim with its FMI toolbox: co-simulation blocks, stepped by scheduled events; a scope keeps all outputs.
 
-It wants every input connected, so inputs that the case leaves alone get blocks of constants.
+It wants every input connected, so inputs that the case leaves alone get blocks of constants. Its blocks do a step at
+its beginning: what it files under a time are the outputs at the end of the step from there on.
 """
 
 from __future__ import annotations
@@ -53,7 +54,9 @@ def run(case: Case, folder: Path) -> ToolRun:
     times, values = scope.read()
     x_E, y_E = (values[outputs.index(name)] for name in case.path)
     total = time.perf_counter() - began
-    return ToolRun(loop_time, total, times, x_E, y_E, "sequential", len(outputs), "records outputs only")
+    return ToolRun(
+        loop_time, total, times + case.step_size, x_E, y_E, "sequential", len(outputs), "records outputs only"
+    )
 
 
 def _port(blocks: dict[str, CoSimulationFMU], path: str) -> object:
