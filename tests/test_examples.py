@@ -31,6 +31,7 @@ def folder(robot_fmus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     (tmp_path / "fmus").mkdir()
     (tmp_path / "fmus/fmi2").symlink_to(robot_fmus / DEFAULT_FLAVOUR, target_is_directory=True)
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(figures, "write_figures", lambda *args: [])  # they take longer than the runs
     return tmp_path
 
 
@@ -167,9 +168,8 @@ def test_code_of_a_page_runs(folder: Path, page: str) -> None:
 
 @pytest.mark.parametrize("page", ["tutorial.md", "replace_controller.md"])
 def test_commands_of_a_page_run(folder: Path, page: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """With shorter runs, and without figures; sweeps are only parsed."""
+    """With shorter runs; sweeps are only parsed."""
     monkeypatch.setattr(sweep, "run", lambda args: 0)
-    monkeypatch.setattr(figures, "write_figures", lambda *args: [])
     for text in blocks(page, "toml"):
         Path("mine.toml").write_text(text, encoding="utf-8")
     if page == "replace_controller.md":
