@@ -265,6 +265,21 @@ def test_arrays_of_ssp_2_and_fmi_3(tmp_path: Path) -> None:
     path = archive(tmp_path / "a.ssp", description(system, version="2.0"), array, v_ssv=bound)
     results = simulate(read(path).system, 1.0, 0.5)
     assert results["sub/b.Float64"][-1].tolist() == [3.0, 5.0]
+    # an array of a connector of a system goes to what that is connected to
+    cut = system.replace(connections(connection("a.Float64_out", "sub.in")), "")
+    given = bindings('<ssd:ParameterBinding source="resources/v.ssv" prefix="sub."/>') + cut
+    values = bound.replace('name="Float64"', 'name="in"')
+    path = archive(tmp_path / "b.ssp", description(given, version="2.0"), array, v_ssv=values)
+    found = start(path)
+    assert [found[f"sub/b.Float64[{i}]"] for i in (1, 2)] == [3.0, 5.0]
+    three = values.replace("1.5 2.5", "1 2 3")
+    with pytest.raises(CosimError, match=r"3 values were given for 'sub\.in', which has 2$"):
+        start(archive(path, description(given, version="2.0"), array, v_ssv=three))
+    large = given.replace(
+        '"in"><ssc:Float64/><ssc:Dimension size="2"', '"in"><ssc:Float64/><ssc:Dimension size="20000000"'
+    )
+    with pytest.raises(CosimError, match="connector 'in' has 20000000 values, more than any system needs"):
+        start(archive(path, description(large, version="2.0"), array, v_ssv=values))
     indexed = system.replace('startConnector="Float64_out"', 'startConnector="Float64_out" startIndices="1"')
     with pytest.raises(CosimError, match="takes elements of an array by indices, which is not supported"):
         read(archive(tmp_path / "i.ssp", description(indexed, version="2.0"), array, v_ssv=bound))
@@ -338,6 +353,9 @@ REFUSED = {
         '<ssd:SignalDictionaryReference name="d" dictionary="e"/>'
     ),
     r"there are two elements named 'a'": elements(GAIN_A, GAIN_A),
+    r"there are two elements named 'a/b'": elements(
+        '<ssd:System name="a.b"/>', f'<ssd:System name="a">{elements(component("b", "gain"))}</ssd:System>'
+    ),
     r"violates the SSP schema at SystemStructureDescription/System/Elements/Component/Connectors/Connector: attribute "
     r"kind='outpt': value must be one of": elements(component("a", "gain", "outpt y[1]")),
     r"violates the SSP schema at .*/Real: attribute value='x'": elements(
@@ -395,6 +413,8 @@ def test_archives_that_are_none(fmus: dict[str, Path], tmp_path: Path, monkeypat
     refused(archive(tmp_path / "x.ssp", "no XML"), "not readable as XML")
     entities = good.replace("?>", '?><!DOCTYPE a [<!ENTITY b "c">]>', 1)
     refused(archive(tmp_path / "e.ssp", entities, fmus), "Entities are forbidden")
+    deep = description('<ssd:Elements><ssd:System name="s">' * 3000 + "</ssd:System></ssd:Elements>" * 3000)
+    refused(archive(tmp_path / "deep.ssp", deep, fmus), "not readable as XML")
     damaged = bytearray(archive(tmp_path / "d.ssp", good, fmus).read_bytes())
     middle = damaged.index(b"by hand")
     damaged[middle : middle + 4] = b"xxxx"

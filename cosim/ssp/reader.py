@@ -96,7 +96,10 @@ def _bind(part: Part, package: Package, where: str, values: dict[Node, Value], n
                 known = part.variables if part.ports is not None else _hierarchical_names(part)
                 hint = nearest(value.name, known)
                 notes.append(f"{value.origin}: nothing is named '{value.name}', which is ignored; {hint}")
-            values.update({(target.path, name): value for target, name in found})
+            for target, name in found:
+                scalars = (name,) if target.ports is not None else target.connectors[name].scalars
+                for scalar, part_of_value in zip(scalars, value.split(len(scalars)), strict=True):
+                    values[target.path, scalar] = part_of_value
 
 
 def _hierarchical_names(part: Part) -> list[str]:

@@ -12,7 +12,7 @@ import re
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import xmlschema
 from xmlschema import DataElement
@@ -61,11 +61,12 @@ def parse(data: bytes, kind: Kind, where: str) -> DataElement:
     try:
         source = xmlschema.XMLResource(io.BytesIO(data), defuse="always", allow="none")
         schema = _schema(kind, 2 if version else 1)
-        error = next(schema.iter_errors(source, use_location_hints=False), None)
-        decoded = None if error else schema.to_objects(source, use_location_hints=False)
+        result: Any = schema.to_objects(source, validation="lax", use_location_hints=False)
     except xmlschema.XMLSchemaException as problem:
         raise SSPError(f"{where}: not readable as XML: {' '.join(str(problem).split())}") from None
-    if error is not None:
+    decoded, errors = result
+    if errors:
+        error = errors[0]
         steps = re.sub(r"\w+:", "", (error.path or "").strip("/"))
         reason = " ".join(str(error.reason).split())
         raise SSPError(f"{where}: violates the SSP schema at {steps}: {reason}; mend it in the tool that wrote it")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -20,6 +22,9 @@ from cosim.units import UnitsDiffer, conversion
 
 #: Between the names of nested elements in the name of a component: the dot begins the name of the variable.
 SEPARATOR = "/"
+
+#: Arrays that are larger are refused, before names of their elements fill the memory.
+_MOST_SCALARS = 1_000_000
 
 _FMU_TYPE = "application/x-fmu-sharedlibrary"
 
@@ -87,13 +92,17 @@ def read_structure(root: DataElement, units: Mapping[str, Unit], package: Packag
     SSPError
         An element is none that can be run, or differs from its FMU.
     """
-    return _system(root, "", units, package, folder)
+    tree = _system(root, "", units, package, folder)
+    for path, count in Counter(part.path for part in tree.all_parts()).items():
+        if count > 1:
+            raise SSPError(f"{package.path}: there are two elements named '{path}'; give each its own name")
+    return tree
 
 
 def _system(element: DataElement, path: str, units: Mapping[str, Unit], package: Package, folder: Path) -> Part:
     part = Part(path, element)
     for connector in children(element, "Connectors", "Connector"):
-        part.connectors[connector.attrib["name"]] = _system_connector(connector, units)
+        part.connectors[connector.attrib["name"]] = _system_connector(connector, units, package.path)
     for inner in child(element, "Elements") or ():
         name = inner.attrib["name"]
         # a dot is allowed in SSP; to the standard B.C may be a component of that name, or C in the system B
@@ -107,9 +116,11 @@ def _system(element: DataElement, path: str, units: Mapping[str, Unit], package:
     return part
 
 
-def _system_connector(connector: DataElement, units: Mapping[str, Unit]) -> Connector:
+def _system_connector(connector: DataElement, units: Mapping[str, Unit], file: Path) -> Connector:
     name = connector.attrib["name"]
     sizes = [int(d.attrib["size"]) for d in children(connector, "Dimension") if "size" in d.attrib]
+    if math.prod(sizes) > _MOST_SCALARS:
+        raise SSPError(f"{file}: connector '{name}' has {math.prod(sizes)} values, more than any system needs")
     scalars = [f"{name}[{','.join(map(str, i))}]" for i in product(*(range(1, n + 1) for n in sizes))]
     return Connector(name, connector.attrib["kind"], _unit(connector, units), tuple(scalars) if sizes else (name,))
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from fmpy.model_description import BaseUnit, Unit
@@ -49,6 +49,21 @@ class Value:
     factor: float
     offset: float
     origin: str
+
+    def split(self, size: int) -> list[Value]:
+        """The values of the elements of an array; a single one is that of all.
+
+        Raises
+        ------
+        SSPError
+            There are more or fewer.
+        """
+        if size == 1:
+            return [self]
+        parts = [self.data] if isinstance(self.data, str) else [[number] for number in self.data]
+        if len(parts) not in (1, size):
+            raise SSPError(f"{self.origin}: {len(parts)} values were given for '{self.name}', which has {size}")
+        return [replace(self, data=part) for part in (parts * size if len(parts) == 1 else parts)]
 
     def fit(self, target: str, unit: Unit | None, items: Mapping[str, float], *, relative: bool) -> list[float] | str:
         """The numbers, or the text, for a variable.
