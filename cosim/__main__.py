@@ -12,8 +12,8 @@ from cosim.errors import CosimError
 from cosim.versions import versions
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the program; returns the exit code: 0 only on success, 130 after Ctrl-C."""
+def command_line() -> argparse.ArgumentParser:
+    """The parser of all commands and their options."""
     parser = argparse.ArgumentParser(
         prog="cosim", description="Co-simulation of a closed-chain robot and its controller as FMUs."
     )
@@ -22,7 +22,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     subparsers = parser.add_subparsers(required=True, metavar="COMMAND")
     for command in (run, sweep, tune, reproduce, robustness, ssp, validate, compare):
         command.register(subparsers)
-    options = parser.parse_args(arguments)
+    return parser
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the program; returns the exit code: 0 only on success, 130 after Ctrl-C."""
+    options = command_line().parse_args(arguments)
     try:
         return int(options.run(options))
     except KeyboardInterrupt:

@@ -9,7 +9,7 @@ author = "the closed-chain-cosim authors"
 copyright = "closed-chain-cosim contributors, MIT licence"
 version = release = _version("closed-chain-cosim")
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx_argparse_cli"]
 
 # Pages are plain Markdown, readable without this site too; headings are link targets, as they are for Git hosts.
 myst_heading_anchors = 3
