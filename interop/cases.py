@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 from cosim import System
@@ -52,6 +53,17 @@ def one_fmu(folder: Path, flavour: str, step: float = STEP) -> Case:
         recorded=[f"loop.{n}.{v}" for n, m in MODELS.items() for v in m.outputs.names],
         path=("loop.plant.x_E", "loop.plant.y_E"),
     )
+
+
+def packaged(folder: Path, flavour: str, step: float = STEP) -> Case:
+    """The three FMUs, their connections and start values as an SSP, which is written beside the FMUs."""
+    from cosim.ssp.writer import Experiment, write_ssp
+
+    parts = coupled(folder, flavour, step)
+    path = folder / "ssp" / f"{flavour}_{step * 1e3:g}ms.ssp"
+    path.parent.mkdir(exist_ok=True)
+    write_ssp(path, system(parts), "RobotClosedLoop", Experiment(STOP_TIME, step))
+    return replace(parts, fmus={"system": path}, connections=[], start={})
 
 
 def system(case: Case) -> System:

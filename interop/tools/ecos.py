@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import ctypes
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,7 +21,8 @@ NAME = "ecos"
 TITLE = "Ecos, CSV writer"
 PACKAGE = "ecospy"
 
-_START_VALUES = "start values"
+#: The set that is applied; of an SSP, the parameter sets of this name.
+START_VALUES = "start values"
 
 
 def unavailable() -> str | None:
@@ -37,11 +38,16 @@ def unavailable() -> str | None:
 
 def run(case: Case, folder: Path) -> ToolRun:
     """Run once with the CSV writer, timed, and once for the path: the writer keeps only six decimals."""
+    return record(lambda: _simulation(case), case, folder)
+
+
+def record(simulate: Callable[[], AbstractContextManager[EcosSimulation]], case: Case, folder: Path) -> ToolRun:
+    """Run simulations that `simulate` makes, which take their start values from the parameter set `START_VALUES`."""
     began = time.perf_counter()
     file = folder / "results.csv"
-    with _simulation(case) as simulation:
+    with simulate() as simulation:
         simulation.add_csv_writer(str(file), identifiers=[_identifier(name) for name in case.recorded])
-        simulation.init(parameter_set=_START_VALUES)
+        simulation.init(parameter_set=START_VALUES)
         loop_began = time.perf_counter()
         simulation.step(case.steps)
         loop_time = time.perf_counter() - loop_began
@@ -52,7 +58,7 @@ def run(case: Case, folder: Path) -> ToolRun:
     if len(table) != case.steps + 1 or recorded != len(case.recorded):
         raise RuntimeError(f"ecos wrote {len(table)} rows of {recorded} values")
 
-    x_E, y_E = _path(case)
+    x_E, y_E = _path(simulate, case)
     note = "the CSV file has six decimals; the path is from a second run, without it"
     return ToolRun(loop_time, total, case.times, x_E, y_E, "parallel (Jacobi)", recorded, note)
 
@@ -68,17 +74,17 @@ def _simulation(case: Case) -> Iterator[EcosSimulation]:
         for source, target in case.connections:
             structure.make_real_connection(_identifier(source), _identifier(target))
         start = {f"{i}::{name}": float(value) for i, values in case.start.items() for name, value in values.items()}
-        structure.add_parameter_set(_START_VALUES, start)
+        structure.add_parameter_set(START_VALUES, start)
         with EcosSimulation(structure=structure, step_size=case.step_size) as simulation:
             yield simulation
             simulation.terminate()
 
 
-def _path(case: Case) -> np.ndarray:
+def _path(simulate: Callable[[], AbstractContextManager[EcosSimulation]], case: Case) -> np.ndarray:
     """Position of the end effector (2, steps + 1) in m, read step by step."""
     names = [_identifier(name) for name in case.path]
-    with _simulation(case) as simulation:
-        simulation.init(parameter_set=_START_VALUES)
+    with simulate() as simulation:
+        simulation.init(parameter_set=START_VALUES)
         path = [[simulation.get_real(name) for name in names]]
         for _ in range(case.steps):
             simulation.step()
