@@ -271,10 +271,14 @@ class Instance:
         sizes: tuple[int, ...] = (1,) if self.version == 3 else ()
         self.call(f"fmi{self.version}SetString", reference, 1, text, *sizes)
 
+    def set_up(self, start_time: float) -> None:
+        """Tell the start time (s), before start values are set: some FMUs of FMI 2.0 forget them here."""
+        if self.version == 2:
+            self.call("fmi2SetupExperiment", fmi2.fmi2False, 0.0, start_time, fmi2.fmi2False, 0.0)
+
     def enter_initialization_mode(self, start_time: float) -> None:
         """Enter the initialisation mode at a start time (s)."""
         if self.version == 2:
-            self.call("fmi2SetupExperiment", fmi2.fmi2False, 0.0, start_time, fmi2.fmi2False, 0.0)
             self.call("fmi2EnterInitializationMode")
         else:
             self.call("fmi3EnterInitializationMode", False, 0.0, start_time, False, 0.0)

@@ -78,6 +78,7 @@ class Run:
         for component, instance in self._instances.items():
             own = [s for s in starts if s.component == component]
             with Failing(component, time, instance):
+                instance.set_up(time)
                 _set_start_values(instance, own)
                 instance.enter_initialization_mode(time)
                 _set_start_elements(instance, own)

@@ -99,6 +99,7 @@ fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean tolerance_defined, f
                                fmi2Boolean stop_defined, fmi2Real stop) {
     (void)tolerance_defined, (void)tolerance, (void)stop_defined, (void)stop;
     ((Model *)c)->time = time;
+    ((Model *)c)->fail_at = 1e9; /* as some FMUs do, it forgets start values that were set before */
     return fmi2OK;
 }
 
