@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import atexit
 import subprocess
 import zipfile
 from collections.abc import Callable, Sequence
+from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import fmpy
@@ -14,6 +17,7 @@ import numpy as np
 from cosim.regression.case import Case
 from cosim.results import Results
 from fmu_export.model import DefaultExperiment, Layout, Model, Variable
+from fmu_export.native_backend import build_native
 from fmu_export.toolchain import find_compiler
 from tests.native_fmus import require_compiler
 
@@ -81,7 +85,7 @@ FEEDTHROUGH = _model(
     [_number("K", start=1.0)],
     [_number("y", "rad")],
     lambda t, x, u, p: p[0] * u,
-    inputs=[_number("u", "rad")],
+    inputs=[_number("u", "rad", start=0.25)],
     stop=1.0,
     step=0.05,
 )
@@ -126,9 +130,22 @@ _BALL = f"""<?xml version="1.0" encoding="UTF-8"?>
 """
 
 
+@cache
+def built_fmus() -> Path:
+    """Folder with the FMUs of all models (FMI 2.0; Feedthrough in `fmi3` too) and of the ball; built once a worker."""
+    require_compiler()
+    temporary = TemporaryDirectory(prefix="regression_", ignore_cleanup_errors=True)
+    atexit.register(temporary.cleanup)
+    folder = Path(temporary.name)
+    for model in MODELS:
+        build_native(model, folder, "fmi2")
+    build_native(FEEDTHROUGH, folder / "fmi3", "fmi3")
+    build_ball(folder)
+    return folder
+
+
 def build_ball(folder: Path) -> Path:
     """The FMU of fmi2_ball.c, whose model exchange has a state event."""
-    require_compiler()
     library = folder / f"Ball{fmpy.sharedLibraryExtension}"
     headers = Path(fmpy.__file__).parent / "c-code"
     flags = ["-std=c99", "-O1", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC", f"-I{headers}"]

@@ -17,22 +17,15 @@ from cosim.regression.isolated import run_isolated
 from cosim.regression.rebaseline import RebaselineError, reason_against, rebaseline
 from cosim.regression.run import RunError
 from cosim.results import Results
-from fmu_export.native_backend import build_native
-from tests.native_fmus import require_compiler
-from tests.regression_fmus import DAHLQUIST, FEEDTHROUGH, build_ball, make_case
+from tests.regression_fmus import built_fmus, make_case
 from tests.small_fmus import redescribed
 
 pytest_plugins = ["pytester"]
 
 
-@pytest.fixture(scope="module")
-def built(tmp_path_factory) -> Path:
-    require_compiler()
-    folder = tmp_path_factory.mktemp("regression")
-    build_native(DAHLQUIST, folder, "fmi2")
-    build_native(FEEDTHROUGH, folder, "fmi3")
-    build_ball(folder)
-    return folder
+@pytest.fixture
+def built() -> Path:
+    return built_fmus()
 
 
 @pytest.fixture
@@ -43,8 +36,8 @@ def session(pytester, monkeypatch, built):
     for name in ("CI", "PYTEST_ADDOPTS"):
         monkeypatch.delenv(name, raising=False)
     (pytester.path / "fmus").mkdir()
-    for fmu in built.glob("*.fmu"):
-        (pytester.path / "fmus" / fmu.name).write_bytes(fmu.read_bytes())
+    for name in ("Ball", "Dahlquist", "Feedthrough"):
+        (pytester.path / "fmus" / f"{name}.fmu").write_bytes((built / f"{name}.fmu").read_bytes())
 
     def run(*arguments: str) -> pytest.RunResult:
         return pytester.runpytest_subprocess("-p", "cosim.regression.plugin", "-p", "no:cacheprovider", *arguments)
@@ -73,11 +66,13 @@ def test_the_plugin_loads_nothing_before_it_is_used():
 
 
 def test_a_folder_is_run_by_all_interfaces_and_reported(session, pytester):
-    """One FMU passes, one fails, one has no reference; in a process each, and with a page and JUnit's file."""
+    """One FMU passes, one fails, one has no reference; with a page and JUnit's file."""
     dahlquist(pytester.path / "reference")
     ball = Results(np.arange(3) * 0.01, ["h"], np.array([[1.0], [0.9995095], [0.5]]))
     make_case(pytester.path / "reference", "Ball", ball, toml="absolute = 1e-6")
-    done = session("--fmu", "fmus", "--fmu-report", "out/page.html", "--junitxml", "junit.xml", "-rs")
+    done = session(
+        "--fmu", "fmus", "--fmu-in-process", "--fmu-report", "out/page.html", "--junitxml", "junit.xml", "-rs"
+    )
     done.assert_outcomes(passed=2, failed=2, skipped=1)
     done.stdout.fnmatch_lines(
         [
@@ -101,7 +96,9 @@ def test_a_folder_is_run_by_all_interfaces_and_reported(session, pytester):
 
 def test_in_parallel_the_same(session, pytester):
     dahlquist(pytester.path / "reference", factor=1.001)
-    fmus = ("--fmu", "fmus/Dahlquist.fmu", "--fmu", "none")
+    pytester.makeini("[pytest]\ntestpaths = tests")  # which are not run
+    (pytester.mkdir("tests") / "test_other.py").write_text("def test_other(): raise ValueError")
+    fmus = ("--fmu", "fmus/Dahlquist.fmu", "--fmu", "none", "--fmu-in-process")
     done = session("-p", "xdist.plugin", "-n", "2", *fmus, "--fmu-report", "page.html")
     done.assert_outcomes(failed=3)
     done.stdout.fnmatch_lines(["--fmu none: there is no such file or folder"])

@@ -12,24 +12,15 @@ from cosim.errors import CosimError
 from cosim.regression import Tolerances, compare
 from cosim.regression.run import input_function, run
 from cosim.results import Results
-from fmu_export.native_backend import build_native
-from tests.native_fmus import require_compiler
-from tests.regression_fmus import DAHLQUIST, FEEDTHROUGH, MODELS, VAN_DER_POL, build_ball, make_case
+from tests.regression_fmus import DAHLQUIST, VAN_DER_POL, built_fmus, make_case
 
 INTERFACES = ("co_simulation", "model_exchange")
 TIGHT = "StartTime, 0\nStopTime, {stop}\nStepSize, {step}\nRelTol, 1e-10\n"
 
 
-@pytest.fixture(scope="module")
-def fmus(tmp_path_factory) -> Path:
-    require_compiler()
-    folder = tmp_path_factory.mktemp("regression")
-    for model in MODELS:
-        build_native(model, folder, "fmi2")
-    (folder / "fmi3").mkdir()
-    build_native(FEEDTHROUGH, folder / "fmi3", "fmi3")
-    build_ball(folder)
-    return folder
+@pytest.fixture
+def fmus() -> Path:
+    return built_fmus()
 
 
 @pytest.mark.parametrize("interface", INTERFACES)
@@ -70,6 +61,12 @@ def test_inputs_are_those_of_the_file(fmus, tmp_path, interface, flavour, betwee
     else:
         expected = np.select([t < 0.1999, t < 0.4999, t < 0.9999], [0.0, 1.0, -1.0], 3.0)
     np.testing.assert_allclose(result["y"], expected, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("interface", INTERFACES)
+def test_inputs_without_a_column_keep_their_start_values(fmus, tmp_path, interface):
+    case = make_case(tmp_path, "Feedthrough", toml="start.K = 2.0")
+    np.testing.assert_array_equal(run(case, fmus / "Feedthrough.fmu", interface)["y"], 0.5)
 
 
 def test_an_input_jumps_where_it_should():

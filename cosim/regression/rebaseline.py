@@ -97,8 +97,9 @@ def _not_in_git(path: Path) -> str:
 def _tolerances(results: Results, *, both: bool) -> str:
     """A first file of tolerances, with the units of all signals."""
     lines = [
-        "# Largest allowed differences: relative to the range of a signal, absolute in its unit, time_shift in s.",
+        "# Largest allowed differences, the larger of two: relative to the range of a signal, absolute in its unit.",
         "relative = 1e-9",
+        "absolute = 1e-9",
         "",
         "# a unit that changes is a difference too",
         "[signals]",
@@ -111,7 +112,13 @@ def _tolerances(results: Results, *, both: bool) -> str:
         of_all = {name: found.pop()} if len(found) == 1 else {n: u for n, u in units.items() if vector_of(n) == name}
         lines += [f"{_key(one)} = {{ unit = {_quoted(unit)} }}" for one, unit in of_all.items()]
     if both:
-        lines += ["", "# another solver than that inside the co-simulation", "[model_exchange]", "relative = 1e-4"]
+        lines += [
+            "",
+            "# another solver than that inside the co-simulation",
+            "[model_exchange]",
+            "relative = 1e-4",
+            "absolute = 1e-6",
+        ]
     return "\n".join(lines) + "\n"
 
 

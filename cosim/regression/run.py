@@ -166,13 +166,18 @@ def _on_grid(time: np.ndarray, experiment: Experiment) -> np.ndarray:
     return np.where(np.isclose(time, grid, rtol=1e-9, atol=1e-9 * experiment.interval), grid, time)
 
 
-def _held_inputs(ports: Ports, given: set[str]) -> dict[str, float]:
+def _held_inputs(ports: Ports, given: set[str]) -> dict[str, float | str]:
     """Start values of the inputs that a case says nothing of, as the model description has them."""
-    held = {}
+    held: dict[str, float | str] = {}
     for element in ports.of_causality("input"):
-        start = (element.variable.start or "").split()
-        if start and element.kind in KINDS.values() and not given & {element.name, vector_of(element.name)}:
-            text = start[min(element.offset, len(start) - 1)]
+        start = str(element.variable.start or "")
+        if given & {element.name, vector_of(element.name)}:
+            continue
+        if element.kind == "String":
+            held[element.name] = start
+        elif start and element.kind in KINDS.values():
+            texts = start.split()  # of an array: one an element, or one for all
+            text = texts[min(element.offset, len(texts) - 1)]
             held[element.name] = float({"true": "1", "false": "0"}.get(text, text))
     return held
 

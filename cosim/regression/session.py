@@ -67,12 +67,11 @@ def configure(config: pytest.Config) -> None:
         reason = reason_against(arguments, os.environ, parallel=parallel, fmus=len(selection.fmus))
         if reason:
             raise pytest.UsageError(f"--fmu-rebaseline {case}: {reason}")
-    if worker:  # it is given the paths of the main process
-        return
-    if config.getoption("cosim_fmu"):
+    if config.getoption("cosim_fmu"):  # also in a worker of pytest-xdist, which reads the command line anew
         given = config.args if config.args_source == config.ArgsSource.ARGS else []
-        config.args = [*given, *(str(fmu) for fmu in selection.fmus)]
-    if path := config.getoption("cosim_fmu_report"):
+        chosen = {Path(argument.partition("::")[0]).absolute() for argument in given}  # single tests of an FMU
+        config.args = [*given, *(str(fmu) for fmu in selection.fmus if fmu not in chosen)]
+    if not worker and (path := config.getoption("cosim_fmu_report")):
         config.pluginmanager.register(_Page(Path(path)), "cosim_fmu_report")
 
 
