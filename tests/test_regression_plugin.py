@@ -172,9 +172,9 @@ def git(folder: Path, *arguments: str) -> None:
 def test_a_reference_is_made(session, pytester):
     folder = pytester.path / "reference" / "Ball"
     options = ("--fmu", "fmus/Ball.fmu", "--fmu-reference", "reference", "--fmu-in-process")
-    done = session(*options, "--fmu-rebaseline", "Ball", "-rs")
+    done = session(*options, "--fmu-rebaseline", "Ball")
     done.assert_outcomes(skipped=1, passed=1)  # model exchange is held against the new reference
-    done.stdout.fnmatch_lines(["*wrote *Ball_ref.csv, *Ball_ref.opt, *Ball_ref.toml: look at the changes*"])
+    done.stdout.fnmatch_lines(["wrote *Ball_ref.csv, *Ball_ref.opt, *Ball_ref.toml: look at the changes*"])
     assert '\nh = { unit = "m" }\n' in (folder / "Ball_ref.toml").read_text()
     session(*options).assert_outcomes(passed=2)
 

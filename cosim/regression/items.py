@@ -15,7 +15,7 @@ from cosim.regression.outcome import SHORT, Outcome, check
 from cosim.regression.page import part
 from cosim.regression.rebaseline import rebaseline
 from cosim.regression.run import interfaces_of
-from cosim.regression.session import PARTS, SELECTION
+from cosim.regression.session import PARTS, SELECTION, WRITTEN
 from cosim.regression.tolerances import Interface
 
 
@@ -47,7 +47,7 @@ class FmuFile(pytest.File):
         except CosimError as error:
             yield Trouble.from_parent(self, name="FMU", line=str(error))
             return
-        if renewed == self.path.stem and not cases:
+        if renewed == self.path.stem and renewed not in [case.name for case in cases]:
             cases = [Case(renewed, (reference_folder(self.config) or Path("reference")) / renewed)]
         if renewed:
             cases = [case for case in cases if case.name == renewed]
@@ -125,8 +125,9 @@ class CaseItem(_Plain):
     def runtest(self) -> None:
         """Run the FMU, and compare or write."""
         if self._write:
-            timeout = self.config.getoption("cosim_fmu_timeout")
-            pytest.skip(rebaseline(self._case, self.path, self._interface, timeout))
+            said = rebaseline(self._case, self.path, self._interface, self.config.getoption("cosim_fmu_timeout"))
+            self.config.stash[WRITTEN].append(said)
+            pytest.skip(said)
         outcome = judged(self, self._case, self.path, self._interface)
         if outcome.findings:
             raise Differences("\n".join(outcome.findings))

@@ -25,6 +25,9 @@ class Selection:
 #: Where a session keeps its selection.
 SELECTION = pytest.StashKey[Selection]()
 
+#: Where a session keeps what references were written.
+WRITTEN = pytest.StashKey[list[str]]()
+
 #: Where a test keeps its parts of the page.
 PARTS = pytest.StashKey[list[Part]]()
 
@@ -67,6 +70,8 @@ def configure(config: pytest.Config) -> None:
         reason = reason_against(arguments, os.environ, parallel=parallel, fmus=len(selection.fmus))
         if reason:
             raise pytest.UsageError(f"--fmu-rebaseline {case}: {reason}")
+        config.stash[WRITTEN] = []
+        config.pluginmanager.register(_Written(), "cosim_fmu_written")
     if config.getoption("cosim_fmu"):  # also in a worker of pytest-xdist, which reads the command line anew
         given = config.args if config.args_source == config.ArgsSource.ARGS else []
         chosen = {Path(argument.partition("::")[0]).absolute() for argument in given}  # single tests of an FMU
@@ -79,6 +84,14 @@ def pass_on(item: pytest.Item, report: pytest.TestReport) -> None:
     """Put what a test has for the page into its report."""
     if report.when == "call" and PARTS in item.stash:
         setattr(report, _ATTRIBUTE, item.stash[PARTS])
+
+
+class _Written:
+    """Says at the end which references were written."""
+
+    def pytest_terminal_summary(self, terminalreporter: Any, config: pytest.Config) -> None:
+        for line in config.stash[WRITTEN]:
+            terminalreporter.write_line(line)
 
 
 class _Page:
