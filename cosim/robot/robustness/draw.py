@@ -119,4 +119,5 @@ def save(draw: Draw, figure: StudyFigure, folder: Path, size: tuple[float, float
         draw(drawn)
         no_time: Mapping[str, str | None] = {"Date": None}
         drawn.savefig(folder / f"{figure.name}.svg", metadata=dict(no_time))
+        drawn.set_layout_engine("none")  # the layout is done, and costs as much as the drawing
         drawn.savefig(folder / f"{figure.name}.png")

@@ -82,7 +82,7 @@ def _shares(index: Index, trends: Mapping[str, float]) -> str:
     low, high = (100 * end for end in index.total_interval)
     trend = trends.get(index.group, 0.0)
     way = "" if abs(trend) < _TREND else ", rising with it" if trend > 0 else ", falling as it grows"
-    return f"{index.group} ({100 * index.total:.0f} % of the variance, {low:.0f} to {high:.0f} %{way})"
+    return f"the {index.group} ({100 * index.total:.0f} % of the variance, {low:.0f} to {high:.0f} %{way})"
 
 
 def _near(front: Front) -> Finding:
