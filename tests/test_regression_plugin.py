@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 from cosim.regression import check
+from cosim.regression.case import RunError
 from cosim.regression.isolated import run_isolated
 from cosim.regression.rebaseline import RebaselineError, reason_against, rebaseline
-from cosim.regression.run import RunError
 from cosim.results import Results
 from tests.regression_fmus import built_fmus, make_case
 from tests.small_fmus import redescribed

@@ -10,7 +10,8 @@ from scipy.integrate import solve_ivp
 
 from cosim.errors import CosimError
 from cosim.regression import Tolerances, compare
-from cosim.regression.run import input_function, run
+from cosim.regression.inputs import input_function
+from cosim.regression.run import run
 from cosim.results import Results
 from tests.regression_fmus import DAHLQUIST, VAN_DER_POL, built_fmus, make_case
 

@@ -24,6 +24,10 @@ class CaseError(CosimError):
     """A case is incomplete, or its files don't fit each other."""
 
 
+class RunError(CosimError):
+    """An FMU could not be run to its end."""
+
+
 @dataclass(frozen=True)
 class Case:
     """Files `<name>_in.csv`, `<name>_ref.csv`, `<name>_ref.opt` and `<name>_ref.toml` of a folder; read when asked for.

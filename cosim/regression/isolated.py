@@ -10,8 +10,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from cosim.errors import CosimError
-from cosim.regression.case import Case
-from cosim.regression.run import RunError, run
+from cosim.regression.case import Case, RunError
+from cosim.regression.run import run
 from cosim.regression.tolerances import Interface
 from cosim.results import Results
 

@@ -1,0 +1,61 @@
+"""The inputs of a case: what its file says, between rows too, and start values for the others."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from cosim.ports import KINDS, Element, Ports
+from cosim.regression.case import Between, Case, CaseError
+from cosim.regression.tolerances import vector_of
+
+
+def input_function(time: np.ndarray, values: np.ndarray, between: Between) -> Callable[[np.ndarray], np.ndarray]:
+    """Values of an input over time; where rows have the same time it jumps, and has the value after the jump there."""
+    slack = 1e-9 * max(float(np.ptp(time)), 1e-300)  # for rounding of the communication points
+
+    def held(t: np.ndarray) -> np.ndarray:
+        return values[np.maximum(np.searchsorted(time, t + slack, side="right") - 1, 0)]
+
+    def linear(t: np.ndarray) -> np.ndarray:
+        left = np.clip(np.searchsorted(time, t, side="right") - 1, 0, len(time) - 1)
+        right = np.minimum(left + 1, len(time) - 1)
+        span = time[right] - time[left]
+        share = np.divide(t - time[left], span, out=np.zeros_like(t), where=span > 0.0)
+        return values[left] + np.clip(share, 0.0, 1.0) * (values[right] - values[left])
+
+    return held if between == "hold" else linear
+
+
+def held_inputs(ports: Ports, given: set[str]) -> dict[str, float | str]:
+    """Start values of the inputs that a case says nothing of, as the model description has them."""
+    held: dict[str, float | str] = {}
+    for element in ports.of_causality("input"):
+        start = str(element.variable.start or "")
+        if given & {element.name, vector_of(element.name)}:
+            continue
+        if element.kind == "String":
+            held[element.name] = start
+        elif start and element.kind in KINDS.values():
+            texts = start.split()  # of an array: one an element, or one for all
+            text = texts[min(element.offset, len(texts) - 1)]
+            held[element.name] = float({"true": "1", "false": "0"}.get(text, text))
+    return held
+
+
+def input_elements(ports: Ports, names: list[str], case: Case) -> list[Element]:
+    """Elements of inputs by name.
+
+    Raises
+    ------
+    CosimError
+        A name is none of an input, or that of a whole vector.
+    """
+    elements = []
+    for name in names:
+        found = ports.find(name)
+        if len(found) != 1 or found[0].variable.causality != "input":
+            raise CaseError(f"{case.inputs_path}: '{name}' is no input of the FMU, or not one element of it")
+        elements += found
+    return elements

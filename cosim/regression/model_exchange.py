@@ -1,0 +1,106 @@
+"""Model exchange: FMPy's solver, CVode, runs one FMU alone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from cosim.load import LoadedFMU
+from cosim.ports import Element, Ports
+from cosim.regression.case import Between, Case, CaseError, RunError
+from cosim.regression.experiment import Experiment
+from cosim.regression.inputs import input_elements
+
+
+def model_exchange(
+    case: Case, between: Between, fmu: LoadedFMU, ports: Ports, experiment: Experiment, wanted: list[Element]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Times (n,) in s and values (n, len(wanted)) under the inputs of a case.
+
+    Raises
+    ------
+    CosimError
+        The inputs or start values don't fit the FMU, or the run fails.
+    """
+    from fmpy import simulate_fmu
+
+    signals = _structured_inputs(case, between, ports)
+    start = _start_values(case, ports)
+    said: list[str] = []
+
+    def keep(_environment: Any, _name: Any, status: int, _category: Any, message: bytes) -> None:
+        if status:  # fmi2OK is 0
+            said.append(message.decode(errors="replace"))
+
+    logger = {"logger": keep} if fmu.description.fmiMajorVersion == 2 else {}
+    with TemporaryDirectory(prefix="cosim_", ignore_cleanup_errors=True) as folder:
+        fmu.unpack(Path(folder))
+        try:
+            table = simulate_fmu(
+                folder,
+                validate=False,
+                fmi_type="ModelExchange",
+                solver="CVode",
+                start_time=experiment.start_time,
+                stop_time=experiment.stop_time,
+                relative_tolerance=experiment.solver_tolerance,
+                output_interval=experiment.interval,
+                record_events=False,
+                start_values=start,
+                input=signals,
+                output=[element.variable.name for element in wanted],
+                model_description=fmu.description,
+                **logger,
+            )
+        except Exception as error:  # fmpy raises bare exceptions here
+            why = " ".join(" ".join([str(error), *said[-1:]]).split())
+            raise RunError(f"{fmu.path}: model exchange with CVode failed: {why}") from error
+    columns = [np.asarray(table[e.variable.name], dtype=float).reshape(len(table), -1)[:, e.offset] for e in wanted]
+    return _on_grid(table["time"], experiment), np.column_stack(columns)
+
+
+def _on_grid(time: np.ndarray, experiment: Experiment) -> np.ndarray:
+    """Times (s) of rows without the solver's rounding."""
+    grid = experiment.start_time + np.arange(len(time)) * experiment.interval
+    return np.where(np.isclose(time, grid, rtol=1e-9, atol=1e-9 * experiment.interval), grid, time)
+
+
+def _structured_inputs(case: Case, between: Between, ports: Ports) -> np.ndarray | None:
+    """Inputs in fmpy's form: one field a variable; a held input has two rows where it changes."""
+    inputs = case.inputs()
+    if inputs is None or not inputs.names:
+        return None
+    elements = input_elements(ports, inputs.names, case)
+    time, values = inputs.time, inputs.values
+    if between == "hold":
+        last = np.append(np.diff(time) > 0.0, True)
+        time, values = time[last], values[last]
+        time, values = np.repeat(time, 2)[1:], np.repeat(values, 2, axis=0)[:-1]
+    variables = {e.variable.name: e.variable for e in elements}
+    table = np.zeros(len(time), dtype=[("time", float), *((n, float, v.shape or ()) for n, v in variables.items())])
+    table["time"] = time
+    for name, variable in variables.items():
+        mine = {e.offset: i for i, e in enumerate(elements) if e.variable.name == name}
+        size = int(np.prod(variable.shape)) if variable.shape else 1
+        if len(mine) != size:
+            raise CaseError(f"{case.inputs_path}: has {len(mine)} of the {size} elements of '{name}'; give all")
+        table[name] = values[:, [mine[k] for k in range(size)]].reshape(table[name].shape)
+    return table
+
+
+def _start_values(case: Case, ports: Ports) -> dict[str, Any]:
+    """Start values in fmpy's form: one a variable."""
+    start: dict[str, Any] = {}
+    for name, value in case.start.items():
+        elements = ports.find(name)
+        if elements[0].variable.shape:
+            start[elements[0].variable.name] = np.ravel(value).tolist()
+            continue
+        values = value if isinstance(value, list) else [value] * len(elements)
+        if len(values) != len(elements):
+            raise CaseError(f"{case.tolerances_path}: start: '{name}' has {len(elements)} elements, not {len(values)}")
+        start |= {element.name: one for element, one in zip(elements, values, strict=True)}
+    return start
