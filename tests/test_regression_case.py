@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from cosim.regression import Case, check, find_cases
+from cosim.regression import Case, Tolerance, check, find_cases
 from cosim.regression.experiment import experiment_of
 from cosim.regression.options import Options, OptionsError, read_options, write_options
 from cosim.results import Results
@@ -103,3 +104,12 @@ def test_a_reference_of_a_solver_with_variable_steps(tmp_path, interface):
     case = make_case(tmp_path, "Ball", toml="relative = 1e-3")
     (found,) = check(case, built_fmus() / "Ball.fmu", interface, isolated=False).findings
     assert "the reference 702" in found
+
+
+def test_the_example_of_the_page_is_a_file_that_can_be_read(tmp_path):
+    page = (Path(__file__).parents[1] / "docs" / "regression.md").read_text(encoding="utf-8")
+    (example,) = re.findall(r"```toml\n(.*?)```", page, re.DOTALL)
+    case = make_case(tmp_path, "cold", toml=example)
+    assert (case.fmu, case.between, case.start) == ("Pump", "hold", {"speed": 157.0})
+    assert case.tolerances("co_simulation").of("force[2]") == Tolerance(0.0, 1e-9, 0.0, "N")
+    assert case.tolerances("model_exchange").of("pressure") == Tolerance(50.0, 1e-6, 0.0, "Pa")
