@@ -28,8 +28,8 @@ def main(arguments: list[str] | None = None) -> int:
     for flavour in FLAVOURS:
         build(options.fmus, flavour, INSTANCES)
     chosen = [e for e in ENTRIES if (e.quick or not options.quick) and (not options.tool or e.tool in options.tool)]
-    outcomes = []
-    for outcome in run_entries(chosen, options.fmus):
+    references, outcomes = References(options.fmus), []
+    for outcome in run_entries(chosen, references):
         print(line(outcome), flush=True)
         outcomes.append(outcome)
     good = all(outcome.is_good for outcome in outcomes)
@@ -37,7 +37,7 @@ def main(arguments: list[str] | None = None) -> int:
         with tempfile.TemporaryDirectory() as folder:
             validations = list(validate(options.fmus, Path(folder)))
         good = good and all(v.is_good for v in validations)
-        options.page.write_text(markdown(outcomes, validations, References(options.fmus)), encoding="utf-8")
+        options.page.write_text(markdown(outcomes, validations, references), encoding="utf-8")
         print(f"written: {options.page}")
     return int(not good)
 

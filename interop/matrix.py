@@ -41,16 +41,15 @@ class Outcome:
         return self.status in ("holds", "known", "absent")
 
 
-def run_entries(entries: Iterable[Entry], fmus: Path) -> Iterator[Outcome]:
+def run_entries(entries: Iterable[Entry], references: References) -> Iterator[Outcome]:
     """Run entries one after the other.
 
     Parameters
     ----------
     entries : iterable of Entry
-    fmus : Path
-        Folder of built FMUs, `<fmus>/<flavour>/*.fmu`.
+    references : References
+        Of the FMUs to run.
     """
-    references = References(fmus)
     absent: dict[str, str | None] = {}
     for entry in entries:
         if entry.tool not in absent:
