@@ -7,6 +7,8 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from tqdm import tqdm
+
 from cosim.commands.sweep import sweep_progress, sweep_table
 from cosim.output import check_writable, write_somewhere
 from cosim.robot import fmus
@@ -58,7 +60,7 @@ def register(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run `cosim robustness`; returns the exit code, raises CosimError with one line on bad input."""
     # Dask, SciPy and matplotlib take a while to import, and other commands don't need them
-    from cosim.robot.robustness.analyse import analyse
+    from cosim.robot.robustness.analyse import STEPS, analyse
     from cosim.robot.robustness.study import gains, monte_carlo
     from cosim.sweep.engine import sweep
 
@@ -87,7 +89,9 @@ def run(args: argparse.Namespace) -> int:
             print("cosim: interrupted; the same command goes on where it stopped", file=sys.stderr)
             return 130
     found: list[Robustness] = []
-    write_somewhere(lambda where: found.append(analyse(folder, where, args.seed, args.levels)), folder)
+    no_terminal = None  # tqdm's word for: no bar where there is no terminal to draw it on
+    with tqdm(total=STEPS, desc="figures", delay=2.0, leave=False, disable=no_terminal) as bar:
+        write_somewhere(lambda where: found.append(analyse(folder, where, args.seed, args.levels, bar.update)), folder)
     print("\n".join(f"\n{finding.question}\n  {finding.answer}" for finding in found[-1].findings))
     print(f"\ntext, tables and figures: {folder} (in the report: cosim reproduce --robustness {folder})")
     return 0

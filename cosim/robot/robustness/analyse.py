@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -25,9 +25,16 @@ from cosim.versions import versions
 #: Sizes of the figures (inches).
 _SIZES = {"bands": (8.2, 6.2), "sensitivity": (8.2, 3.4), "pareto": (8.2, 6.8)}
 
+#: How often `analyse` reports progress.
+STEPS = len(_SIZES) + 1
 
-def analyse(sweeps: Path, folder: Path, seed: int, levels: int) -> Robustness:
+
+def analyse(
+    sweeps: Path, folder: Path, seed: int, levels: int, progress: Callable[[], object] = lambda: None
+) -> Robustness:
     """Analyse the rows of both sweeps below a folder, and write figures, tables and text into another.
+
+    `progress` is called `STEPS` times.
 
     Raises
     ------
@@ -69,9 +76,11 @@ def analyse(sweeps: Path, folder: Path, seed: int, levels: int) -> Robustness:
     )
     (folder / FIGURES).mkdir(parents=True, exist_ok=True)
     for drawing, figure in drawings:
+        progress()
         draw.save(drawing, figure, folder / FIGURES, _SIZES[figure.name])
     _write_bands(folder / BANDS, uncertain_runs.times, quantiles, nominal)
     (folder / TEXT).write_text(in_markdown(study), encoding="utf-8", newline="\n")
+    progress()
     write_json(folder / DATA, dataclasses.asdict(study))  # last: with it the study is whole
     return study
 
