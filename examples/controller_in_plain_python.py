@@ -1,6 +1,6 @@
-"""A controller that may use all of Python, here PD with a torque limit.
+"""A controller that may use all of Python, here PD with a torque limit; this file builds its FMU.
 
-pythonfmu build -f <this file> makes its FMU. Then: cosim run --fmu controller=LimitedPD.fmu
+Then: cosim run --fmu controller=LimitedPD.fmu
 """
 
 from functools import partial
@@ -36,3 +36,9 @@ class LimitedPD(Fmi2Slave):
     def do_step(self, current_time, step_size):
         """Advance states, of which there are none here; False says that it failed."""
         return True
+
+
+if __name__ == "__main__":
+    from fmu_export import build_script
+
+    print("built", build_script(__file__))

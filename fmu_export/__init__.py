@@ -14,6 +14,7 @@ _MODULES = {
     "Variable": "fmu_export.model",
     "build_native": "fmu_export.native_backend",
     "build_pythonfmu": "fmu_export.pythonfmu_backend",
+    "build_script": "fmu_export.pythonfmu_script",
     "to_control": "fmu_export.control_backend",
 }
 
@@ -25,6 +26,7 @@ __all__ = [
     "Variable",
     "build_native",
     "build_pythonfmu",
+    "build_script",
     "to_control",
 ]
 
@@ -33,6 +35,7 @@ if TYPE_CHECKING:
     from fmu_export.model import DefaultExperiment, Layout, Model, Requirement, Variable
     from fmu_export.native_backend import build_native
     from fmu_export.pythonfmu_backend import build_pythonfmu
+    from fmu_export.pythonfmu_script import build_script
 else:
 
     def __getattr__(name: str) -> Any:

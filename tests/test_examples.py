@@ -81,7 +81,7 @@ def test_own_controller_as_a_model(folder: Path, capsys: pytest.CaptureFixture[s
 
 def test_own_controller_in_plain_python(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     shutil.copy(example("controller_in_plain_python.py"), folder)
-    python("-m", "pythonfmu", "build", "-f", "controller_in_plain_python.py")
+    assert python("controller_in_plain_python.py") == "built LimitedPD.fmu\n"
     assert main(["run", "--fmu", "controller=LimitedPD.fmu", "--stop", "3", "--step", "0.002", "--out", "out"]) == 0
     assert "no controller.tau_ref, so nothing is connected" in capsys.readouterr().out
     results = Results.from_csv("out/results.csv")
@@ -174,8 +174,7 @@ def test_commands_of_a_page_run(folder: Path, page: str, monkeypatch: pytest.Mon
         Path("mine.toml").write_text(text, encoding="utf-8")
     if page == "replace_controller.md":
         python(example("replace_controller.py"))
-        shutil.copy(example("controller_in_plain_python.py"), "limited_pd.py")
-        python("-m", "pythonfmu", "build", "-f", "limited_pd.py")
+        python(example("controller_in_plain_python.py"))
     lines = [line for text in blocks(page, "sh") for line in text.splitlines() if line.startswith("cosim ")]
     assert len(lines) >= 4
     for line in lines:
