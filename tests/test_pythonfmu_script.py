@@ -46,7 +46,7 @@ def written(folder: Path, value: str, extra: str = "") -> Path:
 
 
 def test_two_scripts_of_one_name_run_often_in_one_process(tmp_path: Path) -> None:
-    """pythonfmu's own FMU loses its globals at the second instance, and of two equal names it knows the first only."""
+    """An FMU of pythonfmu's own builder loses its globals at a second instance; of equal names the first runs."""
     fmus = [build_script(written(tmp_path / value, value), tmp_path / value) for value in ("3.0", "4.0")]
     done = subprocess.run([sys.executable, "-c", HOST, *fmus], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
