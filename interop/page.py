@@ -35,7 +35,8 @@ def _head(references: References) -> Iterable[str]:
     yield from (
         "# In other tools",
         "",
-        "Written by `python -m interop`; do not edit. "
+        "Written by `python -m interop`, which names tools that are not installed with the way to get them; do not "
+        "edit. The tests run part of it: tests/test_interop.py. "
         f"Python {platform.python_version()}, {platform.system()} {platform.machine()}.",
         "",
         f"Every tool runs the closed loop for {STOP_TIME:g} s with a communication step of {STEP * 1e3:g} ms, with "

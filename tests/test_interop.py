@@ -6,6 +6,7 @@ Here run the tools of the extra `test`, once for each thing that they can take; 
 from __future__ import annotations
 
 import itertools
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,12 +17,15 @@ from cosim.robot.models import MODELS, closed_loop_model
 from fmu_export.native_backend import build_native
 from interop.cases import STEP, coupled
 from interop.entries import ENTRIES, Entry
-from interop.matrix import run_entries
+from interop.matrix import Outcome, run_entries
+from interop.page import markdown
+from interop.recipes import SHOWN, recipes
 from interop.references import References, distance, path_of
 from interop.tools import TOOLS
 from interop.tools.case import ToolRun
 from interop.tools.launch import run_tool, tool
-from interop.verdict import TOLERANCES, judge
+from interop.validators import Validation
+from interop.verdict import TOLERANCES, Verdict, judge
 from tests.native_fmus import require_compiler
 
 QUICK = [entry for entry in ENTRIES if entry.quick]
@@ -101,3 +105,23 @@ def test_every_tool_has_an_entry_or_a_reason() -> None:
     assert {entry.exchange for entry in ENTRIES} == TOLERANCES.keys()
     for a, b in itertools.combinations(ENTRIES, 2):
         assert (a.tool, a.files, a.flavour) != (b.tool, b.files, b.flavour)
+
+
+def test_recipes_have_the_values_of_today(fmus: Path) -> None:
+    """Up to one in the last digit, which may depend on the platform."""
+    pages = (Path(__file__).parents[1] / "docs/recipes.md").read_text(encoding="utf-8"), recipes(fmus)
+    number = re.compile(r"-?\d+\.\d{6}\b")
+    stored, fresh = ([float(n) for n in number.findall(page)] for page in pages)
+    assert len(stored) == len(SHOWN) * 3 + 2
+    np.testing.assert_allclose(stored, fresh, rtol=0, atol=1.5e-6)
+    assert number.sub("", pages[0]) == number.sub("", pages[1])
+
+
+def test_page_has_a_row_for_every_entry(references: References) -> None:
+    verdict = Verdict(2e-9, 1e-8, 1e-5)
+    outcomes = [Outcome(ENTRIES[0], "holds", verdict), *(Outcome(e, "absent", reason="why") for e in ENTRIES[1:])]
+    lines = markdown(outcomes, [Validation("VDMCheck2", reason="no Java")], references).splitlines()
+    rows = [line for line in lines if line.startswith(f"| {tool(ENTRIES[0].tool).TITLE}")]
+    assert "| yes | 2.0e-09 | 1.0e-08 | 1.0e-05 |" in rows[0]
+    assert sum("| not here |" in line for line in lines) == len(ENTRIES) - 1
+    assert any("not run: no Java" in line for line in lines)

@@ -1,7 +1,4 @@
-"""fmi-sim, in Rust: a command line that simulates one FMU.
-
-Trap: it has no options for start values, so that they are written into a copy of the FMU; inputs come as a CSV file.
-"""
+"""fmi-sim, in Rust: a command line that simulates one FMU."""
 
 from __future__ import annotations
 
@@ -10,9 +7,6 @@ import subprocess
 import time
 from pathlib import Path
 
-import fmpy
-
-from fmu_export.start_values import write_start_values
 from interop.tools.case import Case, ToolRun, split
 from interop.tools.results_file import read_columns
 
@@ -23,26 +17,22 @@ PACKAGE = "fmi-sim 0.7.0 (cargo)"
 
 def unavailable() -> str | None:
     """A Rust crate, compiled in some minutes."""
-    return None if shutil.which("fmi-sim") else "not on the path: cargo install fmi-sim"
+    return None if shutil.which("fmi-sim") else "not on the path: cargo install fmi-sim (needs libclang)"
 
 
 def run(case: Case, folder: Path) -> ToolRun:
     """Simulate the one FMU of the case."""
     began = time.perf_counter()
-    ((instance, original),) = case.fmus.items()
-    fmu = folder / original.name
-    shutil.copyfile(original, fmu)
-    inputs = [v.name for v in fmpy.read_model_description(fmu).modelVariables if v.causality == "input"]
-    start = case.start[instance]
-    write_start_values(fmu, {name: value for name, value in start.items() if name not in inputs})
-    signals, file = folder / "inputs.csv", folder / "results.csv"
-    rows = [["time", *inputs], *([t, *(start.get(name, 0.0) for name in inputs)] for t in (0.0, case.stop_time))]
-    signals.write_text("".join(",".join(map(str, row)) + "\n" for row in rows), encoding="utf-8")
-    command = ["fmi-sim", "--model", str(fmu), "--input-file", str(signals), "--output-file", str(file)]
-    command += ["co-simulation", "--stop-time", repr(case.stop_time), "--output-interval", repr(case.step_size)]
+    ((instance, fmu),) = case.fmus.items()
+    file = folder / "results.csv"
+    command = ["fmi-sim", "--model", str(fmu), "--output-file", str(file), "co-simulation", "-f", repr(case.stop_time)]
+    command += ["--output-interval", repr(case.step_size)]
+    for name, value in case.start[instance].items():
+        command += ["--init-values", f"{name}={value!r}"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
-        raise RuntimeError((done.stderr.strip().splitlines() or [f"exit code {done.returncode}"])[-1])
+        errors = [line for line in done.stderr.splitlines() if line.startswith("Error")]
+        raise RuntimeError(errors[0] if errors else f"exit code {done.returncode}")
     columns = read_columns(file)
     x_E, y_E = (columns[split(name)[1]] for name in case.path)
     total = time.perf_counter() - began
