@@ -1,7 +1,7 @@
 """PathSim with its FMI toolbox: co-simulation blocks, stepped by scheduled events; a scope keeps all outputs.
 
-Traps: it wants every input connected, so that inputs which the case leaves alone get blocks of constants; its blocks do a
-step at its beginning, and what it files under a time are the outputs at the end of the step from there on.
+Traps: it wants every input connected, so that inputs which the case leaves alone get blocks of constants; its blocks do
+a step at its beginning, and what it files under a time are the outputs at the end of the step from there on.
 """
 
 from __future__ import annotations
