@@ -57,6 +57,7 @@ ENTRIES: tuple[Entry, ...] = (
     Entry("fmu_toolbox", "three FMUs", "fmi3", "parallel", quick=True),
     Entry("fmu_toolbox", "three FMUs", "pythonfmu", "parallel"),
     *(Entry("fmu_toolbox_sequential", "three FMUs", f, "own") for f in ("fmi2", "fmi3", "pythonfmu")),
+    Entry("fmu_toolbox_ssp", "SSP", "fmi2", "parallel", quick=True),
     Entry("ecos", "three FMUs", "fmi2", "parallel", quick=True),
     Entry("ecos", "three FMUs", "fmi3", "parallel", quick=True),
     Entry("ecos", "three FMUs", "pythonfmu", "parallel"),

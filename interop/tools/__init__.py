@@ -22,6 +22,7 @@ TOOLS: tuple[str, ...] = (
     "fmpy_ssp",
     "fmu_toolbox",
     "fmu_toolbox_sequential",
+    "fmu_toolbox_ssp",
     "ecos",
     "ecos_ssp",
     "libcosim",
