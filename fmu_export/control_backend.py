@@ -30,8 +30,9 @@ def to_control(
     Returns
     -------
     control.NonlinearIOSystem
-        Signals have the names of the model's variables, `theta_a[1]` and so on. python-control's `params`, which all
-        parts of an interconnected system share, override scalar parameters by name.
+        Signals have the names of the model's variables, `theta_a[1]` and so on; where those hold dots, as in composed
+        models, underscores, since python-control allows no dots. python-control's `params`, which all parts of an
+        interconnected system share, override scalar parameters by name.
 
     Raises
     ------
@@ -49,11 +50,15 @@ def to_control(
     return control.NonlinearIOSystem(
         lambda t, x, u, params: model.derivatives(t, x, u, p(params)),
         lambda t, x, u, params: model.output_values(t, x, u, p(params)),
-        inputs=list(model.inputs.names),
-        outputs=list(model.outputs.names),
-        states=list(model.state_layout.names),
+        inputs=_labels(model.inputs),
+        outputs=_labels(model.outputs),
+        states=_labels(model.state_layout),
         name=name or model.name,
     )
+
+
+def _labels(layout: Layout) -> list[str]:
+    return [name.replace(".", "_") for name in layout.names]
 
 
 def parameter_array(parameters: Layout, values: Mapping[str, float | Sequence[float]]) -> np.ndarray:

@@ -16,6 +16,7 @@ from cosim.robot import closed_loop
 from cosim.robot.coupling import CONNECTIONS
 from cosim.robot.fmus import CLOSED_LOOP, fmu_path
 from cosim.robot.models import MODELS, closed_loop_model
+from fmu_export.control_backend import to_control
 from fmu_export.native_backend import build_native
 from fmu_export.pythonfmu_backend import build_pythonfmu
 from tests.continuous_loop import end_effector, solve
@@ -78,6 +79,14 @@ def test_rates_are_those_of_python_control() -> None:
         expected = oracle.dynamics(t, x, u)
         np.testing.assert_allclose(model.derivatives(t, x, u, p), expected, rtol=1e-12, atol=1e-12)
         np.testing.assert_allclose(model.output_values(t, x, u, p), oracle.output(t, x, u), rtol=1e-12, atol=1e-12)
+
+
+def test_it_is_a_system_of_python_control_too() -> None:
+    """The composed model, and the interconnection of the models by python-control: the same signals."""
+    system, oracle = to_control(closed_loop_model()), closed_loop.closed_loop()
+    assert system.input_labels == oracle.input_labels
+    assert system.output_labels == oracle.output_labels
+    assert system.nstates == oracle.nstates
 
 
 @pytest.mark.parametrize("flavour", ["fmi2", "fmi3"])
