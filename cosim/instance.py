@@ -11,7 +11,7 @@ import itertools
 import os
 import threading
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import chdir
 from functools import partial
 from pathlib import Path
@@ -117,7 +117,10 @@ class Batch:
 
 
 class Instance:
-    """An instantiated FMU.
+    """One instance of an FMU: loaded first, and instantiated by `instantiate`.
+
+    Whoever has many of them loads all before the first is instantiated: then what the FMUs allocate lies together, and
+    the loop finds it in the processor's cache.
 
     Parameters
     ----------
@@ -133,7 +136,7 @@ class Instance:
     Raises
     ------
     CallFailed
-        The FMU can't be loaded or refuses to be instantiated.
+        The FMU can't be loaded.
     """
 
     def __init__(
@@ -143,7 +146,7 @@ class Instance:
         self.version = description.fmiMajorVersion
         self._asks_for_inputs = tuple(asks_for_inputs)
         self._operation = ctypes.c_void_p()  # FMI 3.0: what answers when the FMU asks for its inputs
-        self._corrupted = False
+        self._exists = self._corrupted = False
         self._messages: deque[str] = deque(maxlen=_MOST_MESSAGES)
         arguments = {
             "guid": description.guid,
@@ -151,39 +154,44 @@ class Instance:
             "modelIdentifier": description.coSimulation.modelIdentifier,
             "instanceName": name,
         }
+        self._folder = folder
         try:
             # fmpy changes the working folder, which all threads share, and leaves it when a library can't be loaded
             with _loading, chdir(folder):
-                self.fmu: Any = self._instantiate(arguments)
-        except CallFailed:
-            raise
+                self.fmu: Any = (fmi2.FMU2Slave if self.version == 2 else fmi3.FMU3Slave)(**arguments)
         except Exception as error:  # fmpy raises bare exceptions here
             raise CallFailed(f"can't be loaded: {error}") from error
+        self._instantiate = self._prepared_fmi2() if self.version == 2 else self._instantiate_fmi3
 
-    def _instantiate(self, arguments: dict[str, Any]) -> Any:
-        if self.version == 2:
-            slave = fmi2.FMU2Slave(**arguments)
-            # the callbacks must live as long as the instance; fmpy keeps them
-            callbacks = fmi2.fmi2CallbackFunctions()
-            callbacks.logger = _LOGGER
-            callbacks.componentEnvironment = number = next(_numbers)
-            _instances[number] = self
-            callbacks.allocateMemory = fmi2.defaultCallbacks.allocateMemory
-            callbacks.freeMemory = fmi2.defaultCallbacks.freeMemory
-            fmi2.addLoggerProxy(ctypes.byref(callbacks))
-            instantiate = partial(slave.instantiate, loggingOn=True, callbacks=callbacks)
-        else:
-            slave = fmi3.FMU3Slave(**arguments)
-            instantiate = partial(self._instantiate_fmi3, slave)
+    def instantiate(self) -> None:
+        """Make the instance.
+
+        Raises
+        ------
+        CallFailed
+            The FMU refuses.
+        """
         try:
-            instantiate()
+            with _loading, chdir(self._folder):
+                self._instantiate()
         except Exception as error:
-            slave.freeLibrary()
             raise CallFailed(f"can't be instantiated: {self.log() or error}") from error
-        return slave
+        self._exists = True
 
-    def _instantiate_fmi3(self, slave: Any) -> None:
+    def _prepared_fmi2(self) -> Callable[[], None]:
+        # the callbacks must live as long as the instance; fmpy keeps them
+        callbacks = fmi2.fmi2CallbackFunctions()
+        callbacks.logger = _LOGGER
+        callbacks.componentEnvironment = number = next(_numbers)
+        _instances[number] = self
+        callbacks.allocateMemory = fmi2.defaultCallbacks.allocateMemory
+        callbacks.freeMemory = fmi2.defaultCallbacks.freeMemory
+        fmi2.addLoggerProxy(ctypes.byref(callbacks))
+        return partial(self.fmu.instantiate, loggingOn=True, callbacks=callbacks)
+
+    def _instantiate_fmi3(self) -> None:
         """As fmpy does, but with an environment of our own, by which the compiled loop finds the inputs to set."""
+        slave = self.fmu
         slave.logMessage = fmi3.fmi3LogMessageCallback(self._log_fmi3)
         address = function_address(loop_library(), "intermediate_update") if self._asks_for_inputs else 0
         slave.intermediateUpdate = fmi3.fmi3IntermediateUpdateCallback(address)
@@ -313,5 +321,9 @@ class Instance:
 
         After a fatal error both standards forbid any further call, and some FMUs crash on it: the instance is left.
         """
-        if not self._corrupted:
+        if self._corrupted:
+            return
+        if self._exists:
             self.fmu.freeInstance()
+        else:
+            self.fmu.freeLibrary()

@@ -126,6 +126,8 @@ class Simulation:
                         raise SetupError(f"component '{name}': {error}") from error
             stack.callback(self._free)
             for name in self._fmus:
+                self._load(name)
+            for name in self._fmus:
                 self._instantiate(name)
             self._stack = stack.pop_all()
         return self
@@ -141,14 +143,23 @@ class Simulation:
             self._stack.close()
             self._stack = None
 
-    def _instantiate(self, name: str) -> None:
+    def _load(self, name: str) -> None:
         fmu = self._fmus[name]
         asks = [v.valueReference for v in variables_of(self._linear.elements.get(name, ()))]
-        try:
+        with self._setting_up(name):
             self._instances[name] = Instance(name, self._folders[fmu.sha256], fmu.description, asks)
-        except CallFailed as error:
-            raise SetupError(f"component '{name}': {fmu.path} {error}") from error
         self._exchange = None
+
+    def _instantiate(self, name: str) -> None:
+        with self._setting_up(name):
+            self._instances[name].instantiate()
+
+    @contextmanager
+    def _setting_up(self, name: str) -> Iterator[None]:
+        try:
+            yield
+        except CallFailed as error:
+            raise SetupError(f"component '{name}': {self._fmus[name].path} {error}") from error
 
     def _free(self) -> None:
         for instance in reversed(self._instances.values()):
@@ -165,6 +176,7 @@ class Simulation:
             except CallFailed:  # not every FMU can
                 self._instances.pop(name).close()
                 try:
+                    self._load(name)
                     self._instantiate(name)
                 except SetupError:
                     self.close()

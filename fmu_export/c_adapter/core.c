@@ -57,12 +57,13 @@ static int read_number(char *text, double *value) {
 }
 
 static CoreStatus read_start_values(Core *core, double values[]) {
-    char path[4096], line[256];
+    char path[4096], line[256], buffer[4096];
     int found[N_PU + 1] = {0};
     if (snprintf(path, sizeof path, "%s/start_values.txt", core->resources) >= (int)sizeof path)
         return core_fail(core, CORE_ERROR, "the path of the resources is too long: %.100s...", core->resources);
     FILE *file = open_text(path);
     if (!file) return core_fail(core, CORE_ERROR, "start values can't be read: %s is missing or unreadable", path);
+    setvbuf(file, buffer, _IOFBF, sizeof buffer); /* a buffer on the heap would come to lie between two instances */
     CoreStatus status = CORE_OK;
     while (status == CORE_OK && fgets(line, sizeof line, file)) {
         char *separator = strstr(line, " = ");
