@@ -99,3 +99,23 @@ ENTRIES: tuple[Entry, ...] = (
     Entry("c_host", "three FMUs", "fmi3", "sequential", quick=True),
     Entry("c_host", "three FMUs", "pythonfmu", "sequential", _NO_PYTHON),
 )
+
+#: Tools that load and call FMUs by code of their own -> its name; the others call them through one of these.
+IMPORTERS = {
+    "fmpy_loop": "FMPy",
+    "fmpy_cli": "FMPy",
+    "fmpy_me": "FMPy",
+    "fmpy_container": "FMPy",
+    "fmpy_ssp": "FMPy",
+    "fmu_toolbox": "FMU Manipulation Toolbox",
+    "fmu_toolbox_sequential": "FMU Manipulation Toolbox",
+    "fmu_toolbox_ssp": "FMU Manipulation Toolbox",
+    "ecos": "Ecos",
+    "ecos_ssp": "Ecos",
+    "libcosim": "libcosim",
+    "libcosim_ssp": "libcosim",
+    "fmi4j": "FMI4j",
+    "maestro": "Maestro",
+    "fmi_sim": "fmi-sim",
+    "c_host": "a C host of ours",
+}

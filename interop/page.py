@@ -8,6 +8,7 @@ from collections.abc import Iterable, Sequence
 from importlib.metadata import version
 
 from interop.cases import START, STEP, STOP_TIME
+from interop.entries import IMPORTERS
 from interop.matrix import Outcome
 from interop.references import References, distance
 from interop.tools.launch import package_version, tool
@@ -22,7 +23,7 @@ _STATUS = {
     "mended": "**runs, though noted as failing**",
     "absent": "not here",
 }
-_ORDER = {"fmi2": "FMI 2.0", "fmi3": "FMI 3.0", "pythonfmu": "pythonfmu"}
+_FLAVOURS = {"fmi2": "FMI 2.0", "fmi3": "FMI 3.0", "pythonfmu": "pythonfmu"}
 
 
 def markdown(outcomes: Sequence[Outcome], validations: Sequence[Validation], references: References) -> str:
@@ -58,14 +59,15 @@ def _head(references: References) -> Iterable[str]:
     )
 
 
-def _matrix(outcomes: Iterable[Outcome]) -> Iterable[str]:
+def _matrix(outcomes: Sequence[Outcome]) -> Iterable[str]:
     yield from (
         "## Matrix",
         "",
+        _summary(outcomes),
         "The error is the distance from the continuous loop.",
         "",
-        "| tool | version | files | flavour | exchange | runs | difference (m) | tolerance (m) | error (m) |",
-        "|---|---|---|---|---|---|---|---|---|",
+        "| tool | files | exchange | runs | difference (m) | tolerance (m) | error (m) |",
+        "|---|---|---|---|---|---|---|",
     )
     for o in outcomes:
         e, v = o.entry, o.verdict
@@ -75,17 +77,37 @@ def _matrix(outcomes: Iterable[Outcome]) -> Iterable[str]:
             if v.remainder is not None:
                 numbers[0] += f"; {_number(v.remainder)} at step 0"
                 numbers[1] += f"; {v.remainder_tolerance:.1e}"
-        flavour = _ORDER[e.flavour]
-        cells = (tool(e.tool).TITLE, _version(o), e.files, flavour, e.exchange, _STATUS[o.status], *numbers)
+        cells = (tool(e.tool).TITLE, f"{e.files}, {_FLAVOURS[e.flavour]}", e.exchange, _STATUS[o.status], *numbers)
         yield "| " + " | ".join(cells) + " |"
+    yield from ("", "| tool | version |", "|---|---|")
+    yield from (
+        f"| {tool(name).TITLE} | {package_version(name)} |" for name in dict.fromkeys(o.entry.tool for o in outcomes)
+    )
     yield ""
+
+
+def _summary(outcomes: Sequence[Outcome]) -> str:
+    """How many independent importers agree."""
+
+    def agreeing(*, ssp: bool) -> list[str]:
+        native = (o.entry for o in outcomes if o.status == "holds" and o.entry.flavour != "pythonfmu")
+        return list(
+            dict.fromkeys(IMPORTERS[e.tool] for e in native if (e.files == "SSP") == ssp and e.tool in IMPORTERS)
+        )
+
+    importers, masters = agreeing(ssp=False), agreeing(ssp=True)
+    return (
+        f"{len(importers)} importers, each with its own code that loads and calls FMUs, run the native FMUs within the "
+        f"tolerance: {', '.join(importers)}. CoFmuPy and PathSim call FMUs through FMPy. {len(masters)} other masters "
+        f"run the SSP: {', '.join(masters)}."
+    )
 
 
 def _traps(outcomes: Sequence[Outcome]) -> Iterable[str]:
     """What fails, and what the drivers had to work around."""
     yield from ("## What fails, and the way round it", "")
     for o in outcomes:
-        title = f"{tool(o.entry.tool).TITLE}, {o.entry.files}, {_ORDER[o.entry.flavour]}"
+        title = f"{tool(o.entry.tool).TITLE}, {o.entry.files}, {_FLAVOURS[o.entry.flavour]}"
         if o.status == "known":
             yield f"- {title}: {o.entry.fails}. Seen: `{_short(o.reason)}`"
         elif o.reason and o.status != "absent":
@@ -116,10 +138,6 @@ def _validators(validations: Iterable[Validation]) -> Iterable[str]:
         names = ", ".join(f"{path.parent.name}/{path.stem}" for path in v.passed)
         yield f"| {v.validator} | {found} | {len(v.passed)}: {names} | {'yes' if v.catches else '**no**'} |"
         yield from (f"| | | **{finding}** | |" for finding in v.findings)
-
-
-def _version(outcome: Outcome) -> str:
-    return package_version(outcome.entry.tool)
 
 
 def _number(value: float) -> str:
