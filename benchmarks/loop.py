@@ -59,9 +59,10 @@ def measure_loop(folder: Path) -> Section:
             },
             ROUNDS,
         )
-    names = list(seconds)
-    against = {name: ratio(values, seconds[names[0]]) for name, values in seconds.items()}
-    rate = 1.0 / statistics.median(seconds[names[-1]])
+    plain, shared_name, ours, *_, whole = seconds
+    against = {name: ratio(values, seconds[plain]) for name, values in seconds.items()}
+    to_shared = ratio(seconds[ours], seconds[shared_name])
+    rate = 1.0 / statistics.median(seconds[whole])
     return Section(
         "Our loop against one C program",
         f"15 s at 1 ms, mass change and disturbance, {len(COLUMNS)} values recorded at each point; medians of {ROUNDS} "
@@ -75,7 +76,8 @@ def measure_loop(folder: Path) -> Section:
         ],
         {"seconds": seconds, "ratios": against, "runs_per_second": rate},
         [
-            (f"our master / one C program: {against[names[1]]:.2f}, at most 1.25", against[names[1]] <= 1.25),
+            (f"our master / one C program: {against[ours]:.2f}, at most 1.25", against[ours] <= 1.25),
+            (f"our master / the program of the second row: {to_shared:.2f}, at most 1.25", to_shared <= 1.25),
             (f"complete runs a second through Simulation.run: {rate:.1f}, at least 30", rate >= 30.0),
         ],
     )
