@@ -71,7 +71,7 @@ ENTRIES: tuple[Entry, ...] = (
         "fmi3",
         "parallel",
         "its FMI Library knows FMI 1.0 and 2.0 only (`cosim_last_error_message`: Unsupported FMI version), and "
-        "libcosimpy passes the null pointer on instead of that message, so that `add_local_slave` crashes with any FMI "
+        "libcosimpy passes the null pointer on instead of that message, so that `add_local_slave` crashes with an FMI "
         "3.0 file; take fmi2",
     ),
     Entry("libcosim_ssp", "SSP", "fmi2", "parallel", quick=True),
