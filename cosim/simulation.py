@@ -89,6 +89,8 @@ class Simulation:
         self._linear = linear_inputs(self._resolved, coupling)
         self._recorded = _recorded(record, self._ports)
         self._names = [f"{component}.{element.name}" for component, element in self._recorded]
+        units = {n: self._ports[c].unit(e) for n, (c, e) in zip(self._names, self._recorded, strict=True)}
+        self._units = {name: unit.name for name, unit in units.items() if unit is not None}
         self._stack: ExitStack | None = None
         self._folders: dict[str, Path] = {}
         self._instances: dict[str, Instance] = {}
@@ -270,6 +272,7 @@ class Simulation:
                     "order": self._order,
                     "coupling": self._linear.summary(self._coupling),
                     "record_every": record_every,
+                    "units": dict(self._units),
                     "fmus": {name: {"path": str(f.path), "sha256": f.sha256} for name, f in self._fmus.items()},
                     "parameters": self._parameters(start_time),
                 },
