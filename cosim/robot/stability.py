@@ -95,7 +95,8 @@ def linearize_along(solution: ContinuousSolution, parameters: Parameters | None 
     joints = [0, 1, 2, 6, 7, 8]  # theta_a and omega_a among the plant's states
     columns: list[tuple[np.ndarray, ...]] = []
     for t, x in zip(solution.time, solution.states, strict=True):
-        u_controller = np.concatenate([x[joints], trajectory.output(t, [], [])[:6]])
+        R = MODELS["trajectory"].outputs.unpack(trajectory.output(t, [], []))
+        u_controller = np.concatenate([x[joints], R.theta_ref, R.omega_ref, R.tau_ref])
         tau_a = controller.output(t, x[12:], u_controller)[:3]
         K = control.linearize(controller, x[12:], u_controller, t=t)
         P = control.linearize(plant, x[:12], np.concatenate([tau_a, np.zeros(4)]), t=t)
