@@ -102,7 +102,7 @@ class Exchange:
         constant = {key for key in read - fed if self._is_constant(key)}
         varying = read - fed - constant
 
-        levels_of_gets = self._levels_of_gets(varying)
+        levels_of_gets = self._levels_of_gets(varying, fed)
         sets = self._group(self._levels_of_sets(fed, levels_of_gets))
         gets = self._group(levels_of_gets)
         constants = self._group({key: self._level(*key) for key in constant})
@@ -147,13 +147,15 @@ class Exchange:
         # a local variable may depend on every input
         return max((level for (c, _), level in levels.items() if c == component), default=0)
 
-    def _levels_of_gets(self, keys: set[tuple[str, str]]) -> dict[tuple[str, str], int]:
-        """When to read outputs: what feeds others on its level, the rest as late and in as few calls as possible.
+    def _levels_of_gets(self, keys: set[tuple[str, str]], fed: set[tuple[str, str]]) -> dict[tuple[str, str], int]:
+        """When to read outputs: what feeds others on its level, the rest after all inputs, in as few calls as possible.
 
         Else an FMU would compute its outputs twice at a point: before and after its inputs are set.
         """
         level = {key: self._level(*key) for key in keys}
         last: dict[str, int] = {}
+        for key in fed:
+            last[key[0]] = max(last.get(key[0], 0), self._level(*key))
         feeding: dict[str, list[int]] = {}
         for key in keys & self._sources:
             feeding.setdefault(key[0], []).append(level[key])

@@ -6,6 +6,7 @@ import argparse
 import dataclasses
 import sys
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -191,16 +192,21 @@ def _write(
         "versions": versions(),
     }
 
-    # matplotlib takes longer to import than most runs
-    from cosim.robot.figures import write_figures
-
-    def write(folder: Path) -> None:
+    def save(folder: Path) -> None:
         if isinstance(results, Results):
             for name in formats:
                 results.save(folder / f"results.{name}")
+
+    def write(folder: Path) -> None:
         write_json(folder / "summary.json", summary)
-        if len(results.time) > 1:
-            write_figures(results, scenario.title, scenario.steady_after, folder)
+        with ThreadPoolExecutor(max_workers=1) as pool:  # tables are written by C++, which lets Python go on
+            saved = pool.submit(save, folder)
+            if len(results.time) > 1:
+                # matplotlib takes longer to import than most runs
+                from cosim.robot.figures import write_figures
+
+                write_figures(results, scenario.title, scenario.steady_after, folder)
+        saved.result()
 
     write_somewhere(write, folder)
     return summary
