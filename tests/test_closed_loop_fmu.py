@@ -12,6 +12,7 @@ from fmpy.validation import validate_fmu
 
 from cosim import Results, Simulation, SimulationError, System, simulate
 from cosim.coupling import Coupling
+from cosim.regression import Case, check
 from cosim.robot import closed_loop
 from cosim.robot.coupling import CONNECTIONS
 from cosim.robot.fmus import CLOSED_LOOP, fmu_path
@@ -66,6 +67,13 @@ def distance(a: np.ndarray, b: np.ndarray) -> float:
 @pytest.mark.parametrize("flavour", ["fmi2", "fmi3", "pythonfmu"])
 def test_validation_finds_nothing(folder: Path, flavour: str) -> None:
     assert validate_fmu(str(fmu_path(folder, flavour, CLOSED_LOOP))) == []
+
+
+@pytest.mark.parametrize("interface", ["co_simulation", "model_exchange"])
+def test_the_fmu_gives_its_reference(folder: Path, interface: str) -> None:
+    name = closed_loop_model().name
+    case = Case(name, Path(__file__).parents[1] / "reference" / name)
+    assert check(case, fmu_path(folder, "fmi3", CLOSED_LOOP), interface, isolated=False).findings == []
 
 
 def test_rates_are_those_of_python_control() -> None:

@@ -15,7 +15,7 @@ from fmu_export.start_values import write_start_values
 from tests.conftest import DEFAULT_FLAVOUR
 
 REFERENCE = Path(__file__).parents[1] / "reference"
-CASES = ("RobotPlant", "RobotController", "RobotTrajectory")
+CASES = ("RobotPlant", "RobotController", "RobotTrajectory")  # tests/test_closed_loop_fmu.py has that of all in one
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -46,7 +46,7 @@ def test_small_change_of_a_parameter_is_found(
     assert "differs at" in findings[0]
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", [*CASES, "RobotClosedLoop"])
 def test_references_name_all_units_and_hold_numbers(name: str) -> None:
     case = Case(name, REFERENCE / name)
     reference = case.reference()
