@@ -18,6 +18,7 @@ from cosim.__main__ import main
 from cosim.commands import sweep
 from cosim.robot import figures
 from cosim.robot.coupling import CONNECTIONS
+from fmu_export.start_values import write_start_values
 from tests.conftest import DEFAULT_FLAVOUR
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -152,6 +153,20 @@ def test_omsimulator_is_asked_for_our_connections(folder: Path) -> None:
     assert {line.split()[1] for line in out if line.startswith("addResource")} <= {
         f"fmus/fmi2/{path.name}" for path in (folder / "fmus/fmi2").iterdir()
     }
+
+
+def test_regression_test_of_an_fmu(folder: Path) -> None:
+    file = example("regression_test_of_an_fmu.py")
+    command = ["-m", "pytest", "-q", "-p", "no:cacheprovider", "-c", os.devnull, file]
+    assert "2 passed" in python(*command)
+    wrong = folder / "fmus" / "fmi2"
+    copies = {path.name: path.read_bytes() for path in wrong.resolve().glob("*.fmu")}
+    wrong.unlink()
+    wrong.mkdir()
+    for name, content in copies.items():
+        (wrong / name).write_bytes(content)
+    write_start_values(wrong / "RobotPlant.fmu", {"Z": 0.0427})
+    python(*command, expected=1)
 
 
 @pytest.mark.parametrize("page", ["tutorial.md", "results.md", "couple_fmus.md"])
