@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 from tqdm import tqdm
 
+from cosim.commands.robot_fmus import make_ready
 from cosim.errors import CosimError
 from cosim.output import check_writable, write_somewhere
-from cosim.robot import fmus
 
 if TYPE_CHECKING:
     from cosim.robot.reproduce.content import Reproduction
@@ -52,11 +52,7 @@ def run(args: argparse.Namespace) -> int:
     folder: Path = args.out
     check_writable(folder)
     study = None if args.robustness is None else (load(args.robustness), args.robustness)
-    for path in fmus.build_missing(args.fmus, FLAVOUR):
-        print(f"built {path}")
-    outdated = fmus.outdated(args.fmus, FLAVOUR)
-    if outdated:
-        print(f"note: the sources have changed since {outdated[0]} was built; rebuild with: python build_fmus.py")
+    make_ready(args.fmus, FLAVOUR)
     found: list[tuple[Reproduction, Path]] = []
     with _progress(reproduction.number_of_steps()) as progress:
         runs = run_all(args.fmus, progress)

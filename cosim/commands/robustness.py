@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 from tqdm import tqdm
 
+from cosim.commands.robot_fmus import chosen_flavour, make_ready
 from cosim.commands.sweep import sweep_progress, sweep_table
 from cosim.output import check_writable, write_somewhere
-from cosim.robot import fmus
 
 if TYPE_CHECKING:
     from cosim.robot.robustness.content import Robustness
@@ -66,11 +66,8 @@ def run(args: argparse.Namespace) -> int:
 
     folder: Path = args.out
     check_writable(folder)
-    flavour, note = fmus.default_flavour(args.fmus)
-    if note:
-        print(note)
-    for path in fmus.build_missing(args.fmus, flavour):
-        print(f"built {path}")
+    flavour = chosen_flavour(args.fmus, None)
+    make_ready(args.fmus, flavour)
     sweeps = (monte_carlo(args.fmus, flavour, args.runs, args.seed), gains(args.fmus, flavour, args.levels))
     for each in sweeps:
         where = folder / each.name

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from cosim.commands.execution import Plan, UsageError, check_overrides, execute, in_words, start_value
+from cosim.commands.robot_fmus import chosen_flavour, make_ready
 from cosim.errors import CosimError, SetupError, nearest
 from cosim.failures import SimulationError, SimulationInterrupted
 from cosim.output import OutputError, check_writable, write_json, write_somewhere
@@ -91,14 +92,8 @@ def run(args: argparse.Namespace) -> int:
     scenario = _scenario(args)
     folder: Path = args.out if args.out is not None else Path("results") / scenario.name
     check_writable(folder)
-    flavour, note = (args.flavour, "") if args.flavour else fmus.default_flavour(args.fmus)
-    if note:
-        print(note)
-    for path in fmus.build_missing(args.fmus, flavour):
-        print(f"built {path}")
-    outdated = fmus.outdated(args.fmus, flavour)
-    if outdated:
-        print(f"note: the sources have changed since {outdated[0]} was built; rebuild with: python build_fmus.py")
+    flavour = chosen_flavour(args.fmus, args.flavour)
+    make_ready(args.fmus, flavour)
     system = scenario.system(args.fmus, flavour)
     system = _with_own_fmus(args.fmu, system)
     check_overrides(args.set, system, "change the scenario's TOML")

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from cosim.commands.robot_fmus import chosen_flavour, make_ready
 from cosim.output import OutputError
 from cosim.robot import fmus
 
@@ -36,14 +37,8 @@ def run(args: argparse.Namespace) -> int:
     # xmlschema and SciPy take a while to import, and other commands don't need them
     from cosim.robot.ssp import write_robot_ssp
 
-    flavour, note = (args.flavour, "") if args.flavour else fmus.default_flavour(args.fmus)
-    if note:
-        print(note)
-    for path in fmus.build_missing(args.fmus, flavour):
-        print(f"built {path}")
-    outdated = fmus.outdated(args.fmus, flavour)
-    if outdated:
-        print(f"note: the sources have changed since {outdated[0]} was built; rebuild with: python build_fmus.py")
+    flavour = chosen_flavour(args.fmus, args.flavour)
+    make_ready(args.fmus, flavour)
     try:
         write_robot_ssp(args.out, args.fmus, flavour, row=(args.mu, args.nu), version=args.version)
     except OSError as error:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from tqdm import tqdm
 
+from cosim.commands.robot_fmus import chosen_flavour, make_ready
 from cosim.errors import nearest
 from cosim.robot import fmus
 from cosim.robot.scenario import Scenario, load_scenario, names
@@ -114,8 +115,7 @@ def run(args: argparse.Namespace) -> int:
     from cosim.sweep.engine import sweep
 
     for flavour in flavours:
-        for path in fmus.build_missing(args.fmus, flavour):
-            print(f"built {path}")
+        make_ready(args.fmus, flavour)
     study, files = robot_study(scenarios, args.fmus, flavours, own_fmus, args.coupling, args.curves)
     check(study, files, varied)
     if note := advice(args.design, len(points)):
@@ -138,10 +138,7 @@ def _with_options(scenario: Scenario, args: argparse.Namespace, steps: Levels | 
 
 def _flavours(args: argparse.Namespace) -> list[str]:
     if args.flavour is None:
-        flavour, note = fmus.default_flavour(args.fmus)
-        if note:
-            print(note)
-        return [flavour]
+        return [chosen_flavour(args.fmus, None)]
     flavours = args.flavour.split(",")
     for flavour in flavours:
         if flavour not in fmus.FLAVOURS:
