@@ -152,7 +152,7 @@ def test_elements_of_vectors_are_paired_by_index(small: Path, tmp_path: Path) ->
 def test_values_of_all_types_come_back(tmp_path: Path, version: str) -> None:
     probe = compiled(tmp_path, "fmi2_probe")
     system = System()
-    system.add("a", probe, start={"u": 0.1, "n": 3, "b": True, "e": 2, "journal": "x.txt"})
+    system.add("a", probe, start={"u": 0.1, "n": 3, "b": True, "e": 2, "journal": str(tmp_path / "x.txt")})
     system.add("b", probe)
     for name, kind in (("y", "u"), ("n_out", "n"), ("e_out", "e"), ("b_out", "b")):
         system.connect(f"a.{name}", f"b.{kind}")
