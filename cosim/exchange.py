@@ -19,6 +19,7 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -71,7 +72,11 @@ class Exchange:
     Attributes
     ----------
     values : array (n,)
-        Current values; those at `recorded_positions` are recorded.
+        Current values, component by component.
+    recorded_runs : array (runs, 2) of int32
+        What is recorded: position of the first value and number of each contiguous run.
+    n_recorded : int
+        How many values are recorded.
     at_start, at_point, at_step : Table
         What to do once in the initialisation mode, at every communication point, and to go on to the next one.
     """
@@ -103,16 +108,20 @@ class Exchange:
         varying = read - fed - constant
 
         levels_of_gets = self._levels_of_gets(varying, fed)
-        sets = self._group(self._levels_of_sets(fed, levels_of_gets))
-        gets = self._group(levels_of_gets)
-        constants = self._group({key: self._level(*key) for key in constant})
+        self._columns = self._columns_of(system.drives)
+        self._moving = linear.moving
+        self._rank = self._ranks(linear)
+        levels_of_constants = {key: self._level(*key) for key in constant}
+        sets, gets, constants = self._lay_out(
+            self._levels_of_sets(fed, levels_of_gets), levels_of_gets, levels_of_constants
+        )
         added = [(d.component, e.name) for d in system.drives if d.added for e in d.targets]
         self._added = {key: len(self._positions) + i for i, key in enumerate(added)}
         self.values = np.zeros(len(self._positions) + len(added))
-        self.recorded_positions = np.array([self._positions[c, e.name] for c, e in recorded], dtype=np.int32)
+        self.recorded_runs = _runs([self._positions[c, e.name] for c, e in recorded])
+        self.n_recorded = len(recorded)
 
-        self._columns = self._columns_of(system.drives)
-        samples = [self._sample(drive) for drive in system.drives]
+        samples = self._samples(system.drives)
         set_entries = {level: [e for part in parts for e in self._set(part)] for level, parts in sets.items()}
         get_entries = {level: [self._get(part) for part in parts] for level, parts in gets.items()}
         by_level = [
@@ -126,10 +135,13 @@ class Exchange:
         # around an algebraic loop the start values of the inputs are the first ones
         self.at_start = Table([*start_values, *samples, *(simultaneous if system.levels is None else by_level)])
         self.at_point = Table([*samples, *(by_level if order == "sequential" else simultaneous)])
-        self.at_step = Table([entry for name in system.components for entry in self._rates_and_step(name, linear)])
-        for entry, operation in zip(self.at_step.entries, self.at_step.operations, strict=True):
+        self.at_step = Table([entry for name in system.components for entry in self._rates_and_step(name, sets)])
+        first = {
+            e.component: op for e, op in reversed([*zip(self.at_step.entries, self.at_step.operations, strict=True)])
+        }
+        for component, operation in first.items():
             if operation.kind == Kind.RATES and operation.version == 3:
-                instances[entry.component].let_ask_for_inputs(operation)
+                instances[component].let_ask_for_inputs(operation)
 
     # Layout of the values
 
@@ -183,22 +195,44 @@ class Exchange:
             for key, at in level.items()
         }
 
-    def _group(self, level_of: Mapping[tuple[str, str], int]) -> dict[int, list[int]]:
-        """Lay variables out in contiguous parts, one for each level, component and type; indices by level."""
-        groups: dict[tuple[int, str, str], list[Element]] = {}
+    def _lay_out(self, *kinds: Mapping[tuple[str, str], int]) -> list[dict[int, list[int]]]:
+        """Lay variables out, component by component, in contiguous parts: one for each kind, level and type.
+
+        Each kind maps variables to their levels; returns its parts by level.
+        """
+        parts: list[dict[int, list[int]]] = [{} for _ in kinds]
         for component, port in self._system.ports.items():
-            for element in port.all_elements():
-                key = (component, element.variable.name)
-                if key in level_of:
-                    groups.setdefault((level_of[key], component, element.variable.type), []).append(element)
-        parts: dict[int, list[int]] = {}
-        for (level, component, _), elements in groups.items():
-            first = len(self._positions)
-            for i, element in enumerate(elements):
-                self._positions[component, element.name] = first + i
-            parts.setdefault(level, []).append(len(self._parts))
-            self._parts.append((component, elements, first))
+            for level_of, parts_of in zip(kinds, parts, strict=True):
+                groups: dict[tuple[int, str], list[Element]] = {}
+                for element in port.all_elements():
+                    key = (component, element.variable.name)
+                    if key in level_of:
+                        groups.setdefault((level_of[key], element.variable.type), []).append(element)
+                for (level, _), elements in sorted(groups.items()):
+                    first = len(self._positions)
+                    elements = sorted(elements, key=partial(self._rank_of, component))
+                    for i, element in enumerate(elements):
+                        self._positions[component, element.name] = first + i
+                    parts_of.setdefault(level, []).append(len(self._parts))
+                    self._parts.append((component, elements, first))
         return parts
+
+    def _ranks(self, linear: LinearInputs) -> dict[tuple[str, str], int]:
+        """Rank of inputs in their part: held ones first, last those of which a signal gives the rate.
+
+        So each operation that sets rates has contiguous values.
+        """
+        ranks = {(c, e.variable.name): 1 for c, elements in linear.elements.items() for e in elements}
+        sampled = [
+            (c, e.variable.name)
+            for c, elements in linear.elements.items()
+            for e in elements
+            if self._column(c, e) != EXTRAPOLATED
+        ]
+        return ranks | dict.fromkeys(sampled, 2)
+
+    def _rank_of(self, component: str, element: Element) -> int:
+        return self._rank.get((component, element.variable.name), 0)
 
     def _columns_of(self, drives: Sequence[Drive]) -> dict[tuple[str, str], int]:
         """Column of the samples for each target of the signals, in their order."""
@@ -281,28 +315,37 @@ class Exchange:
         )
         return Entry(operation, component)
 
-    def _sample(self, drive: Drive) -> Entry:
-        keys = [(drive.component, e.name) for e in drive.targets]
-        targets = [(self._added if drive.added else self._positions)[key] for key in keys]
-        operation = self._operation(
-            Kind.SAMPLE,
-            drive.component,
-            targets=self._arena.integers([*targets, *(self._columns[key] for key in keys)]),
-            n_targets=len(keys),
-        )
-        return Entry(operation, drive.component)
+    def _samples(self, drives: Sequence[Drive]) -> list[Entry]:
+        """One operation for all signals of a component."""
+        pairs: dict[str, list[tuple[int, int]]] = {}
+        for drive in drives:
+            positions = self._added if drive.added else self._positions
+            keys = [(drive.component, e.name) for e in drive.targets]
+            pairs.setdefault(drive.component, []).extend((positions[key], self._columns[key]) for key in keys)
+        return [self._sample(component, *zip(*of_component, strict=True)) for component, of_component in pairs.items()]
 
-    def _rates_and_step(self, component: str, linear: LinearInputs) -> list[Entry]:
-        elements = linear.elements.get(component, ())
-        step = self._step(component)
-        return [self._rates(component, elements, linear), step] if elements else [step]
+    def _sample(self, component: str, positions: Sequence[int], columns: Sequence[int]) -> Entry:
+        targets = self._arena.integers([*positions, *columns])
+        return Entry(self._operation(Kind.SAMPLE, component, targets=targets, n_targets=len(positions)), component)
 
-    def _rates(self, component: str, elements: Sequence[Element], linear: LinearInputs) -> Entry:
+    def _rates_and_step(self, component: str, sets: Mapping[int, Sequence[int]]) -> list[Entry]:
+        parts = [part for _, parts in sorted(sets.items()) for part in parts if self._parts[part][0] == component]
+        rates = [entry for part in parts for entry in self._rates(part)]
+        for entry in rates[:-1]:
+            entry.operation.more = 1
+        return [*rates, self._step(component)]
+
+    def _rates(self, part: int) -> list[Entry]:
+        """The rates of a part of the inputs, if any of them is linear."""
+        component, all_elements, first_of_all = self._parts[part]
+        elements = [e for e in all_elements if self._rank_of(component, e)]
+        if not elements:
+            return []
         instance = self._instances[component]
-        keys = [(component, e.name) for e in elements]
         n = len(elements)
         references = [v.valueReference for v in variables_of(elements)]
-        columns = [self._columns.get(k, EXTRAPOLATED) if k in linear.moving else HELD for k in keys]
+        columns = [self._column(component, e) for e in elements]
+        extrapolated = next((i for i, column in enumerate(columns) if column != EXTRAPOLATED), n)
         rates = self._arena.structure(Rates)
         rates.values, rates.per_second, rates.buffer = (self._arena.zeros(n) for _ in range(3))
         rates.orders = self._arena.integers([1] * n)
@@ -313,13 +356,18 @@ class Exchange:
             function=instance.function_address(name),
             references=self._arena.references(references),
             n_references=len(references),
+            first=first_of_all + len(all_elements) - n,
             n=n,
-            targets=self._arena.integers([*(self._positions[key] for key in keys), *columns]),
-            first=next((i for i, column in enumerate(columns) if column != EXTRAPOLATED), n),
-            n_targets=n,
+            targets=self._arena.integers(columns[extrapolated:]),
+            n_targets=n - extrapolated,
             data=ctypes.addressof(rates),
         )
-        return Entry(operation, component, name)
+        return [Entry(operation, component, name)]
+
+    def _column(self, component: str, element: Element) -> int:
+        """Where the rate of a linear input comes from."""
+        key = (component, element.name)
+        return self._columns.get(key, EXTRAPOLATED) if key in self._moving else HELD
 
     def _step(self, component: str) -> Entry:
         instance = self._instances[component]
@@ -331,3 +379,11 @@ class Exchange:
             data=ctypes.addressof(self._arena.structure(Rates)),
         )
         return Entry(operation, component, name)
+
+
+def _runs(positions: Sequence[int]) -> np.ndarray:
+    """First position and number (runs, 2) of each run of consecutive positions."""
+    all_positions = np.array(positions, dtype=np.int32)
+    firsts = np.flatnonzero(np.diff(all_positions, prepend=-2) != 1)
+    numbers = np.diff(firsts, append=len(all_positions))
+    return np.column_stack([all_positions[firsts], numbers]).astype(np.int32)

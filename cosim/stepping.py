@@ -25,7 +25,8 @@ from cosim.sampling import Samples
 
 #: Between two chunks the loop looks for Ctrl-C and reports progress; this is how long (s) a chunk should take.
 _CHUNK_TIME = 0.05
-_FIRST_CHUNK, _LARGEST_CHUNK = 64, 1 << 16
+_FIRST_CHUNK, _LARGEST_GROWTH, _LARGEST_CHUNK = 64, 16, 1 << 16
+_SHORTEST_TIME = 1e-6  # clocks have a resolution
 
 
 @dataclass(frozen=True)
@@ -60,11 +61,13 @@ class Run:
         self._loop = Loop(
             start_time=grid.start_time,
             step_size=grid.step_size,
+            per_second=1.0 / grid.step_size,
             last_point=grid.last_point,
             values=_pointer(exchange.values, ctypes.c_double),
             n_samples=samples.values.shape[1],
-            recorded=_pointer(exchange.recorded_positions, ctypes.c_int32),
-            n_recorded=len(exchange.recorded_positions),
+            runs=_pointer(exchange.recorded_runs, ctypes.c_int32),
+            n_runs=len(exchange.recorded_runs),
+            n_recorded=exchange.n_recorded,
             record_every=1,
             at_point=exchange.at_point.operations,
             at_step=exchange.at_step.operations,
@@ -132,8 +135,8 @@ class Run:
                     loop_ended = clock.perf_counter()
                 if progress is not None:
                     progress(grid.time(max(0, point - 1)))
-                quick = loop_ended - began < _CHUNK_TIME
-                chunk = min(2 * chunk, largest) if quick else max(1, chunk // 2)
+                rate = chunk / max(loop_ended - began, _SHORTEST_TIME)
+                chunk = max(1, min(round(rate * _CHUNK_TIME), _LARGEST_GROWTH * chunk, largest))
             self._terminate(grid.time(grid.last_point))
         except SimulationError as error:
             error.results = finish("failed")

@@ -205,7 +205,7 @@ def _arguments(compiler: list[str], target: Target, files: list[str], library: s
     if _is(compiler, "cl"):  # no C99 by name: it is cl's default; /Brepro: no time stamps
         options = ["/nologo", "/LD", "/MT", "/O2", "/fp:precise", "/W3", "/utf-8", "/Brepro", "/I."]
         return [*options, *(["/WX"] if strict else []), *files, f"/Fe:{library}", "/link", "/Brepro"]
-    options = ["-std=c99", "-O2", "-ffp-contract=off", "-fno-fast-math", "-fno-math-errno", "-g0", "-Wall", "-Wextra"]
+    options = ["-std=c99", "-O3", "-ffp-contract=off", "-fno-fast-math", "-fno-math-errno", "-g0", "-Wall", "-Wextra"]
     options += [*(["-Werror"] if strict else []), "-shared", "-fvisibility=hidden", "-I."]
     if _is_zig(compiler):
         options += ["-target", target.triple]  # without it zig would use all instructions of this very machine

@@ -5,6 +5,7 @@
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
+#include <string.h>
 
 #include "loop_hash.h"
 
@@ -41,6 +42,7 @@ typedef struct {
 
 typedef struct {
     uint8_t kind, type, version; /* version of FMI: 2 or 3 */
+    uint8_t more;                /* RATES: whether the next operation has more of the same instance */
     int32_t every;               /* takes part in the communication points whose number is a multiple of this */
     void *function, *instance;
     const uint32_t *references;
@@ -49,14 +51,15 @@ typedef struct {
                    TRANSFORM: factors and, after them, offsets. */
     const int32_t *targets; /* positions, and after them, as many:
                                SET, TRANSFORM: positions of the sources; TRANSFORM: then of what is added, or NONE.
-                               SAMPLE: columns. RATES: columns, EXTRAPOLATED or HELD.
-                               GET: nothing; the targets are the values that must be finite. */
-    int32_t n_references, first, n, n_targets; /* first, n: the values that it gets or sets, contiguous;
-                                                  RATES: the first that is not EXTRAPOLATED */
+                               SAMPLE: columns.
+                               GET: only positions, of what must be finite.
+                               RATES: only columns, EXTRAPOLATED or HELD, of the last of its values;
+                               those before are EXTRAPOLATED. */
+    int32_t n_references, first, n, n_targets; /* first, n: the values that it gets or sets, contiguous */
 } Operation; /* 64 bytes: with many FMUs the loop is as fast as the processor's cache */
 
 typedef struct {
-    double start_time, step_size;
+    double start_time, step_size, per_second; /* steps in a second, if each is one of step_size */
     int64_t last_point;
     double *values;
     /* samples of the signals, and whether something jumps at a point or since the one before; rows from first_sample on */
@@ -65,8 +68,8 @@ typedef struct {
     int64_t n_samples, first_sample, n_rows;
     /* what is recorded, at the points whose number is a multiple of record_every; rows from first_record on */
     double *records;
-    const int32_t *recorded;
-    int64_t n_recorded, record_every, first_record;
+    const int32_t *runs; /* of contiguous values: position of the first, number */
+    int64_t n_runs, n_recorded, record_every, first_record;
     const Operation *at_point, *at_step;
     int64_t n_at_point, n_at_step;
     /* where and how it ended */
@@ -111,21 +114,35 @@ static void convert(int32_t type, void *buffer, double *values, int64_t n, bool 
     }
 }
 
-static int exchange(const Operation *op, double *values, bool to_fmu) {
+/* Call the function of an operation that gets or sets values. */
+static int call(const Operation *op, void *data) {
+    if (op->version == 2) return ((Exchange2 *)op->function)(op->instance, op->references, (size_t)op->n_references, data);
+    return ((Exchange3 *)op->function)(op->instance, op->references, (size_t)op->n_references, data, (size_t)op->n);
+}
+
+static int set(const Operation *op, double *values) {
     double *part = values + op->first;
-    void *data = op->data ? op->data : part;
-    if (to_fmu && op->data) convert(op->type, data, part, op->n, true);
-    int status = op->version == 2 ? ((Exchange2 *)op->function)(op->instance, op->references, (size_t)op->n_references, data)
-                                  : ((Exchange3 *)op->function)(op->instance, op->references, (size_t)op->n_references, data, (size_t)op->n);
-    if (!to_fmu && op->data) convert(op->type, data, part, op->n, false);
+    if (!op->data) return call(op, part);
+    convert(op->type, op->data, part, op->n, true);
+    return call(op, op->data);
+}
+
+static int get(const Operation *op, double *values) {
+    double *part = values + op->first;
+    if (!op->data) return call(op, part);
+    int status = call(op, op->data);
+    convert(op->type, op->data, part, op->n, false);
     return status;
 }
 
-/* Whether all values at these positions are finite: v - v is 0 for a finite v and else NaN. */
+/* Whether all values at these positions are finite: v - v is 0 for a finite v, of whichever sign, and else NaN, which has more bits. */
 static bool all_finite(const double *values, const int32_t *positions, int32_t n) {
-    double sum = 0.0;
-    for (int32_t i = 0; i < n; i++) sum += values[positions[i]] - values[positions[i]];
-    return sum == 0.0;
+    uint64_t bits = 0;
+    for (int32_t i = 0; i < n; i++) {
+        union { double value; uint64_t bits; } difference = {values[positions[i]] - values[positions[i]]};
+        bits |= difference.bits;
+    }
+    return bits << 1 == 0;
 }
 
 /* Whether something jumps in (t_first, t_last], by the numbers of the points. */
@@ -137,30 +154,31 @@ static bool jumps_within(const Loop *loop, int64_t first, int64_t last) {
     return false;
 }
 
-/* How fast the inputs of an FMU change over its next step. */
+/* How fast inputs of an FMU change over its next step. */
 static int set_rates(const Loop *loop, const Operation *op, int64_t point, double time) {
     Rates *rates = op->data;
-    const int32_t *columns = op->targets + op->n_targets;
-    double per_second = 1.0 / (op->every * loop->step_size);
+    const double *restrict now = loop->values + op->first;
+    double *restrict last = rates->values, *restrict rate = rates->per_second;
+    double per_second = op->every == 1 ? loop->per_second : 1.0 / (op->every * loop->step_size);
     int64_t next = point + op->every, row = next - loop->first_sample;
     bool fresh = point == 0 || jumps_within(loop, point - op->every, point); /* what was before says nothing */
     bool known = row < loop->n_rows && !jumps_within(loop, point, next);
-    for (int32_t i = 0; i < op->n_targets; i++) {
-        double value = loop->values[op->targets[i]];
-        rates->per_second[i] = fresh ? 0.0 : (value - rates->values[i]) * per_second;
-        rates->values[i] = value;
+    for (int32_t i = 0; i < op->n; i++) {
+        double change = fresh ? 0.0 : now[i] - last[i];
+        rate[i] = change * per_second;
+        last[i] = now[i];
     }
-    for (int32_t i = op->first; i < op->n_targets; i++)
-        if (columns[i] == HELD)
-            rates->per_second[i] = 0.0;
-        else if (columns[i] != EXTRAPOLATED && known)
-            rates->per_second[i] = (loop->samples[row * loop->n_samples + columns[i]] - rates->values[i]) * per_second;
+    for (int32_t i = op->n - op->n_targets, *column = (int32_t *)op->targets; i < op->n; i++, column++)
+        if (*column == HELD)
+            rate[i] = 0.0;
+        else if (*column != EXTRAPOLATED && known)
+            rate[i] = (loop->samples[row * loop->n_samples + *column] - now[i]) * per_second;
     rates->time = time;
     if (op->version == 3) return 0; /* the FMU asks for its inputs during the step */
-    return ((Rates2 *)op->function)(op->instance, op->references, (size_t)op->n_references, rates->orders, rates->per_second);
+    return ((Rates2 *)op->function)(op->instance, op->references, (size_t)op->n_references, rates->orders, rate);
 }
 
-/* fmi3IntermediateUpdateCallback; the environment of the instance points to a pointer to its RATES operation, if any. */
+/* fmi3IntermediateUpdateCallback; the environment of the instance points to a pointer to its first RATES operation, if any. */
 EXPORT void intermediate_update(void *environment, double time, bool set_requested, bool get_allowed, bool step_finished, bool can_return_early,
                                 bool *return_early, double *return_time) {
     (void)get_allowed, (void)step_finished, (void)can_return_early;
@@ -168,9 +186,13 @@ EXPORT void intermediate_update(void *environment, double time, bool set_request
     *return_early = false;
     *return_time = time;
     if (!set_requested || !op) return;
-    const Rates *rates = op->data;
-    for (int32_t i = 0; i < op->n; i++) rates->buffer[i] = rates->values[i] + (time - rates->time) * rates->per_second[i];
-    ((Exchange3 *)op->function)(op->instance, op->references, (size_t)op->n_references, rates->buffer, (size_t)op->n);
+    do {
+        const Rates *rates = op->data;
+        const double *restrict last = rates->values, *restrict rate = rates->per_second;
+        double *restrict now = rates->buffer, since = time - rates->time;
+        for (int32_t i = 0; i < op->n; i++) now[i] = last[i] + since * rate[i];
+        ((Exchange3 *)op->function)(op->instance, op->references, (size_t)op->n_references, now, (size_t)op->n);
+    } while (op++->more);
 }
 
 static int do_step(const Operation *op, double time, double step) {
@@ -185,7 +207,6 @@ static int do_step(const Operation *op, double time, double step) {
 static int perform(const Loop *loop, const Operation *op, int64_t point, double time) {
     double *values = loop->values;
     const int32_t *targets = op->targets, *sources = targets + op->n_targets;
-    int status;
     switch ((Kind)op->kind) {
         case SAMPLE: {
             const double *row = loop->samples + (point - loop->first_sample) * loop->n_samples;
@@ -194,10 +215,11 @@ static int perform(const Loop *loop, const Operation *op, int64_t point, double 
         }
         case SET:
             for (int32_t i = 0; i < op->n_targets; i++) values[targets[i]] = values[sources[i]];
-            return exchange(op, values, true);
-        case GET:
-            status = exchange(op, values, false);
+            return set(op, values);
+        case GET: {
+            int status = get(op, values);
             return status <= 1 && !all_finite(values, targets, op->n_targets) ? NOT_FINITE : status;
+        }
         case RATES:
             return set_rates(loop, op, point, time);
         case TRANSFORM:
@@ -223,7 +245,7 @@ static bool perform_all(Loop *loop, const Operation operations[], int64_t n, int
         if (k + AHEAD < n) PREFETCH(operations[k + AHEAD].instance);
         if (operations[k].every > 1 && point % operations[k].every) continue; /* a division costs more than a call */
         int status = perform(loop, &operations[k], point, time);
-        if (status < 0 || status > 1) { /* worse than a warning */
+        if ((unsigned)status > 1) { /* worse than a warning */
             loop->point = point;
             loop->status = status;
             loop->failed = k;
@@ -248,7 +270,10 @@ EXPORT bool loop_run(Loop *loop, int64_t first, int64_t end) {
         if (loop->record_every == 1 || point % loop->record_every == 0) {
             int64_t record = loop->record_every == 1 ? point : point / loop->record_every;
             double *row = loop->records + (record - loop->first_record) * loop->n_recorded;
-            for (int64_t i = 0; i < loop->n_recorded; i++) row[i] = loop->values[loop->recorded[i]];
+            const int32_t *run = loop->runs;
+            for (int64_t k = 0; k < loop->n_runs; row += run[1], run += 2, k++)
+                if (run[1] == 1) *row = loop->values[*run];
+                else memcpy(row, loop->values + *run, (size_t)run[1] * sizeof *row);
         }
         loop->point = point;
         if (point < loop->last_point && !perform_all(loop, loop->at_step, loop->n_at_step, point, true)) return false;

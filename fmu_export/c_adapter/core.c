@@ -14,6 +14,7 @@
 
 #define PARAMETERS(core) ((core)->state.values)
 #define INPUTS(core) ((core)->state.values + N_P)
+#define STATES(core) ((core)->state.x[(core)->state.which])
 #define OUTPUTS(core) ((core)->state.values + N_PU)
 #define RATES(core) ((core)->state.values + N_VARIABLES) /* state derivatives, then margins */
 
@@ -121,7 +122,7 @@ static CoreStatus check_margins(Core *core, double time, const double margins[],
 /* Have the rates of the present state and inputs. */
 static void have_rates(Core *core) {
     CoreState *s = &core->state;
-    if (!(s->valid & RATES_VALID)) model_rates(s->time, s->x, INPUTS(core), PARAMETERS(core), RATES(core));
+    if (!(s->valid & RATES_VALID)) model_rates(s->time, STATES(core), INPUTS(core), PARAMETERS(core), RATES(core));
     s->valid |= RATES_VALID;
 }
 
@@ -130,13 +131,23 @@ static CoreStatus check_now(Core *core, CoreStatus status) {
     return check_margins(core, core->state.time, RATES(core) + N_X, status);
 }
 
-/* v - v is 0 for a finite v and else NaN; four sums at a time, for they are added in every step. */
-static int all_finite(const double v[], int n) {
-    double a = 0.0, b = 0.0, c = 0.0, d = 0.0;
-    int i = 0;
-    for (; i + 4 <= n; i += 4) a += v[i] - v[i], b += v[i + 1] - v[i + 1], c += v[i + 2] - v[i + 2], d += v[i + 3] - v[i + 3];
-    for (; i < n; i++) a += v[i] - v[i];
-    return a + b + (c + d) == 0.0;
+/* Whether all values are finite: v - v is 0 for a finite v, of whichever sign, and else NaN, which has more bits set. */
+static int all_finite(const double v[], size_t n) {
+    uint64_t bits = 0;
+    for (size_t i = 0; i < n; i++) {
+        union { double value; uint64_t bits; } difference = {v[i] - v[i]};
+        bits |= difference.bits;
+    }
+    return bits << 1 == 0;
+}
+
+/* Whether references are those of all inputs or of all outputs in their order, as most importers have them: what is
+ * done for a number of values that the compiler knows takes a fraction of the time. */
+static int are_all(unsigned first, unsigned number, const unsigned references[], size_t n) {
+    unsigned others = 0;
+    if (!n || n != number) return 0;
+    for (unsigned i = 0; i < number; i++) others |= references[i] ^ (first + i);
+    return !others;
 }
 
 /* Life cycle */
@@ -151,7 +162,7 @@ CoreStatus core_start_at(Core *core, double time) {
 static CoreStatus compute_initial_state(Core *core) {
     CoreStatus status = check_parameters(core);
     if (status != CORE_OK) return status;
-    model_initial_state(PARAMETERS(core), core->state.x);
+    model_initial_state(PARAMETERS(core), STATES(core));
     core->state.valid = 0;
     return check_now(core, CORE_ERROR);
 }
@@ -181,6 +192,11 @@ static CoreStatus refuse_set(Core *core, size_t reference, double value) {
 CoreStatus core_set(Core *core, const unsigned references[], size_t n, const double values[]) {
     CoreState *s = &core->state;
     s->valid = 0;
+    if (are_all(N_P, N_U, references, n) && all_finite(values, N_U)) {
+        memcpy(INPUTS(core), values, N_U * sizeof *values);
+        for (int i = 0; i < N_U; i++) s->u_rate[i] = 0.0;
+        return CORE_OK;
+    }
     for (size_t i = 0; i < n; i++) {
         size_t reference = references[i];
         if (!(reference >= N_P && reference < N_PU && isfinite(values[i]))) { /* no good value for an input */
@@ -195,6 +211,10 @@ CoreStatus core_set(Core *core, const unsigned references[], size_t n, const dou
 }
 
 CoreStatus core_set_input_rates(Core *core, const unsigned references[], size_t n, const double rates[]) {
+    if (are_all(N_P, N_U, references, n) && all_finite(rates, N_U)) {
+        memcpy(core->state.u_rate, rates, N_U * sizeof *rates);
+        return CORE_OK;
+    }
     for (size_t i = 0; i < n; i++) {
         size_t reference = references[i];
         if (!(reference >= N_P && reference < N_PU))
@@ -213,7 +233,7 @@ static CoreStatus compute(Core *core, int which) {
         if (status != CORE_OK) return status;
     }
     if (which == OUTPUTS_VALID)
-        model_everything(s->time, s->x, INPUTS(core), PARAMETERS(core), OUTPUTS(core));
+        model_everything(s->time, STATES(core), INPUTS(core), PARAMETERS(core), OUTPUTS(core));
     else
         have_rates(core);
     s->valid |= RATES_VALID;
@@ -229,47 +249,46 @@ static CoreStatus compute(Core *core, int which) {
 CoreStatus core_get(Core *core, const unsigned references[], size_t n, double values[]) {
     CoreState *s = &core->state;
     int initialized = !(s->phase & (INSTANTIATED | INITIALIZATION));
-    size_t known = s->valid & OUTPUTS_VALID ? N_VARIABLES : N_PU;
-    for (size_t i = 0; i < n; i++) {
+    if (initialized && are_all(N_PU, N_Y, references, n)) {
+        CoreStatus status = s->valid & OUTPUTS_VALID ? CORE_OK : compute(core, OUTPUTS_VALID);
+        if (status == CORE_OK) memcpy(values, OUTPUTS(core), N_Y * sizeof *values);
+        return status;
+    }
+    size_t known = s->valid & OUTPUTS_VALID ? N_VARIABLES : N_PU, i = 0;
+    const double *x = STATES(core);
+    for (;;) {
+        for (; i < n && references[i] < known; i++) values[i] = s->values[references[i]];
+        if (i == n) return CORE_OK;
         size_t reference = references[i];
-        if (reference < known) {
-            values[i] = s->values[reference];
-            continue;
-        }
-        if (reference < N_VALUES) {
-            int state = reference < N_VARIABLES ? model_output_states[reference - N_PU] : -1;
-            if (state >= 0 && initialized) { /* nothing to compute */
-                values[i] = s->x[state];
-                continue;
-            }
-            int is_output = reference < N_VARIABLES;
-            CoreStatus status = is_output && s->valid & OUTPUTS_VALID ? CORE_OK : compute(core, is_output ? OUTPUTS_VALID : RATES_VALID);
+        int is_output = reference < N_VARIABLES;
+        int state = is_output && initialized ? model_output_states[reference - N_PU] : -1;
+        if (state >= 0) { /* nothing to compute */
+            values[i++] = x[state];
+        } else if (reference < N_VALUES) {
+            CoreStatus status = compute(core, is_output ? OUTPUTS_VALID : RATES_VALID);
             if (status != CORE_OK) return status;
             if (is_output) known = N_VARIABLES;
+            else values[i++] = s->values[reference];
+        } else if (reference == TIME) {
+            values[i++] = s->time;
         } else {
-            if (reference != TIME) return core_fail(core, CORE_ERROR, "no variable has the value reference %lu", (unsigned long)reference);
-            values[i] = s->time;
-            continue;
+            return core_fail(core, CORE_ERROR, "no variable has the value reference %lu", (unsigned long)reference);
         }
-        values[i] = s->values[reference];
     }
-    return CORE_OK;
 }
 
 /* Co-simulation */
 
 #if N_X > 0
-/* One internal step from `x`, where the inputs are `u` and change at `u_rate`; the result replaces `x`. */
-static CoreStatus internal_step(Core *core, double time, double h, double x[], const double u[], const double u_rate[], const double rates[]) {
-    double next[N_X];
+/* One internal step from `x`, where the inputs are `u` and change at `u_rate`, to `next`. */
+static CoreStatus internal_step(Core *core, double time, double h, const double x[], const double u[], const double u_rate[], const double rates[], double next[]) {
     CoreStatus status = check_margins(core, time, rates + N_X, CORE_DISCARD);
-    if (status != CORE_OK) return status;
-    model_linear_step(time, x, u, PARAMETERS(core), h, u_rate, rates, next);
-    memcpy(x, next, sizeof next);
-    return CORE_OK;
+    if (status == CORE_OK) model_linear_step(time, x, u, PARAMETERS(core), h, u_rate, rates, next);
+    return status;
 }
 
-static CoreStatus integrate(Core *core, double time, double step, double x[]) {
+/* From the states to `next`. */
+static CoreStatus integrate(Core *core, double time, double step, double next[]) {
     CoreState *s = &core->state;
     double max_step = PARAMETERS(core)[N_P - 1], exact = 1.0;
     if (step > max_step * (1.0 + 1e-6)) exact = step / max_step; /* longer by rounding only: that stays one step */
@@ -278,10 +297,10 @@ static CoreStatus integrate(Core *core, double time, double step, double x[]) {
     if (RATES_DEPEND_ON_TIME && time != s->time) s->valid = 0; /* by rounding: importers count time in their own way */
     s->time = time;
     have_rates(core);
-    if (exact == 1.0 && !core->request_inputs) return internal_step(core, time, step, x, INPUTS(core), s->u_rate, RATES(core));
+    if (exact == 1.0 && !core->request_inputs) return internal_step(core, time, step, STATES(core), INPUTS(core), s->u_rate, RATES(core), next);
     int n = (int)ceil(exact - 1e-6);
-    double h = step / n, u[N_U + 1], rate[N_U + 1], rates[N_X + N_STEP_REQUIREMENTS];
-    memcpy(rates, RATES(core), sizeof rates);
+    double h = step / n, x[N_X], u[N_U + 1], rate[N_U + 1], rates[N_X + N_STEP_REQUIREMENTS];
+    const double *from = STATES(core), *k1 = RATES(core);
     for (int i = 0; i < n; i++) {
         if (core->request_inputs) { /* linear between the inputs at both ends of the internal step */
             memcpy(u, INPUTS(core), N_U * sizeof *u);
@@ -291,8 +310,12 @@ static CoreStatus integrate(Core *core, double time, double step, double x[]) {
             for (int j = 0; j < N_U; j++) u[j] = INPUTS(core)[j] + i * h * s->u_rate[j];
             memcpy(rate, s->u_rate, N_U * sizeof *rate);
         }
-        if (i > 0) model_rates(time + i * h, x, u, PARAMETERS(core), rates);
-        CoreStatus status = internal_step(core, time + i * h, h, x, u, rate, rates);
+        if (i > 0) {
+            memcpy(x, next, sizeof x);
+            model_rates(time + i * h, x, u, PARAMETERS(core), rates);
+            from = x, k1 = rates;
+        }
+        CoreStatus status = internal_step(core, time + i * h, h, from, u, rate, k1, next);
         if (status != CORE_OK) return status;
     }
     return CORE_OK;
@@ -304,13 +327,12 @@ CoreStatus core_do_step(Core *core, double time, double step) {
     if (!isfinite(time) || !(step > 0.0 && isfinite(time + step)))
         return core_fail(core, CORE_ERROR, "communication step %g s at %g s is not positive and finite", step, time);
 #if N_X > 0
-    double x[N_X];
-    memcpy(x, s->x, sizeof x);
-    CoreStatus status = integrate(core, time, step, x);
+    double *next = s->x[!s->which]; /* a copy of what has just been written would have to wait for it */
+    CoreStatus status = integrate(core, time, step, next);
     if (status != CORE_OK) return status;
-    if (!all_finite(x, N_X))
+    if (!all_finite(next, N_X))
         return core_fail(core, CORE_DISCARD, "step from t = %.9g s: the state is no longer finite; reduce the step or the inputs", time);
-    memcpy(s->x, x, sizeof x);
+    s->which = !s->which;
 #endif
     for (int j = 0; j < N_U; j++) { /* where linear inputs have arrived */
         INPUTS(core)[j] += step * s->u_rate[j];
@@ -332,7 +354,7 @@ CoreStatus core_set_time(Core *core, double time) {
 
 CoreStatus core_set_states(Core *core, const double x[]) {
     if (!all_finite(x, N_X)) return core_fail(core, CORE_ERROR, "continuous states at t = %.9g s are not finite", core->state.time);
-    for (int i = 0; i < N_X; i++) core->state.x[i] = x[i];
+    for (int i = 0; i < N_X; i++) STATES(core)[i] = x[i];
     core->state.valid = 0;
     return CORE_OK;
 }
@@ -352,7 +374,7 @@ CoreStatus core_get_states(Core *core, double x[]) {
         CoreStatus status = compute_initial_state(core);
         if (status != CORE_OK) return status;
     }
-    for (int i = 0; i < N_X; i++) x[i] = core->state.x[i];
+    for (int i = 0; i < N_X; i++) x[i] = STATES(core)[i];
     return CORE_OK;
 }
 
@@ -370,8 +392,8 @@ CoreStatus core_direction(Core *core, const unsigned unknowns[], size_t n, const
     } else {
         for (int i = 0; i < N_X; i++) dx[i] = change[N_PU + model_state_outputs[i]];
     }
-    model_outputs_direction(s->time, s->x, INPUTS(core), PARAMETERS(core), dx, du, dp, dy);
-    model_derivatives_direction(s->time, s->x, INPUTS(core), PARAMETERS(core), dx, du, dp, dd);
+    model_outputs_direction(s->time, STATES(core), INPUTS(core), PARAMETERS(core), dx, du, dp, dy);
+    model_derivatives_direction(s->time, STATES(core), INPUTS(core), PARAMETERS(core), dx, du, dp, dd);
     for (size_t i = 0; i < n; i++) {
         if (unknowns[i] < N_PU || unknowns[i] >= N_VALUES)
             return core_fail(core, CORE_ERROR, "value reference %lu is no unknown: give outputs or state derivatives", (unsigned long)unknowns[i]);
@@ -397,7 +419,9 @@ static uint64_t checksum(const char bytes[]) { /* FNV-1a */
 
 void core_serialize(const CoreState *state, char bytes[]) {
     memcpy(bytes, GUID, sizeof GUID);
-    memcpy(bytes + sizeof GUID, state, sizeof *state);
+    CoreState copy = *state;
+    memset(copy.x[!copy.which], 0, sizeof copy.x[0]); /* equal states have equal bytes */
+    memcpy(bytes + sizeof GUID, &copy, sizeof copy);
     uint64_t sum = checksum(bytes);
     memcpy(bytes + CHECKED, &sum, sizeof sum);
 }
@@ -410,7 +434,7 @@ CoreStatus core_deserialize(Core *core, const char bytes[], size_t size, CoreSta
     int phase = state->phase, running = core->model_exchange ? EVENT | CONTINUOUS : STEP;
     if (!(phase & (INSTANTIATED | INITIALIZATION | running | TERMINATED)) || phase & (phase - 1))
         return core_fail(core, CORE_ERROR, "the FMU state is damaged or belongs to the other interface (model exchange, co-simulation)");
-    if (!all_finite(state->values, N_PU) || !all_finite(state->x, N_X) || !all_finite(state->u_rate, N_U) || !isfinite(state->time))
+    if (!all_finite(state->values, N_PU) || state->which & ~1 || !all_finite(state->x[state->which], N_X) || !all_finite(state->u_rate, N_U) || !isfinite(state->time))
         return core_fail(core, CORE_ERROR, "the FMU state is damaged: it has values that are not finite");
     state->valid = 0;
     return CORE_OK;

@@ -29,10 +29,11 @@ enum { OUTPUTS_VALID = 1, RATES_VALID = 2 };
 /* All that changes: a copy of it is the FMU state. */
 typedef struct {
     double values[N_VALUES + N_STEP_REQUIREMENTS + 1];
-    double x[N_X + 1];
+    double x[2][N_X + 1];   /* states, and room for those at the end of a step */
     double u_rate[N_U + 1]; /* first derivatives of the inputs, of the next step only */
     double time;
     int phase;
+    int which; /* of the two are the states */
     int valid; /* which computed values belong to the present state and inputs: OUTPUTS_VALID, RATES_VALID */
     int discarded; /* the last step failed */
 } CoreState;
