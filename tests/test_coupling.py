@@ -17,7 +17,7 @@ from cosim import Results, SetupError, Signal, Simulation, System, simulate
 from cosim.coupling import Coupling
 from tests.small_fmus import TANK, build, redescribed
 from tests.test_fmi3 import DESCRIPTION, HELD, gain3c, zipped  # noqa: F401 -- gain3c is a fixture
-from tests.tiny_models import GAIN, INTEGRATOR
+from tests.tiny_models import GAIN, INTEGRATOR, TWO_LEVELS
 
 NATIVE = ("fmi2", "fmi3")
 
@@ -26,7 +26,7 @@ NATIVE = ("fmi2", "fmi3")
 def fmus(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("coupling")
     for flavour in NATIVE:
-        build(folder / flavour, flavour, GAIN, INTEGRATOR, TANK)
+        build(folder / flavour, flavour, GAIN, INTEGRATOR, TANK, TWO_LEVELS)
     build(folder / "pythonfmu", "pythonfmu", GAIN, INTEGRATOR, TANK)
     return folder
 
@@ -475,6 +475,20 @@ def test_both_versions_give_the_same_with_linear_inputs(fmus: Path) -> None:
     a, b = (simulate(loop(fmus / flavour), 2.0, 0.05, coupling="linear") for flavour in NATIVE)
     assert a.values == pytest.approx(b.values, rel=1e-12, abs=1e-14)
     assert not math.isclose(a["tank.x"][-1], simulate(loop(fmus / "fmi2"), 2.0, 0.05, coupling="hold")["tank.x"][-1])
+
+
+@pytest.mark.parametrize("flavour", NATIVE)
+def test_inputs_that_are_set_one_after_the_other_are_all_linear(fmus: Path, flavour: str) -> None:
+    system, h = System(), 0.1
+    system.add("m", fmus / flavour / "TwoLevels.fmu")
+    system.add("g", fmus / flavour / "Gain.fmu", start={"K": 2.0, "u[2]": 0.0})
+    system.drive("m.a", lambda t: 1.0 * t, vectorized=True)
+    system.connect("m.p", "g.u[1]")
+    system.connect("g.y[1]", "m.b")
+    r = simulate(system, 1.0, h)
+    assert r.info["coupling"]["linear"] == ["m.a", "m.b"]
+    # x' = 21 t, but for b = 2 t in the first step, in which nothing is known of its rate
+    assert r["m.x"][1:] == pytest.approx(21.0 * r.time[1:] ** 2 / 2 - 10.0 * h**2, rel=1e-12)
 
 
 def test_a_jump_of_a_held_signal_in_the_window_before_is_seen(fmus: Path, monkeypatch: pytest.MonkeyPatch) -> None:

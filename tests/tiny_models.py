@@ -126,7 +126,19 @@ REVERSED = _model(
     lambda t, x, u, p: u,
 )
 
-ALL = (GAIN, GAIN3, INTEGRATOR, LAG, CLOCK, FRAGILE, ROOT, CROSS, UNITS, REVERSED)
+#: x' = a + 10 b, p = a: whoever feeds b from p has to set the inputs one after the other.
+TWO_LEVELS = _model(
+    "TwoLevels",
+    [],
+    [_number("a"), _number("b")],
+    [_number("p"), _number("x")],
+    lambda t, x, u, p: np.stack([u[0], x[0]]),
+    states=("x",),
+    initial_state=lambda p: np.zeros(1),
+    derivatives=lambda t, x, u, p: np.stack([u[0] + 10.0 * u[1]]),
+)
+
+ALL = (GAIN, GAIN3, INTEGRATOR, LAG, CLOCK, FRAGILE, ROOT, CROSS, UNITS, REVERSED, TWO_LEVELS)
 
 
 def build(folder: Path, *models: Model) -> Path:

@@ -419,8 +419,10 @@ static uint64_t checksum(const char bytes[]) { /* FNV-1a */
 
 void core_serialize(const CoreState *state, char bytes[]) {
     memcpy(bytes, GUID, sizeof GUID);
-    CoreState copy = *state;
-    memset(copy.x[!copy.which], 0, sizeof copy.x[0]); /* equal states have equal bytes */
+    CoreState copy = *state; /* without what can be computed: equal states have equal bytes */
+    memset(copy.x[!copy.which], 0, sizeof copy.x[0]);
+    memset(copy.values + N_PU, 0, sizeof copy.values - N_PU * sizeof *copy.values);
+    copy.valid = 0;
     memcpy(bytes + sizeof GUID, &copy, sizeof copy);
     uint64_t sum = checksum(bytes);
     memcpy(bytes + CHECKED, &sum, sizeof sum);
