@@ -71,6 +71,8 @@ def build_pythonfmu(model: Model, folder: Path, page: str | None = None) -> Path
     ------
     OSError
         The file can't be written; an older one is unchanged.
+    BinariesMissing
+        The installed pythonfmu has no binaries.
     """
     traced = trace(model)
     interface = interface_of(traced)

@@ -11,7 +11,6 @@ from __future__ import annotations
 import hashlib
 import struct
 from importlib.metadata import distribution
-from importlib.util import find_spec
 from pathlib import Path
 
 #: SHA-256 of the binary that has the defect; any other is taken as it is.
@@ -21,17 +20,30 @@ _DT_FINI_ARRAYSZ = 0x1C
 _TWO_ENTRIES, _ONE_ENTRY = (struct.pack("<QQ", _DT_FINI_ARRAYSZ, 8 * n) for n in (2, 1))
 
 
+class BinariesMissing(Exception):
+    """The installed pythonfmu has no binaries; one line says where they should be."""
+
+
 def binaries(name: str) -> dict[str, bytes]:
-    """Binaries of all platforms that pythonfmu has, as members of an FMU with this model identifier."""
-    spec = find_spec("pythonfmu")
-    assert spec is not None
-    assert spec.origin is not None
-    folder = Path(spec.origin).parent / "resources" / "binaries"
-    return {
+    """Binaries of all platforms that pythonfmu has, as members of an FMU with this model identifier.
+
+    Raises
+    ------
+    BinariesMissing
+        The installed pythonfmu has none.
+    """
+    # not where the module comes from: an FMU in this process may have brought a pythonfmu of its own
+    folder = Path(str(distribution("pythonfmu").locate_file("pythonfmu/resources/binaries")))
+    found = {
         f"binaries/{file.parent.name}/{name}{file.suffix}": mended(file.read_bytes())
         for file in sorted(folder.glob("*/*"))
         if file.suffix in (".so", ".dll", ".dylib")
     }
+    if not found:
+        raise BinariesMissing(
+            f"{folder} has no binaries; install pythonfmu again: pip install --force-reinstall pythonfmu"
+        )
+    return found
 
 
 def mended(binary: bytes) -> bytes:

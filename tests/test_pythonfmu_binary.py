@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import importlib.util
 import struct
+import sys
 import zipfile
 from pathlib import Path
 
+import pytest
 import pythonfmu
 
-from fmu_export.pythonfmu_binary import mended
+from fmu_export.pythonfmu_binary import BinariesMissing, binaries, mended
 
 ORIGINAL = Path(pythonfmu.__file__).parent / "resources/binaries/linux64/libpythonfmu-export.so"
 
@@ -38,3 +41,22 @@ def test_unknown_binaries_are_taken_as_they_are() -> None:
     original = ORIGINAL.read_bytes()
     assert mended(original + b"\0") == original + b"\0"
     assert mended(mended(original)) == mended(original)
+
+
+def test_a_pythonfmu_that_an_fmu_has_brought_does_not_stand_in(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """FMUs of pythonfmu's own builder have a `pythonfmu` in their resources, without binaries."""
+    brought = importlib.util.spec_from_file_location("pythonfmu", tmp_path / "__init__.py")
+    assert brought is not None
+    module = importlib.util.module_from_spec(brought)
+    monkeypatch.setitem(sys.modules, "pythonfmu", module)
+    assert {name.split("/")[1] for name in binaries("Model")} >= {"linux64", "win64"}
+
+
+def test_an_installation_without_binaries_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    class Broken:
+        def locate_file(self, path: str) -> Path:
+            return tmp_path / path
+
+    monkeypatch.setattr("fmu_export.pythonfmu_binary.distribution", lambda name: Broken())
+    with pytest.raises(BinariesMissing, match="has no binaries; install pythonfmu again"):
+        binaries("Model")

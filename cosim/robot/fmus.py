@@ -18,6 +18,7 @@ from fmu_export.record import (
     is_current,
     remember,
 )
+from fmu_export.pythonfmu_binary import BinariesMissing
 from fmu_export.toolchain import TARGETS, ToolchainError, compiler_identity, find_compiler, host_target
 from fmu_export.version import package_version
 
@@ -84,6 +85,8 @@ def build(
         return list(paths.values())
     except ToolchainError as error:
         raise BuildError(f"flavour {flavour}: {error}; the flavour pythonfmu needs no compiler") from error
+    except BinariesMissing as error:
+        raise BuildError(f"flavour {flavour}: {error}") from error
     except OSError as error:
         raise BuildError(
             f"can't write the FMUs into {folder / flavour}: {error}; choose another folder with --fmus"

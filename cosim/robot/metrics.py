@@ -44,17 +44,8 @@ def metrics(results: Results | StoredResults, steady_after: float) -> dict[str, 
         shorter run); `control_effort`: `max` (N m) and `integral` of `|tau_a|^2` (N^2 m^2 s); `closure_error_max` (m).
     """
     time = results.time
-    steady = time >= steady_after
-    tracking = {
-        name: {
-            "max": float(np.abs(error).max()),
-            "rms": _rms(error),
-            "accumulated": float(np.trapezoid(np.abs(error), time)),
-            "steady_max": float(np.abs(error[steady]).max()) if steady.any() else None,
-            "steady_rms": _rms(error[steady]) if steady.any() else None,
-        }
-        for name, error in tracking_errors(results).items()
-    }
+    steady = int(np.searchsorted(time, steady_after))
+    tracking = {name: _measures(error, time, steady) for name, error in tracking_errors(results).items()}
     if "plant.tau_a" not in results:
         return {"tracking": tracking, "control_effort": None, "closure_error_max": None, "steady_after": steady_after}
     tau_a = results["plant.tau_a"]
@@ -69,6 +60,19 @@ def metrics(results: Results | StoredResults, steady_after: float) -> dict[str, 
     }
 
 
+def _measures(error: np.ndarray, time: np.ndarray, steady: int) -> dict[str, float | None]:
+    """Measures of an error, which is steady from a row on."""
+    absolute = np.abs(error)
+    is_steady = steady < len(time)
+    return {
+        "max": float(absolute.max()),
+        "rms": _rms(error),
+        "accumulated": float(np.trapezoid(absolute, time)),
+        "steady_max": float(absolute[steady:].max()) if is_steady else None,
+        "steady_rms": _rms(error[steady:]) if is_steady else None,
+    }
+
+
 def _integral_of_squares(tau_a: np.ndarray, time: np.ndarray) -> float | None:
     with np.errstate(over="ignore"):  # torques of a run that failed
         integral = float(np.trapezoid((tau_a**2).sum(axis=1), time))
@@ -76,4 +80,4 @@ def _integral_of_squares(tau_a: np.ndarray, time: np.ndarray) -> float | None:
 
 
 def _rms(error: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(error**2)))
+    return float(np.sqrt(np.dot(error, error) / len(error)))

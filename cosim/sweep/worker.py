@@ -18,6 +18,7 @@ from cosim.sweep import stock
 from cosim.sweep.batch import Batch, Row, Rows
 from cosim.sweep.errors import WorkerTrouble
 from cosim.sweep.factors import Value
+from cosim.sweep.memory import keep_memory
 from cosim.sweep.study import Study
 from cosim.versions import versions
 
@@ -75,6 +76,7 @@ def study_of(batch: Batch) -> Study:
             f"{gethostname()} has closed-chain-cosim {own}, the sweep comes from {batch.version}; install the same"
         )
     if batch.study not in _studies:
+        keep_memory()
         _studies[batch.study] = cast(Study, pickle.loads(stock.path(batch.study).read_bytes()))
     return _studies[batch.study]
 
