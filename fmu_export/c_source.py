@@ -22,8 +22,7 @@ _ARGUMENTS = {
     "everything": ("t", "x", "u", "p"),
     "linear_step": ("t", "x", "u", "p", "h", "u_rate", "k1"),
     "initial_state_direction": ("p", "dp"),
-    "derivatives_direction": ("t", "x", "u", "p", "dx", "du", "dp"),
-    "outputs_direction": ("t", "x", "u", "p", "dx", "du", "dp"),
+    "direction": ("t", "x", "u", "p", "dx", "du", "dp"),
 }
 
 #: An FMU exports the functions of the standard only, whoever compiles it.

@@ -26,8 +26,8 @@ class TracedModel:
     and `everything` (t, x, u, p), `step` (t, x, u, p, h), `linear_step` (t, x, u, p, h, u_rate, k1) and
     `start_margins` (p). `rates` are the derivatives, then the margins, `everything` the outputs, then the rates: what
     they share is computed once, and an integrator step that begins there takes the derivatives as its first stage.
-    Directional derivatives by CasADi's forward mode: `initial_state_direction` (p, dp), `derivatives_direction` and
-    `outputs_direction` (t, x, u, p, dx, du, dp).
+    Directional derivatives by CasADi's forward mode: `initial_state_direction` (p, dp), and `direction` (t, x, u, p,
+    dx, du, dp), that of the outputs, then that of the derivatives.
     """
 
     model: Model
@@ -41,8 +41,7 @@ class TracedModel:
     everything: ca.Function
     linear_step: ca.Function
     initial_state_direction: ca.Function
-    derivatives_direction: ca.Function
-    outputs_direction: ca.Function
+    direction: ca.Function
 
     @property
     def functions(self) -> tuple[ca.Function, ...]:
@@ -58,8 +57,7 @@ class TracedModel:
             self.everything,
             self.linear_step,
             self.initial_state_direction,
-            self.derivatives_direction,
-            self.outputs_direction,
+            self.direction,
         )
 
     @property
@@ -123,10 +121,11 @@ def trace(model: Model) -> TracedModel:
             return np.zeros(0), 0
         return np.stack([r.margin(T, X, U, P) for r in requirements]), len(requirements)
 
-    def direction(name: str, value: Array, arguments: list[ca.SX], seeds: list[ca.SX]) -> ca.Function:
-        """The derivative of a value along the direction that the seeds of (x, u, p) or of (p) give."""
-        column, along = _column(value), [s for s in (x, u, p) if len(seeds) == 3] or [p]
-        change = sum((ca.jtimes(column, symbol, seed) for symbol, seed in zip(along, seeds, strict=True)), ca.SX(0))
+    def direction(
+        name: str, column: ca.SX, arguments: list[ca.SX], along: list[ca.SX], seeds: list[ca.SX]
+    ) -> ca.Function:
+        """The derivative of a column along the direction that seeds give."""
+        change = ca.jtimes(column, ca.vertcat(*along), ca.vertcat(*seeds))
         return ca.Function(name, [*arguments, *seeds], [ca.densify(ca.cse(change + ca.SX(*column.shape)))])
 
     with _numpy_mode(), _explained(model.name):
@@ -151,9 +150,12 @@ def trace(model: Model) -> TracedModel:
                 rk4_step(model.derivatives, T, X, U, P, H, _vector(u_rate), _vector(k1)),
                 n_x,
             ),
-            initial_state_direction=direction("initial_state_direction", model.initial_state(P), [p], [dp]),
-            derivatives_direction=direction("derivatives_direction", rates, [t, x, u, p], [dx, du, dp]),
-            outputs_direction=direction("outputs_direction", y, [t, x, u, p], [dx, du, dp]),
+            initial_state_direction=direction(
+                "initial_state_direction", _column(model.initial_state(P)), [p], [p], [dp]
+            ),
+            direction=direction(
+                "direction", ca.vertcat(_column(y), _column(rates)), [t, x, u, p], [x, u, p], [dx, du, dp]
+            ),
         )
 
 

@@ -149,7 +149,7 @@ def test_saturation_is_a_clip_that_keeps_nan() -> None:
 
 def test_the_derivative_of_the_torque_is_finite_at_the_kink_and_zero_beyond() -> None:
     """As importers get it who ask for directional derivatives."""
-    direction = trace(MODELS["controller"]).outputs_direction
+    direction = trace(MODELS["controller"]).direction
     u, psi = random_inputs(1)[0]
     size = np.abs(torque(u, psi, parameters()))
     du = np.concatenate([np.ones(3), np.zeros(12)])

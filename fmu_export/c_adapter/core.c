@@ -382,7 +382,7 @@ CoreStatus core_get_states(Core *core, double x[]) {
 
 CoreStatus core_direction(Core *core, const unsigned unknowns[], size_t n, const double change[], double result[]) {
     CoreState *s = &core->state;
-    double dx[N_X + 1] = {0}, dy[N_Y + 1], dd[N_X + 1];
+    double dx[N_X + 1] = {0}, changes[N_Y + N_X + 1];
     if (!all_finite(change, N_VALUES)) return core_fail(core, CORE_ERROR, "the direction has entries that are not finite");
     const double *dp = change, *du = change + N_P;
     if (s->phase & (INSTANTIATED | INITIALIZATION)) {
@@ -392,12 +392,11 @@ CoreStatus core_direction(Core *core, const unsigned unknowns[], size_t n, const
     } else {
         for (int i = 0; i < N_X; i++) dx[i] = change[N_PU + model_state_outputs[i]];
     }
-    model_outputs_direction(s->time, STATES(core), INPUTS(core), PARAMETERS(core), dx, du, dp, dy);
-    model_derivatives_direction(s->time, STATES(core), INPUTS(core), PARAMETERS(core), dx, du, dp, dd);
+    model_direction(s->time, STATES(core), INPUTS(core), PARAMETERS(core), dx, du, dp, changes);
     for (size_t i = 0; i < n; i++) {
         if (unknowns[i] < N_PU || unknowns[i] >= N_VALUES)
             return core_fail(core, CORE_ERROR, "value reference %lu is no unknown: give outputs or state derivatives", (unsigned long)unknowns[i]);
-        result[i] = unknowns[i] < N_VARIABLES ? dy[unknowns[i] - N_PU] : dd[unknowns[i] - N_VARIABLES];
+        result[i] = changes[unknowns[i] - N_PU];
     }
     return CORE_OK;
 }
