@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache
 from math import isnan
 from typing import Any
 
@@ -89,6 +90,7 @@ class TracedModel:
         return _rows(initial_outputs.jac_sparsity(0, 0)), _rows(initial_outputs.jac_sparsity(0, 1))
 
 
+@cache  # all flavours are built from the same
 def trace(model: Model) -> TracedModel:
     """Trace all functions of a model.
 
