@@ -1,7 +1,7 @@
 """All measurements in one go: `python -m benchmarks [--out DIR] [--only NAME]`; takes about ten minutes.
 
-Writes benchmarks.txt and benchmarks.json. Other masters are the project's extra `peers`; one that is not installed is
-named with the reason.
+Writes benchmarks.txt and benchmarks.json, of single parts only where --out says. Other masters are the project's extra
+`peers`; one that is not installed is named with the reason.
 """
 
 from __future__ import annotations
@@ -23,8 +23,11 @@ from benchmarks.masters import measure_masters
 from benchmarks.measure import Section
 from benchmarks.plant_step import measure_plant_step
 from benchmarks.scaling import measure_chain, measure_program
+from benchmarks.sweeps import measure_sweeps
 from cosim.robot.fmus import FLAVOURS, build
 from cosim.versions import versions
+
+RESULTS = Path("benchmarks/results")
 
 PARTS: dict[str, Callable[[Path], Section | list[Section]]] = {
     "plant-step": measure_plant_step,
@@ -33,6 +36,7 @@ PARTS: dict[str, Callable[[Path], Section | list[Section]]] = {
     "coupling": measure_coupling,
     "chain": lambda _: measure_chain(),
     "program": measure_program,
+    "sweeps": measure_sweeps,
     "masters": measure_masters,
 }
 
@@ -40,7 +44,7 @@ PARTS: dict[str, Callable[[Path], Section | list[Section]]] = {
 def main() -> int:
     """Measure and write; returns 0 when all that must hold does."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
-    parser.add_argument("--out", type=Path, default=Path("benchmarks/results"), metavar="DIR")
+    parser.add_argument("--out", type=Path, metavar="DIR", help=f"default {RESULTS}, if all parts are run")
     parser.add_argument("--fmus", type=Path, default=Path("fmus"), metavar="DIR", help="built when missing or outdated")
     parser.add_argument("--only", choices=PARTS, action="append", help="part to run (default all)")
     options = parser.parse_args()
@@ -51,19 +55,26 @@ def main() -> int:
         found = PARTS[name](options.fmus)
         sections += found if isinstance(found, list) else [found]
         print(text_of(sections[-1]) if not isinstance(found, list) else "\n".join(map(text_of, found)), flush=True)
+    out = options.out or (None if options.only else RESULTS)
+    if out is not None:
+        write(sections, out)
+    return int(not all(holds for s in sections for _, holds in s.verdicts))
+
+
+def write(sections: list[Section], out: Path) -> None:
+    """Write the report as text and as JSON."""
     machine = {
         **versions(),
         "processor": processor(),
         "cores": os.cpu_count(),
         "date": datetime.now(UTC).isoformat("T", "minutes"),
     }
-    options.out.mkdir(parents=True, exist_ok=True)
+    out.mkdir(parents=True, exist_ok=True)
     head = "\n".join(f"{key}: {value}" for key, value in machine.items())
-    (options.out / "benchmarks.txt").write_text(head + "\n\n" + "\n".join(map(text_of, sections)), encoding="utf-8")
+    (out / "benchmarks.txt").write_text(head + "\n\n" + "\n".join(map(text_of, sections)), encoding="utf-8")
     data = {"machine": machine, "sections": {s.title: {"data": s.data, "verdicts": s.verdicts} for s in sections}}
-    (options.out / "benchmarks.json").write_text(json.dumps(data, indent=1, default=str) + "\n", encoding="utf-8")
-    print(f"written: {options.out / 'benchmarks.txt'}, {options.out / 'benchmarks.json'}")
-    return int(not all(holds for s in sections for _, holds in s.verdicts))
+    (out / "benchmarks.json").write_text(json.dumps(data, indent=1, default=str) + "\n", encoding="utf-8")
+    print(f"written: {out / 'benchmarks.txt'}, {out / 'benchmarks.json'}")
 
 
 def text_of(section: Section) -> str:

@@ -68,7 +68,7 @@ def test_start_time_shifts_the_signal_and_nothing_else():
 
 def relative_power_error(function, rms: float, duration: float, rate: float) -> np.ndarray:
     """Deviation of the mean square from rms**2, for each element."""
-    values = sampled(function, np.arange(0.0, duration, 1.0 / rate))
+    values = function(np.arange(0.0, duration, 1.0 / rate))
     return np.mean(values**2, axis=0) / rms**2 - 1.0
 
 
@@ -85,6 +85,11 @@ def test_multisine_has_the_rms_it_names(components):
     # the comparison can fail: amplitudes 5 % too large
     assert np.abs(relative_power_error(lambda t: 1.05 * function(t), 0.3, duration, rate)).min() > tolerance / 2
     assert np.abs(relative_power_error(lambda t: 1.1 * function(t), 0.3, duration, rate)).min() > tolerance
+
+
+def test_many_times_at_once_give_what_single_times_do():
+    function, times = multisine(start_time=1.0).function(3, SEED, "a.b"), np.linspace(0.0, 5.0, 101)
+    assert function(times).tolist() == sampled(function, times).tolist()
 
 
 def power_outside(function, margin: float) -> float:

@@ -10,6 +10,7 @@ from typing import Literal, cast
 from cosim.errors import CosimError, nearest
 from cosim.robot.models import MODELS, closed_loop_model
 from fmu_export.model import Model
+from fmu_export.pythonfmu_binary import BinariesMissing
 from fmu_export.record import (
     Recipe,
     fingerprint_of_sources,
@@ -18,7 +19,6 @@ from fmu_export.record import (
     is_current,
     remember,
 )
-from fmu_export.pythonfmu_binary import BinariesMissing
 from fmu_export.toolchain import TARGETS, ToolchainError, compiler_identity, find_compiler, host_target
 from fmu_export.version import package_version
 
