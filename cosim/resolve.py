@@ -291,7 +291,7 @@ def _levels(ports: Mapping[str, Ports], links: Iterable[Link], order: str) -> di
         if order == "sequential":
             raise SetupError(
                 f"algebraic loop {loop}: every output in it depends at once on the input before it; "
-                "use order='parallel', which breaks the loop by a delay of one step, "
+                "use order='parallel' (as an option: --order parallel), which breaks the loop by a delay of one step, "
                 "or FMUs that declare which inputs their outputs depend on"
             ) from None
         return None

@@ -20,6 +20,9 @@ _DASHES = ("-", "--", "-.")
 #: A figure shows at most about this many points of a curve; more are not seen and make files large.
 _MOST_POINTS = 2000
 
+#: Intervals between ticks; more are not needed, and take more time than the curves.
+_MOST_TICKS = 6
+
 #: The default level makes files a quarter smaller, and takes a quarter of the time that figures take.
 _PNG = {"compress_level": 1}
 
@@ -61,6 +64,8 @@ def write_figures(results: Results | StoredResults, title: str, steady_after: fl
             figure.subplots_adjust(left=0.09, right=0.97, bottom=0.09, top=0.88, hspace=0.45, wspace=0.2)
             figure.suptitle(title, fontsize=10, parse_math=False)
             draw(figure, thinned, steady_after)
+            for axes in figure.axes:
+                axes.locator_params(nbins=_MOST_TICKS)
             written.append(folder / f"{name}.png")
             figure.savefig(written[-1], pil_kwargs=_PNG)
     return written

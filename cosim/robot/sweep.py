@@ -165,7 +165,7 @@ class RobotStudy:
         scenarios = {label: dataclasses.asdict(scenario) for label, scenario in self.scenarios.items()}
         return {
             "scenarios": json.loads(json.dumps(scenarios)),
-            "flavours": {flavour: dict(hashes) for flavour, hashes in self.flavours.items()},
+            "fmus": {flavour: dict(hashes) for flavour, hashes in self.flavours.items()},
             "own_fmus": {instance: dict(hashes) for instance, hashes in self.own_fmus.items()},
             "coupling": self.coupling,
             "curve_period": self.curve_period,
