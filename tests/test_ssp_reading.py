@@ -232,11 +232,12 @@ def test_values_of_all_types(tmp_path: Path) -> None:
         ),
         entry("journal", "journal"),
     )
-    values = ("n Integer 3", "b Boolean false", "e Enumeration an", "journal String x.txt")
+    journal = str(tmp_path / "x.txt")  # the FMU writes it
+    values = ("n Integer 3", "b Boolean false", "e Enumeration an", f"journal String {journal}")
     bound = bindings(binding(*values, mapped=entries), binding("status Integer 2"))
     system = elements(component("p", "probe", bindings=bound))
     path = archive(tmp_path / "t.ssp", description(system), probe)
-    assert start(path) == {"p.u": 0.0, "p.n": 4, "p.e": 2.0, "p.b": True, "p.status": 2, "p.journal": "x.txt"}
+    assert start(path) == {"p.u": 0.0, "p.n": 4, "p.e": 2.0, "p.b": True, "p.status": 2, "p.journal": journal}
     results = simulate(read(path).system, 1.0, 0.5)
     assert [results[f"p.{n}_out"][-1] for n in "neb"] == [4.0, 2.0, 1.0]
     wrong = system.replace('target="on"', 'target="broken"')
