@@ -128,14 +128,14 @@ class Run:
                 if self._interrupt.requested:
                     self._terminate(grid.time(point))
                     raise SimulationInterrupted(grid.time(point), finish("interrupted"))
-                began = clock.perf_counter()
+                began, first = clock.perf_counter(), point
                 try:
                     point = self._go_on(recorder, point, min(point + chunk, grid.last_point + 1), record_every)
                 finally:  # what FMUs take to terminate is not the loop's time
                     loop_ended = clock.perf_counter()
                 if progress is not None:
                     progress(grid.time(max(0, point - 1)))
-                rate = chunk / max(loop_ended - began, _SHORTEST_TIME)
+                rate = (point - first) / max(loop_ended - began, _SHORTEST_TIME)
                 chunk = max(1, min(round(rate * _CHUNK_TIME), _LARGEST_GROWTH * chunk, largest))
             self._terminate(grid.time(grid.last_point))
         except SimulationError as error:
