@@ -168,11 +168,14 @@ static int set_rates(const Loop *loop, const Operation *op, int64_t point, doubl
         rate[i] = change * per_second;
         last[i] = now[i];
     }
-    for (int32_t i = op->n - op->n_targets, *column = (int32_t *)op->targets; i < op->n; i++, column++)
-        if (*column == HELD)
+    int32_t first = op->n - op->n_targets;
+    for (int32_t i = first; i < op->n; i++) {
+        int32_t column = op->targets[i - first];
+        if (column == HELD)
             rate[i] = 0.0;
-        else if (*column != EXTRAPOLATED && known)
-            rate[i] = (loop->samples[row * loop->n_samples + *column] - now[i]) * per_second;
+        else if (column != EXTRAPOLATED && known)
+            rate[i] = (loop->samples[row * loop->n_samples + column] - now[i]) * per_second;
+    }
     rates->time = time;
     if (op->version == 3) return 0; /* the FMU asks for its inputs during the step */
     return ((Rates2 *)op->function)(op->instance, op->references, (size_t)op->n_references, rates->orders, rate);
