@@ -12,7 +12,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from fmu_export.archive import write_archive
-from fmu_export.pythonfmu_binary import mended
+from fmu_export.pythonfmu_binary import binaries
 
 #: pythonfmu 0.7.0 runs the script at every instantiation, then drops a reference to its globals that it doesn't own.
 _KEEP_GLOBALS = "\n\nimport ctypes\n\nctypes.pythonapi.Py_IncRef(ctypes.py_object(globals()))\n"
@@ -40,6 +40,8 @@ def build_script(
         There is no such script, or no such class in it.
     OSError
         The FMU can't be written; an older one is unchanged.
+    BinariesMissing
+        The installed pythonfmu has no binaries.
     """
     from pythonfmu.builder import FmuBuilder
 
@@ -54,10 +56,10 @@ def build_script(
         with _importable(path.resolve().parent):
             made = FmuBuilder.build_FMU(copy, dest=Path(name), project_files=[Path(f) for f in files])
         with zipfile.ZipFile(made) as archive:
-            members = {n: archive.read(n) for n in archive.namelist() if not n.endswith("/")}
-    members = {n: mended(data) if n.startswith("binaries/") else data for n, data in members.items()}
+            names = [n for n in archive.namelist() if not n.endswith("/") and not n.startswith("binaries/")]
+            members = {n: archive.read(n) for n in names}
     target = Path(folder) / made.name
-    write_archive(target, members)
+    write_archive(target, members | binaries(made.stem))
     return target
 
 

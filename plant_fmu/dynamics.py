@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from plant_fmu.kinematics import constraint_bias, constraint_matrix, loop_closure
+from plant_fmu.kinematics import constraint_bias, constraint_matrix, loop_closure, relative_angles
 
 Array = Any
 
@@ -33,17 +33,6 @@ def uncertain_inertia(X: Any, Y: Any, Z: Any, dm: Any, l: Any, r_a: Any, r_b: An
         Constants with the uncertainty (kg m^2).
     """
     return X + dm * (r_a**2 + l**2), Y + dm * r_b**2, Z + dm * l * r_b
-
-
-def relative_angles(theta: Array) -> tuple[Array, Array]:
-    """Cosines (3,) and sines (3,) of theta_a - theta_b.
-
-    By the addition theorems: the kinematics need the sines and cosines of the angles themselves, so that these cost
-    no further one, and sines and cosines are what a step of the robot spends most of its time on.
-    """
-    a, b = theta[:3], theta[3:]
-    cosines = np.cos(a) * np.cos(b) + np.sin(a) * np.sin(b)
-    return cosines, np.sin(a) * np.cos(b) - np.cos(a) * np.sin(b)
 
 
 def solve_positive_definite(W: Array, r: Array) -> Array:

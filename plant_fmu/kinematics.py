@@ -89,13 +89,25 @@ def reach_margin(x_E: Any, y_E: Any, l: Any, x_A: Array, y_A: Array) -> Array:
     return (2.0 * l) ** 2 - (x_E - x_A) ** 2 - (y_E - y_A) ** 2
 
 
+def relative_angles(theta: Array) -> tuple[Array, Array]:
+    """Cosines (3,) and sines (3,) of theta_a - theta_b.
+
+    By the addition theorems: the kinematics need the sines and cosines of the angles themselves, so that these cost
+    no further one, and sines and cosines are what the models spend most of their time on.
+    """
+    a, b = theta[:3], theta[3:]
+    cosines = np.cos(a) * np.cos(b) + np.sin(a) * np.sin(b)
+    return cosines, np.sin(a) * np.cos(b) - np.cos(a) * np.sin(b)
+
+
 def velocity_jacobians(theta: Array, l: Any) -> tuple[Array, Array]:
     """J_a and J_b, each (3, 2) in 1/m, of (23): omega_a = J_a v_E and omega_b = J_b v_E.
 
     Infinite where a chain is stretched or folded, sin(theta_b - theta_a) = 0.
     """
     a, b = theta[:3], theta[3:]
-    n = 1.0 / (l * np.sin(b - a))
+    _, sines = relative_angles(theta)
+    n = -1.0 / (l * sines)
     J_a = np.stack([n * np.cos(b), n * np.sin(b)], axis=1)
     J_b = np.stack([-n * np.cos(a), -n * np.sin(a)], axis=1)
     return J_a, J_b
@@ -106,8 +118,9 @@ def velocity_jacobian_rates(theta: Array, omega: Array, l: Any) -> tuple[Array, 
     a, b = theta[:3], theta[3:]
     J_a, J_b = velocity_jacobians(theta, l)
     # n' / n, and the turning of the unit vectors along the links
-    relative_rate = np.diag(-(omega[3:] - omega[:3]) * np.cos(b - a) / np.sin(b - a))
-    n = 1.0 / (l * np.sin(b - a))
+    cosines, sines = relative_angles(theta)
+    relative_rate = np.diag((omega[3:] - omega[:3]) * cosines / sines)
+    n = -1.0 / (l * sines)
     turn_b, turn_a = n * omega[3:], n * omega[:3]
     J_a_rate = relative_rate @ J_a + np.stack([-turn_b * np.sin(b), turn_b * np.cos(b)], axis=1)
     J_b_rate = relative_rate @ J_b + np.stack([turn_a * np.sin(a), -turn_a * np.cos(a)], axis=1)

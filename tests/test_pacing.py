@@ -142,7 +142,7 @@ def slow_fmu(folder: Path) -> System:
         "        time.sleep(0.02)\n"
         "        return True\n"
     )
-    command = [sys.executable, "-m", "pythonfmu", "build", "-f", "slow.py"]
+    command = [sys.executable, "-c", "from fmu_export import build_script; build_script('slow.py')"]
     subprocess.run(command, cwd=folder, check=True, capture_output=True)
     system = System()
     system.add("slow", folder / "Slow.fmu")
