@@ -1,4 +1,4 @@
-"""All measurements in one go: `python -m benchmarks [--out DIR] [--only NAME]`; takes about ten minutes.
+"""All measurements in one go: `python -m benchmarks [--out DIR] [--only NAME]`; takes about fifteen minutes.
 
 Writes benchmarks.txt and benchmarks.json, of single parts only where --out says. Other masters are the project's extra
 `peers`; one that is not installed is named with the reason.
