@@ -15,7 +15,7 @@ from benchmarks.monolith import COLUMNS, Monolith
 from benchmarks.system import STEP, STOP_TIME, disturbed
 from cosim import Simulation
 
-ROUNDS = 11
+ROUNDS = 51
 
 
 def loop_time(simulation: Simulation) -> Callable[[], float]:

@@ -51,6 +51,10 @@ def _local(workers: int) -> LocalCluster:
         "distributed.scheduler.allowed-failures": _LOCAL_DEATHS,
         # samples the stack 100 times a second, for a page that is not shown
         "distributed.worker.profile.enabled": False,
+        # each process of Dask looks after itself so often, on the cores that run simulations; tasks take seconds
+        "distributed.admin.tick.interval": "1s",
+        "distributed.admin.system-monitor.interval": "5s",
+        "distributed.worker.memory.monitor-interval": "1s",
     }
     with dask.config.set(options):
         return LocalCluster(
