@@ -24,12 +24,11 @@ from typing import Any, Literal, TypeVar
 
 import numpy as np
 
-from cosim.coupling import LinearInputs
 from cosim.instance import Batch, Instance
 from cosim.layout import Layout, Part
 from cosim.loop.arena import Arena
 from cosim.loop.binding import EXTRAPOLATED, NONE, TYPES, Kind, Operation, Rates
-from cosim.ports import Element, variables_of
+from cosim.ports import variables_of
 from cosim.resolve import Drive, Link, ResolvedSystem
 
 Order = Literal["sequential", "parallel"]
@@ -67,10 +66,8 @@ class Exchange:
     instances : mapping
         Component name -> instance.
     order : {"sequential", "parallel"}
-    recorded : sequence of (component, element)
-        What to record.
-    linear : LinearInputs
-        Which inputs change linearly over a step.
+    layout : Layout
+        Where the values of the system stand.
 
     Attributes
     ----------
@@ -78,8 +75,6 @@ class Exchange:
         Current values.
     recorded_runs : array (runs, 2) of int32
         What is recorded: position of the first value and number of each contiguous run.
-    n_recorded : int
-        How many values are recorded.
     at_start, at_point, at_step : Table
         What to do once in the initialisation mode, at every communication point, and to go on to the next one.
     """
@@ -89,12 +84,11 @@ class Exchange:
         system: ResolvedSystem,
         instances: Mapping[str, Instance],
         order: Order,
-        recorded: Sequence[tuple[str, Element]],
-        linear: LinearInputs,
+        layout: Layout,
     ) -> None:
         self._system = system
         self._instances = instances
-        self._layout = layout = Layout(system, recorded, linear)
+        self._layout = layout
         self._arena = Arena()
         self._batches: list[Batch] = []  # whose buffers operations point into
         self._links_from: dict[str, list[Link]] = {}
@@ -103,7 +97,7 @@ class Exchange:
             self._links_from.setdefault(link.source_component, []).append(link)
             self._links_to.setdefault(link.target_component, []).append(link)
         self.values = np.zeros(layout.size)
-        self.recorded_runs, self.n_recorded = layout.recorded_runs, len(recorded)
+        self.recorded_runs = layout.recorded_runs
 
         samples = self._samples(system.drives)
         sets = {

@@ -20,6 +20,7 @@ from cosim.exchange import Exchange, Order
 from cosim.failures import Failing
 from cosim.instance import Batch, CallFailed, Instance
 from cosim.interrupts import DeferredInterrupt
+from cosim.layout import Layout
 from cosim.load import load
 from cosim.loop.binding import loop_library
 from cosim.pacing import Pacer
@@ -87,9 +88,10 @@ class Simulation:
         self._ports = {name: Ports(name, fmu.description) for name, fmu in self._fmus.items()}
         self._resolved = resolve(system, self._ports, order)
         self._linear = linear_inputs(self._resolved, coupling)
-        self._recorded = _recorded(record, self._ports)
-        self._names = [f"{component}.{element.name}" for component, element in self._recorded]
-        units = {n: self._ports[c].unit(e) for n, (c, e) in zip(self._names, self._recorded, strict=True)}
+        recorded = _recorded(record, self._ports)
+        self._layout = Layout(self._resolved, recorded, self._linear)
+        self._names = [f"{component}.{element.name}" for component, element in recorded]
+        units = {n: self._ports[c].unit(e) for n, (c, e) in zip(self._names, recorded, strict=True)}
         self._units = {name: unit.name for name, unit in units.items() if unit is not None}
         self._stack: ExitStack | None = None
         self._folders: dict[str, Path] = {}
@@ -187,7 +189,7 @@ class Simulation:
         self._instances = {name: self._instances[name] for name in self._resolved.components}
         if self._exchange is None:
             try:
-                self._exchange = Exchange(self._resolved, self._instances, self._order, self._recorded, self._linear)
+                self._exchange = Exchange(self._resolved, self._instances, self._order, self._layout)
             except CallFailed as error:
                 raise SetupError(f"an FMU {error}") from error
         self._exchange.values[:] = 0.0

@@ -67,7 +67,7 @@ class Run:
             n_samples=samples.values.shape[1],
             runs=_pointer(exchange.recorded_runs, ctypes.c_int32),
             n_runs=len(exchange.recorded_runs),
-            n_recorded=exchange.n_recorded,
+            n_recorded=int(exchange.recorded_runs[:, 1].sum()),
             record_every=1,
             at_point=exchange.at_point.operations,
             at_step=exchange.at_step.operations,

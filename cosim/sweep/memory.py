@@ -5,11 +5,13 @@ from __future__ import annotations
 import ctypes
 import gc
 import sys
+from functools import cache
 
 #: Parameters of glibc's mallopt, and the largest block (bytes) that it lets come from the heap.
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD, _LARGEST = -1, -3, 32 << 20
 
 
+@cache  # once in each process
 def keep_memory() -> None:
     """Have freed memory kept, and leave what is imported out of the garbage collections.
 
