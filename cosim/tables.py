@@ -199,9 +199,6 @@ _WRITERS: dict[str, Callable[[Table, Path], None]] = {
     ".mat": _write_mat,
 }
 
-#: What `save` can write.
-FORMATS = tuple(suffix[1:] for suffix in _WRITERS)
-
 
 def save(table: Table, path: str | PathLike[str]) -> None:
     """Write a table into a file whose ending says how: .csv, .parquet, .npz or .mat.

@@ -7,7 +7,8 @@ import sys
 import tempfile
 from pathlib import Path
 
-from cosim.robot.fmus import FLAVOURS, INSTANCES, build
+from cosim.choices import FLAVOURS
+from cosim.robot.fmus import INSTANCES, build
 from interop.entries import ENTRIES
 from interop.matrix import Outcome, run_entries
 from interop.page import markdown

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from cosim.robot.figure_process import FigureProcess
 from cosim.robot.fmus import build, default_flavour
 
 #: The flavour that `cosim run` takes when none is asked for: fmi2 where there is a C compiler, else pythonfmu.
@@ -28,3 +29,10 @@ def robot_fmus(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def fmus(robot_fmus: Path) -> Path:
     """Folder with RobotPlant.fmu, RobotController.fmu and RobotTrajectory.fmu of the pythonfmu flavour."""
     return robot_fmus / "pythonfmu"
+
+
+@pytest.fixture
+def no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """`cosim run` without figures, which take most of the time of a short run."""
+    monkeypatch.setattr(FigureProcess, "start", lambda _: None)
+    monkeypatch.setattr(FigureProcess, "write", lambda *_: [])

@@ -18,7 +18,8 @@ from fmpy.model_description import read_model_description
 
 from controller_fmu.optimal_gains import PerformanceIndex, optimal_gains
 from cosim.__main__ import main
-from cosim.commands import compare, run, tune
+from cosim.choices import scenario_names
+from cosim.commands import compare, tune
 from cosim.errors import CosimError
 from fmu_export.start_values import write_start_values
 from plant_fmu.model import MODEL as PLANT
@@ -169,8 +170,7 @@ def test_the_exit_code_of_the_command_is_that_of_the_program(monkeypatch):
 # The gain tool and the runs
 
 
-def test_gains_written_into_the_controller_are_those_of_the_next_run(here, monkeypatch, capsys):
-    monkeypatch.setattr("cosim.robot.figures.write_figures", lambda *_: [])
+def test_gains_written_into_the_controller_are_those_of_the_next_run(here, no_figures, capsys):
     controller = here / "fmus" / DEFAULT_FLAVOUR / "RobotController.fmu"
     assert main(["tune", "--mu", "5", "--nu", "1", "--json", "--write", str(controller)]) == 0
     record = json.loads(capsys.readouterr().out)
@@ -240,8 +240,7 @@ def test_gains_that_the_tool_refuses_are_not_written(here, capsys):
     assert digest(controller) == before
 
 
-def test_a_run_agrees_with_itself_and_not_with_another(here, monkeypatch, capsys):
-    monkeypatch.setattr("cosim.robot.figures.write_figures", lambda *_: [])
+def test_a_run_agrees_with_itself_and_not_with_another(here, no_figures, capsys):
     assert main(["run", "--stop", "0.02", "--out", "a"]) == 0
     assert main(["run", "--stop", "0.02", "--out", "b"]) == 0
     assert main(["run", "pd", "--stop", "0.02", "--out", "c"]) == 0
@@ -314,7 +313,7 @@ def test_commands_need_no_working_folder_of_the_project(tmp_path, monkeypatch, c
     monkeypatch.chdir(tmp_path)
     assert tune.run(argparse_of("tune")) == 0
     assert list(tmp_path.iterdir()) == []
-    assert run.names() == [
+    assert scenario_names() == [
         "open-loop",
         "pd",
         "tracking",

@@ -16,7 +16,6 @@ import pytest
 from cosim import Results
 from cosim.__main__ import main
 from cosim.commands import sweep
-from cosim.robot import figures
 from cosim.robot.coupling import CONNECTIONS
 from fmu_export.start_values import write_start_values
 from tests.conftest import DEFAULT_FLAVOUR
@@ -27,12 +26,11 @@ pytestmark = pytest.mark.skipif(DEFAULT_FLAVOUR != "fmi2", reason="the examples 
 
 
 @pytest.fixture
-def folder(robot_fmus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(robot_fmus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, no_figures: None) -> Path:
     """A working folder with the FMUs, as a user's."""
     (tmp_path / "fmus").mkdir()
     (tmp_path / "fmus/fmi2").symlink_to(robot_fmus / DEFAULT_FLAVOUR, target_is_directory=True)
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(figures, "write_figures", lambda *args: [])  # they take longer than the runs
     return tmp_path
 
 

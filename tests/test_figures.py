@@ -157,17 +157,6 @@ def test_torques_of_motor_and_disturbance_are_told_apart():
     assert upper.get_ylabel() != lower.get_ylabel()
 
 
-def test_long_runs_are_thinned_and_keep_their_shape(tmp_path, monkeypatch):
-    seen = []
-    monkeypatch.setattr(figures, "_closure_error", lambda figure, results, _: seen.append(results))
-    results = made(rows=40_001, components=("plant",))
-    results = Results(results.time, ["plant.closure_error"], results.values[:, :1])
-    write_figures(results, "t", 8.0, tmp_path)
-    assert 2000 < len(seen[0].time) < 8000
-    assert seen[0].time[0] == 0.0
-    assert seen[0].time[-1] == pytest.approx(10.0, abs=0.01)
-
-
 @pytest.mark.parametrize("name", ALL)
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
 @pytest.mark.parametrize("rows", [slice(50, 52), slice(None)], ids=["some", "all"])

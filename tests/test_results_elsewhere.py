@@ -18,9 +18,10 @@ from pyarrow import parquet
 from scipy.io import loadmat
 
 from cosim import CosimError, Results
+from cosim.choices import FORMATS
 from cosim.recorded import Recorded
 from cosim.stored import StoredResults
-from cosim.tables import FORMATS, TableWriter
+from cosim.tables import TableWriter
 
 NAMES = ["plant.theta_a[1]", "plant.theta_a[2]", "plant.theta_a[3]", "plant.x_E", "controller.on"]
 UNITS = dict(zip(NAMES[:4], ["rad", "rad", "rad", "m"], strict=True))

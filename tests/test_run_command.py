@@ -23,11 +23,13 @@ import pytest
 
 from controller_fmu.optimal_gains import PerformanceIndex, optimal_gains
 from cosim.__main__ import main
+from cosim.choices import FLAVOURS
 from cosim.commands import execution
-from cosim.commands import run as run_command
+from cosim.commands import run_scenario as run_command
 from cosim.results import Results
-from cosim.robot import figures, fmus
-from cosim.robot.fmus import FLAVOURS, fmu_path
+from cosim.robot import fmus
+from cosim.robot.figure_process import FigureProcess
+from cosim.robot.fmus import fmu_path
 from cosim.robot.models import MODELS
 from cosim.stored import StoredResults
 from fmu_export.record import RECORD
@@ -57,12 +59,6 @@ def here(robot_fmus: Path, tmp_path, monkeypatch) -> Path:
     monkeypatch.setenv("TMPDIR", str(tmp_path / "temporary"))
     monkeypatch.setattr("tempfile.tempdir", None)
     return tmp_path
-
-
-@pytest.fixture
-def no_figures(monkeypatch) -> None:
-    """They take most of the time of a short run."""
-    monkeypatch.setattr("cosim.robot.figures.write_figures", lambda *_: [])
 
 
 def cosim(*arguments: str, **options) -> subprocess.CompletedProcess[str]:
@@ -472,7 +468,7 @@ def test_an_impossible_out_is_refused_before_anything_runs(here, capsys, monkeyp
     Path("file").write_text("a regular file")
     for name in ("execute", "write_somewhere"):
         monkeypatch.setattr(run_command, name, lambda *_, **__: pytest.fail("something ran"))
-    monkeypatch.setattr(run_command.fmus, "build_missing", lambda *_: pytest.fail("something was built"))
+    monkeypatch.setattr(fmus, "build_missing", lambda *_: pytest.fail("something was built"))
     assert main(["run", "--out", out]) == 1
     line = error_line(capsys)
     assert f"can't write into {out}" in line
@@ -521,7 +517,7 @@ def test_results_that_the_folder_refuses_go_to_another(here, capsys, monkeypatch
     elif step == "summary.json":
         monkeypatch.setattr(run_command, "write_json", refuse(run_command.write_json, lambda path, _: path.parent))
     else:
-        monkeypatch.setattr(figures, "write_figures", refuse(figures.write_figures, lambda *a: a[-1]))
+        monkeypatch.setattr(FigureProcess, "write", refuse(FigureProcess.write, lambda *a: a[-1]))
     assert main(["run", "--stop", "0.01"]) == 1
     line = error_line(capsys)
     assert "can't write into results/tracking: No space left on device" in line

@@ -13,10 +13,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from controller_fmu.optimal_gains import PerformanceIndex, optimal_gains
-from cosim.commands import run as run_command
+from cosim.choices import scenario_names
 from cosim.robot.coupling import CONNECTIONS
 from cosim.robot.models import MODELS
-from cosim.robot.scenario import Scenario, ScenarioError, _scenario, load_scenario, names
+from cosim.robot.scenario import Scenario, ScenarioError, _scenario, load_scenario
 from cosim.robot.signals import Multisine, Noise, Shape, Sine
 
 SHIPPED = ["open-loop", "pd", "tracking", "tracking-feedforward", "tracking-noise", "tracking-undisturbed"]
@@ -30,7 +30,7 @@ def signal(scenario: Scenario, target: str, size: int):
 
 
 def test_the_shipped_scenarios():
-    assert names() == SHIPPED
+    assert scenario_names() == SHIPPED
 
 
 @pytest.mark.parametrize("name", SHIPPED)
@@ -368,8 +368,8 @@ def test_a_bad_start_value_is_refused_by_file_and_key(fmus, tmp_path, monkeypatc
 
     text, expected = START[case]
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(run_command.fmus, "build_missing", lambda folder, flavour: [])
-    monkeypatch.setattr(run_command.fmus, "outdated", lambda folder, flavour: [])
+    monkeypatch.setattr("cosim.robot.fmus.build_missing", lambda folder, flavour: [])
+    monkeypatch.setattr("cosim.robot.fmus.outdated", lambda folder, flavour: [])
     (tmp_path / "pythonfmu").symlink_to(fmus)
     path = written(tmp_path, f"[run]\nstop_time = 0.002\n[start.controller]\n{text}\n" + SINE + MULTISINE)
     assert main(["run", path, "--flavour", "pythonfmu", "--fmus", str(tmp_path)]) == 1

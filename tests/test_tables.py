@@ -11,8 +11,9 @@ from pyarrow import parquet
 from scipy.io import loadmat
 
 from cosim import CosimError, Results
+from cosim.choices import FORMATS
 from cosim.stored import StoredResults
-from cosim.tables import FORMATS, TableWriter
+from cosim.tables import TableWriter
 
 SPECIAL = [0.1 + 0.2, 5e-324, 1.7976931348623157e308, -0.0, np.pi, 1e-300]
 

@@ -6,9 +6,9 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from cosim.choices import FLAVOURS
 from cosim.commands.robot_fmus import chosen_flavour, make_ready
 from cosim.output import OutputError
-from cosim.robot import fmus
 
 
 def register(subparsers: Any) -> None:
@@ -22,7 +22,7 @@ def register(subparsers: Any) -> None:
     parser.add_argument(
         "--out", type=Path, default=Path("RobotClosedLoop.ssp"), metavar="FILE", help="file (default %(default)s)"
     )
-    parser.add_argument("--flavour", choices=fmus.FLAVOURS, help="of the FMUs (default fmi2)")
+    parser.add_argument("--flavour", choices=FLAVOURS, help="of the FMUs (default fmi2)")
     parser.add_argument("--fmus", type=Path, default=Path("fmus"), metavar="DIR", help="FMU folder (default fmus)")
     parser.add_argument(
         "--mu", type=float, default=1.0, metavar="M", help="row of Table 1 for the controller (default 1)"

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 
 from tqdm import tqdm
 
+from cosim.choices import FLAVOURS, scenario_names
 from cosim.commands.robot_fmus import chosen_flavour, make_ready
 from cosim.errors import nearest
-from cosim.robot import fmus
-from cosim.robot.scenario import Scenario, load_scenario, names
+from cosim.robot.scenario import Scenario, load_scenario
 from cosim.sweep.design import DESIGNS, advice, design
 from cosim.sweep.errors import SweepError
 from cosim.sweep.factors import Factor, Levels, Range, parse_factor, parse_whole_numbers
@@ -29,7 +29,7 @@ Run a scenario at many points: start values of variables, seeds, scenarios, FMU 
 Each run becomes a row of metrics in Parquet files, also a run that fails. A sweep that was stopped
 goes on when the same command is given again. docs/sweeps.md plans large ones.
 
-Scenarios: {", ".join(names())}, or TOML files; several of them are a factor.
+Scenarios: {", ".join(scenario_names())}, or TOML files; several of them are a factor.
 """
 
 _EXAMPLES = """\
@@ -61,7 +61,7 @@ def register(subparsers: Any) -> None:
     )
     what.add_argument("--seeds", metavar="FIRST:LAST", help="seeds of the random signals: FIRST:LAST or SEED,SEED,...")
     what.add_argument("--step", metavar="H,H", help="communication steps in s")
-    what.add_argument("--flavour", metavar="F,F", help=f"flavours of the FMUs, of {', '.join(fmus.FLAVOURS)}")
+    what.add_argument("--flavour", metavar="F,F", help=f"flavours of the FMUs, of {', '.join(FLAVOURS)}")
     what.add_argument(
         "--fmu",
         action="append",
@@ -141,8 +141,8 @@ def _flavours(args: argparse.Namespace) -> list[str]:
         return [chosen_flavour(args.fmus, None)]
     flavours = args.flavour.split(",")
     for flavour in flavours:
-        if flavour not in fmus.FLAVOURS:
-            raise SweepError(f"--flavour {args.flavour}: '{flavour}' is unknown; {nearest(flavour, fmus.FLAVOURS)}")
+        if flavour not in FLAVOURS:
+            raise SweepError(f"--flavour {args.flavour}: '{flavour}' is unknown; {nearest(flavour, FLAVOURS)}")
     return list(flavours)
 
 

@@ -3,22 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.image import imsave
 
 from cosim.results import Results
 from cosim.robot.metrics import tracking_errors
-from cosim.stored import StoredResults
 
 #: Okabe and Ito's colours, which colour-blind readers can tell apart; dashes tell them apart in greyscale.
 _COLOURS = ("#0072B2", "#D55E00", "#009E73")
 _DASHES = ("-", "--", "-.")
 
-#: A figure shows at most about this many points of a curve; more are not seen and make files large.
-_MOST_POINTS = 2000
+_DPI = 120
 
 #: Intervals between ticks; more are not needed, and take more time than the curves.
 _MOST_TICKS = 6
@@ -27,7 +28,7 @@ _MOST_TICKS = 6
 _PNG = {"compress_level": 1}
 
 
-def write_figures(results: Results | StoredResults, title: str, steady_after: float, folder: Path) -> list[Path]:
+def write_figures(results: Results, title: str, steady_after: float, folder: Path) -> list[Path]:
     """Draw what a run recorded, as PNG files.
 
     Parameters
@@ -47,8 +48,6 @@ def write_figures(results: Results | StoredResults, title: str, steady_after: fl
     OSError
         A file can't be written.
     """
-    every = max(1, len(results.time) // _MOST_POINTS)
-    thinned = results.thinned(every)
     drawings: dict[str, tuple[bool, Callable[[Figure, Results, float], None]]] = {
         "path": ("plant.x_E" in results, _path),
         "tracking_errors": ("trajectory.x_ref" in results and "plant.x_E" in results, _tracking_errors),
@@ -56,19 +55,24 @@ def write_figures(results: Results | StoredResults, title: str, steady_after: fl
         "psi": ("controller.psi[2]" in results, _psi),
         "closure_error": ("plant.closure_error" in results, _closure_error),
     }
-    written = []
-    for name, (recorded, draw) in drawings.items():
-        if recorded:
-            figure = Figure(figsize=(9.0, 6.0), dpi=120)
-            # margins by hand: matplotlib's layout engines take longer than the run
-            figure.subplots_adjust(left=0.09, right=0.97, bottom=0.09, top=0.88, hspace=0.45, wspace=0.2)
-            figure.suptitle(title, fontsize=10, parse_math=False)
-            draw(figure, thinned, steady_after)
-            for axes in figure.axes:
-                axes.locator_params(nbins=_MOST_TICKS)
-            written.append(folder / f"{name}.png")
-            figure.savefig(written[-1], pil_kwargs=_PNG)
-    return written
+    saved = {}
+    with ThreadPoolExecutor(max_workers=1) as pool:  # images are written by C, which lets Python go on
+        for name, (recorded, draw) in drawings.items():
+            if recorded:
+                figure = Figure(figsize=(9.0, 6.0), dpi=_DPI)
+                # margins by hand: matplotlib's layout engines take longer than the run
+                figure.subplots_adjust(left=0.09, right=0.97, bottom=0.09, top=0.88, hspace=0.45, wspace=0.2)
+                figure.suptitle(title, fontsize=10, parse_math=False)
+                draw(figure, results, steady_after)
+                for axes in figure.axes:
+                    axes.locator_params(nbins=_MOST_TICKS)
+                canvas = FigureCanvasAgg(figure)
+                canvas.draw()
+                path = folder / f"{name}.png"
+                saved[path] = pool.submit(imsave, path, np.asarray(canvas.buffer_rgba()), dpi=_DPI, pil_kwargs=_PNG)
+    for future in saved.values():
+        future.result()
+    return list(saved)
 
 
 def _lines(axes: Axes, time: np.ndarray, columns: np.ndarray, labels: list[str], legend: bool = True) -> None:
@@ -115,15 +119,15 @@ def _torques(figure: Figure, results: Results, _steady_after: float) -> None:
     upper, lower = figure.subplots(2, 1, sharex=True)
     labels = [f"joint {i}" for i in (1, 2, 3)]
     _lines(upper, results.time, results["plant.tau_a"], labels)
-    upper.set(ylabel=r"Control torque $\tau_a$ (N m)")
+    upper.set(ylabel="Control torque τₐ (N m)")
     _lines(lower, results.time, results["plant.tau_d"], labels)
-    lower.set(ylabel=r"Disturbance $\tau_d$ (N m)", xlabel="Time (s)")
+    lower.set(ylabel="Disturbance torque (N m)", xlabel="Time (s)")
 
 
 def _psi(figure: Figure, results: Results, _steady_after: float) -> None:
     axes = figure.subplots()
-    _lines(axes, results.time, results["controller.psi"], [r"$\psi_1$", r"$\psi_2$"])
-    axes.set(xlabel="Time (s)", ylabel=r"Estimate $\psi$ of the uncertainty bound (1)")
+    _lines(axes, results.time, results["controller.psi"], ["ψ₁", "ψ₂"])
+    axes.set(xlabel="Time (s)", ylabel="Estimate ψ of the uncertainty bound (1)")
 
 
 def _closure_error(figure: Figure, results: Results, _steady_after: float) -> None:

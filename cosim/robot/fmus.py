@@ -7,6 +7,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Literal, cast
 
+from cosim.choices import FLAVOURS
 from cosim.errors import CosimError, nearest
 from cosim.robot.models import MODELS, closed_loop_model
 from fmu_export.model import Model
@@ -21,9 +22,6 @@ from fmu_export.record import (
 )
 from fmu_export.toolchain import TARGETS, ToolchainError, compiler_identity, find_compiler, host_target
 from fmu_export.version import package_version
-
-#: Flavours that can be built. The native ones need a C compiler to build and nothing to run.
-FLAVOURS = ("fmi2", "fmi3", "pythonfmu")
 
 #: The FMU that holds the whole closed loop; no part of the system that `cosim run` couples.
 CLOSED_LOOP = "closed_loop"

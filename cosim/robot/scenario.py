@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
+from cosim.choices import SCENARIOS, scenario_names
 from cosim.errors import CosimError, nearest
 from cosim.exchange import Order
 from cosim.robot.coupling import CONNECTIONS
@@ -17,8 +18,6 @@ from cosim.robot.fmus import fmu_path
 from cosim.robot.models import MODELS
 from cosim.robot.signals import SHAPES, Shape
 from cosim.system import System
-
-FOLDER = Path(__file__).with_name("scenarios")
 
 _TOP_LEVEL = ("title", "components", "run", "start", "signals", "disturbances")
 _RUN = {"stop_time": float, "step_size": float, "order": str, "seed": int, "steady_after": float}
@@ -118,11 +117,6 @@ def _size(target: str) -> int:
     return sizes[name]
 
 
-def names() -> list[str]:
-    """Names of the scenarios that come with the program."""
-    return sorted(path.stem for path in FOLDER.glob("*.toml"))
-
-
 def load_scenario(name_or_path: str) -> Scenario:
     """Read a scenario by name, or from a TOML file.
 
@@ -131,9 +125,11 @@ def load_scenario(name_or_path: str) -> Scenario:
     ScenarioError
         There is none of that name, or the file is malformed; the message names the file and the key.
     """
-    path = FOLDER / f"{name_or_path}.toml" if name_or_path in names() else Path(name_or_path)
+    path = SCENARIOS / f"{name_or_path}.toml" if name_or_path in scenario_names() else Path(name_or_path)
     if not path.is_file():
-        raise ScenarioError(f"there is no scenario '{name_or_path}'; {nearest(name_or_path, names())} (or a TOML file)")
+        raise ScenarioError(
+            f"there is no scenario '{name_or_path}'; {nearest(name_or_path, scenario_names())} (or a TOML file)"
+        )
     try:
         data = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
