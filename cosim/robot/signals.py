@@ -92,15 +92,19 @@ class Multisine:
         random = np.random.default_rng([seed, *target.encode()])
         frequencies = random.uniform(self.lowest, self.highest, (size, self.components))
         phases = random.uniform(0.0, 2.0 * np.pi, (size, self.components))
+        # components first and times last: numpy goes through long rows in half the time
+        angular, shift = 2.0 * np.pi * frequencies.T[..., np.newaxis], phases.T[..., np.newaxis]
         amplitude = self.rms * np.sqrt(2.0 / self.components)
 
         def values(times: float | np.ndarray) -> np.ndarray:
-            since = np.asarray(times)[..., np.newaxis] - self.start_time
-            waves = sum(
-                np.sin(2.0 * np.pi * frequency * since + phase)  # one component at a time, for memory
-                for frequency, phase in zip(frequencies.T, phases.T, strict=True)
-            )
-            return np.where(since < 0.0, 0.0, amplitude * waves)
+            since = np.asarray(times) - self.start_time
+            on = since[since >= 0.0]
+            waves = np.zeros((size, len(on)))
+            for omega, phase in zip(angular, shift, strict=True):  # one component at a time, for memory
+                waves += np.sin(omega * on + phase)
+            found = np.zeros((*since.shape, size))
+            found[since >= 0.0] = amplitude * waves.T
+            return found
 
         return values
 
