@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from plant_fmu.kinematics import constraint_bias, constraint_matrix, loop_closure, relative_angles
+from plant_fmu.kinematics import Directions, constraint_bias, constraint_matrix, loop_closure, relative_angles
 
 Array = Any
 
@@ -59,7 +59,7 @@ def solve_positive_definite(W: Array, r: Array) -> Array:
     return np.stack(f)
 
 
-def mass_matrix(theta: Array, X: Any, Y: Any, Z: Any) -> Array:
+def mass_matrix(theta: Array | Directions, X: Any, Y: Any, Z: Any) -> Array:
     """M_o of the three open chains, (12), (15): (6, 6) in kg m^2."""
     E = np.eye(3)
     cosines, _ = relative_angles(theta)
@@ -77,7 +77,7 @@ def inverse_mass_matrix(theta: Array, X: Any, Y: Any, Z: Any) -> Array:
     )
 
 
-def coriolis_matrix(theta: Array, omega: Array, Z: Any) -> Array:
+def coriolis_matrix(theta: Array | Directions, omega: Array, Z: Any) -> Array:
     """C_o of the three open chains, (12), (15): (6, 6) in kg m^2/s."""
     O = np.zeros((3, 3))
     _, sines = relative_angles(theta)

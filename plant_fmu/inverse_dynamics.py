@@ -11,12 +11,14 @@ from typing import Any
 import numpy as np
 
 from plant_fmu.dynamics import coriolis_matrix, mass_matrix, solve_positive_definite
-from plant_fmu.kinematics import velocity_jacobian_rates, velocity_jacobians
+from plant_fmu.kinematics import Directions, velocity_jacobian_rates, velocity_jacobians
 
 Array = Any
 
 
-def minimum_norm_torque(theta: Array, velocity: Array, acceleration: Array, X: Any, Y: Any, Z: Any, l: Any) -> Array:
+def minimum_norm_torque(
+    theta: Array | Directions, velocity: Array, acceleration: Array, X: Any, Y: Any, Z: Any, l: Any
+) -> Array:
     """The least torque on the active joints that gives the end effector an acceleration.
 
     In (27), M theta_a'' + C theta_a' + F = tau_a, the closure force F has no power in any motion of the closed chain,
@@ -25,8 +27,8 @@ def minimum_norm_torque(theta: Array, velocity: Array, acceleration: Array, X: A
 
     Parameters
     ----------
-    theta : array (6,)
-        Joint angles of a closed pose (rad).
+    theta : array (6,) or Directions
+        Joint angles of a closed pose (rad), or the directions of its links.
     velocity, acceleration : array (2,)
         Of the end effector (m/s, m/s^2).
     X, Y, Z : float

@@ -6,7 +6,7 @@ first, then passive links. Equation numbers are those of Han et al. 2021.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,6 +17,18 @@ BRANCH = 1.0
 
 #: The paper counts theta_b of the third chain one turn further than atan2 does; (89) makes turns part of the contract.
 FULL_TURNS_B = np.array([0.0, 0.0, 2.0 * np.pi])
+
+
+class Directions(NamedTuple):
+    """Cosines and sines (6,) of joint angles: all that the matrices of the robot need of them."""
+
+    cosines: Array
+    sines: Array
+
+
+def directions(theta: Array | Directions) -> Directions:
+    """Directions of all links, from joint angles (6,) in rad, unless they are known already."""
+    return theta if isinstance(theta, Directions) else Directions(np.cos(theta), np.sin(theta))
 
 
 def chain_ends(theta: Array, l: Any, x_A: Array, y_A: Array) -> tuple[Array, Array]:
@@ -84,44 +96,56 @@ def inverse_kinematics(x_E: Any, y_E: Any, l: Any, x_A: Array, y_A: Array) -> Ar
     return np.concatenate([direction + BRANCH * half_apex, direction - BRANCH * half_apex + FULL_TURNS_B])
 
 
+def directions_to(x_E: Any, y_E: Any, l: Any, x_A: Array, y_A: Array) -> Directions:
+    """Directions of all links for an end-effector position in m; out of reach NaN.
+
+    Those of `inverse_kinematics` without angles, which take several times as long: from the base halfway to the end
+    effector, then across, is the elbow.
+    """
+    dx, dy = (x_E - x_A) / l, (y_E - y_A) / l
+    across = BRANCH * np.sqrt(1.0 / (dx**2 + dy**2) - 0.25)
+    cosines = np.concatenate([0.5 * dx - across * dy, 0.5 * dx + across * dy])
+    sines = np.concatenate([0.5 * dy + across * dx, 0.5 * dy - across * dx])
+    return Directions(cosines, sines)
+
+
 def reach_margin(x_E: Any, y_E: Any, l: Any, x_A: Array, y_A: Array) -> Array:
     """How far inside the reach of each chain a position lies: (2 l)^2 - distance^2, (3,) in m^2."""
     return (2.0 * l) ** 2 - (x_E - x_A) ** 2 - (y_E - y_A) ** 2
 
 
-def relative_angles(theta: Array) -> tuple[Array, Array]:
+def relative_angles(theta: Array | Directions) -> tuple[Array, Array]:
     """Cosines (3,) and sines (3,) of theta_a - theta_b.
 
     By the addition theorems: the kinematics need the sines and cosines of the angles themselves, so that these cost
     no further one, and sines and cosines are what the models spend most of their time on.
     """
-    a, b = theta[:3], theta[3:]
-    cosines = np.cos(a) * np.cos(b) + np.sin(a) * np.sin(b)
-    return cosines, np.sin(a) * np.cos(b) - np.cos(a) * np.sin(b)
+    c, s = directions(theta)
+    return c[:3] * c[3:] + s[:3] * s[3:], s[:3] * c[3:] - c[:3] * s[3:]
 
 
-def velocity_jacobians(theta: Array, l: Any) -> tuple[Array, Array]:
+def velocity_jacobians(theta: Array | Directions, l: Any) -> tuple[Array, Array]:
     """J_a and J_b, each (3, 2) in 1/m, of (23): omega_a = J_a v_E and omega_b = J_b v_E.
 
     Infinite where a chain is stretched or folded, sin(theta_b - theta_a) = 0.
     """
-    a, b = theta[:3], theta[3:]
+    c, s = directions(theta)
     _, sines = relative_angles(theta)
     n = -1.0 / (l * sines)
-    J_a = np.stack([n * np.cos(b), n * np.sin(b)], axis=1)
-    J_b = np.stack([-n * np.cos(a), -n * np.sin(a)], axis=1)
+    J_a = np.stack([n * c[3:], n * s[3:]], axis=1)
+    J_b = np.stack([-n * c[:3], -n * s[:3]], axis=1)
     return J_a, J_b
 
 
-def velocity_jacobian_rates(theta: Array, omega: Array, l: Any) -> tuple[Array, Array]:
+def velocity_jacobian_rates(theta: Array | Directions, omega: Array, l: Any) -> tuple[Array, Array]:
     """Rates of J_a and J_b of (23), each (3, 2) in 1/(m s), at joint angles and velocities (6,) of a closed state."""
-    a, b = theta[:3], theta[3:]
+    c, s = directions(theta)
     J_a, J_b = velocity_jacobians(theta, l)
     # n' / n, and the turning of the unit vectors along the links
     cosines, sines = relative_angles(theta)
     relative_rate = np.diag((omega[3:] - omega[:3]) * cosines / sines)
     n = -1.0 / (l * sines)
     turn_b, turn_a = n * omega[3:], n * omega[:3]
-    J_a_rate = relative_rate @ J_a + np.stack([-turn_b * np.sin(b), turn_b * np.cos(b)], axis=1)
-    J_b_rate = relative_rate @ J_b + np.stack([turn_a * np.sin(a), -turn_a * np.cos(a)], axis=1)
+    J_a_rate = relative_rate @ J_a + np.stack([-turn_b * s[3:], turn_b * c[3:]], axis=1)
+    J_b_rate = relative_rate @ J_b + np.stack([turn_a * s[:3], -turn_a * c[:3]], axis=1)
     return J_a_rate, J_b_rate

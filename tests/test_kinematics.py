@@ -11,6 +11,8 @@ from plant_fmu.kinematics import (
     chain_ends,
     constraint_bias,
     constraint_matrix,
+    directions,
+    directions_to,
     inverse_kinematics,
     loop_closure,
     reach_margin,
@@ -44,6 +46,20 @@ def test_inverse_kinematics_closes_every_chain_at_the_position(x: float, y: floa
     x_ends, y_ends = chain_ends(theta, *GEOMETRY)
     np.testing.assert_allclose(x_ends, x, atol=1e-15)
     np.testing.assert_allclose(y_ends, y, atol=1e-15)
+
+
+@given(st.floats(0.18, 0.27), st.floats(0.25, 0.38))
+def test_directions_without_angles_are_those_of_the_angles(x: float, y: float) -> None:
+    links = directions_to(x, y, *GEOMETRY)
+    expected = directions(inverse_kinematics(x, y, *GEOMETRY))
+    np.testing.assert_allclose(links.cosines, expected.cosines, atol=2e-15)
+    np.testing.assert_allclose(links.sines, expected.sines, atol=2e-15)
+    np.testing.assert_allclose(np.hypot(*links), 1.0, atol=1e-15)
+
+
+def test_directions_out_of_reach_are_no_numbers() -> None:
+    with np.errstate(invalid="ignore"):
+        assert np.isnan(directions_to(2.0, 0.3, *GEOMETRY).cosines).all()
 
 
 def test_angles_are_continuous_over_the_whole_reachable_workspace() -> None:

@@ -11,7 +11,7 @@ import numpy as np
 
 from fmu_export.model import DefaultExperiment, Layout, Model, ModelFunction, Requirement, Variable
 from plant_fmu.inverse_dynamics import minimum_norm_torque
-from plant_fmu.kinematics import inverse_kinematics, reach_margin, velocity_jacobians
+from plant_fmu.kinematics import directions_to, inverse_kinematics, reach_margin, velocity_jacobians
 from plant_fmu.model import GEOMETRY, INERTIA
 
 Array = Any
@@ -76,13 +76,14 @@ def output_values(t: Any, x: Array, u: Array, p: Array) -> Array:  # noqa: ARG00
     P = PARAMETERS.unpack(p)
     position, velocity, acceleration = desired_path(t, p)
     theta = inverse_kinematics(position[0], position[1], P.l, P.x_A, P.y_A)
-    J_a, _ = velocity_jacobians(theta, P.l)
+    links = directions_to(position[0], position[1], P.l, P.x_A, P.y_A)
+    J_a, _ = velocity_jacobians(links, P.l)
     return OUTPUTS.pack(
         theta_ref=theta[:3],
         omega_ref=J_a @ velocity,
         x_ref=position[0],
         y_ref=position[1],
-        tau_ref=minimum_norm_torque(theta, velocity, acceleration, P.X, P.Y, P.Z, P.l),
+        tau_ref=minimum_norm_torque(links, velocity, acceleration, P.X, P.Y, P.Z, P.l),
     )
 
 
