@@ -30,10 +30,12 @@ _APART: dict[str, Any] = (
 class FigureProcess:
     """A process that draws; it ends with the context.
 
-    >>> with FigureProcess() as figures:  # doctest: +SKIP
+    >>> from cosim import simulate
+    >>> with FigureProcess() as figures:
     ...     figures.start()  # it imports matplotlib
-    ...     results = simulation.run(15.0, 1e-3)  # meanwhile
-    ...     figures.write(results, "tracking", 8.0, Path("results"))
+    ...     results = simulate(system, stop_time=0.1, step_size=1e-3)  # meanwhile
+    ...     [path.name for path in figures.write(results, "tracking", 8.0, Path())]
+    ['path.png', 'tracking_errors.png', 'torques.png', 'psi.png', 'closure_error.png']
     """
 
     def __init__(self) -> None:
