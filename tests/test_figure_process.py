@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from cosim.errors import CosimError
+from cosim.output import OutputError
 from cosim.results import Results
 from cosim.robot.figure_process import FigureProcess, as_drawn
 from cosim.robot.figures import write_figures
@@ -51,7 +51,7 @@ def test_a_process_that_was_ended_is_one_line(tmp_path: Path) -> None:
         assert process._process is not None
         process._process.kill()
         process._process.wait()
-        with pytest.raises(CosimError, match=r"the figures could not be drawn: .* exit code") as error:
+        with pytest.raises(OutputError, match=r"exit code.*; everything else is in .*, run again") as error:
             process.write(made(20, PLANT), "t", 8.0, tmp_path)
     assert "\n" not in str(error.value)
 

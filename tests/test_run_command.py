@@ -544,6 +544,22 @@ def test_a_failed_run_whose_folder_refuses_says_both(here, no_figures, capsys, m
     assert "mass matrix is not positive definite" in line  # why the run failed must not be lost
 
 
+def test_a_failed_run_whose_figures_fail_too_says_both(here, capsys, monkeypatch):
+    Path("mine.toml").write_text(INDEFINITE, encoding="utf-8")
+    start = FigureProcess.start
+
+    def killed(figures):
+        start(figures)
+        figures._process.kill()
+
+    monkeypatch.setattr(FigureProcess, "start", killed)
+    assert main(["run", "mine.toml"]) == 1
+    line = error_line(capsys)
+    assert "mass matrix is not positive definite" in line
+    assert "everything else is in results/mine" in line
+    assert len(Results.from_csv("results/mine/results.csv").time) > 1
+
+
 # FMUs
 
 

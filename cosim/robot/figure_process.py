@@ -10,7 +10,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
-from cosim.errors import CosimError
+from cosim.output import OutputError
 
 if TYPE_CHECKING:
     from typing import Self
@@ -69,7 +69,7 @@ class FigureProcess:
         ------
         OSError
             A file can't be written.
-        CosimError
+        OutputError
             The process ended.
         """
         self.start()
@@ -82,7 +82,10 @@ class FigureProcess:
             answer = pickle.load(self._process.stdout)
         except (BrokenPipeError, EOFError):
             code = self._process.wait()
-            raise CosimError(f"the figures could not be drawn: their process ended with exit code {code}") from None
+            raise OutputError(
+                f"the figures could not be drawn, their process ended with exit code {code}; "
+                f"everything else is in {folder}, run again for the figures"
+            ) from None
         if isinstance(answer, Exception):
             raise answer
         written: list[Path] = answer
