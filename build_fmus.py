@@ -7,9 +7,9 @@ import sys
 import time
 from pathlib import Path
 
-from cosim.choices import FLAVOURS
 from cosim.errors import CosimError
-from cosim.robot.fmus import INSTANCES, build
+from parallel_robot.choices import FLAVOURS
+from parallel_robot.fmus import INSTANCES, build
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -20,7 +20,7 @@ except ModuleNotFoundError:  # run as a script
 sys.path.insert(0, str(Path(__file__).parent))
 
 from cosim.loop.source import LIBRARY, SOURCE, source_hash
-from fmu_export.toolchain import ToolchainError, compile_library, find_compiler
+from fmu_export.native.toolchain import ToolchainError, compile_library, find_compiler
 
 
 def compile_loop() -> Path:

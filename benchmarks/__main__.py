@@ -24,8 +24,8 @@ from benchmarks.measure import Section
 from benchmarks.plant_step import measure_plant_step
 from benchmarks.scaling import measure_chain, measure_program
 from benchmarks.sweeps import measure_sweeps
-from cosim.robot.fmus import FLAVOURS, build
 from cosim.versions import versions
+from parallel_robot.fmus import FLAVOURS, build
 
 RESULTS = Path("benchmarks/results")
 

@@ -13,11 +13,11 @@ from pathlib import Path
 import fmpy
 from fmpy.fmi2 import FMU2Slave
 
-from cosim.robot.coupling import CONNECTIONS
-from cosim.robot.fmus import fmu_path
-from cosim.robot.models import MODELS
-from fmu_export.model import Model
-from fmu_export.toolchain import compile_library, host_target
+from fmu_export.modelling.model import Model
+from fmu_export.native.toolchain import compile_library, host_target
+from parallel_robot.fmus import fmu_path
+from parallel_robot.models import MODELS
+from parallel_robot.wiring import CONNECTIONS
 
 _LOOP = b"""
 #include <stddef.h>

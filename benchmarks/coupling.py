@@ -11,8 +11,8 @@ import numpy as np
 from benchmarks.measure import Section
 from benchmarks.system import STOP_TIME, disturbed
 from cosim import Simulation, SimulationError
-from cosim.exchange import Order
-from tests.continuous_loop import end_effector, solve
+from cosim.master.operations import Order
+from tests.support.continuous_loop import end_effector, solve
 
 STEPS = (20e-3, 10e-3, 4e-3, 2e-3, 1e-3, 0.5e-3)
 EVERY = 0.02  # s

@@ -13,7 +13,7 @@ from benchmarks.measure import Section, ratio
 from benchmarks.system import STEP, STOP_TIME, case, undisturbed
 from cosim import Simulation
 from interop.tools.launch import ToolFailed, package_version, run_tool, tool
-from tests.continuous_loop import end_effector, solve
+from tests.support.continuous_loop import end_effector, solve
 
 #: Masters of `interop.tools`, in the order of the table.
 PEERS = (

@@ -13,10 +13,10 @@ from pathlib import Path
 
 import numpy as np
 
-from cosim.robot.models import MODELS
-from fmu_export.c_source import c_function
-from fmu_export.toolchain import compile_library, host_target
-from fmu_export.trace import trace
+from fmu_export.native.c_source import c_function
+from fmu_export.native.toolchain import compile_library, host_target
+from fmu_export.trace.trace import trace
+from parallel_robot.models import MODELS
 
 #: Columns of the record: outputs of plant, controller and trajectory, inputs of plant and controller.
 COLUMNS = [

@@ -16,7 +16,7 @@ import fmpy
 from fmpy.fmi2 import FMU2Slave
 
 from benchmarks.measure import Section, interleaved, ratio
-from fmu_export.toolchain import compile_library, host_target
+from fmu_export.native.toolchain import compile_library, host_target
 
 FLAVOURS = ("fmi2", "pythonfmu")
 ROUNDS = 11

@@ -15,8 +15,8 @@ import psutil
 
 from benchmarks.measure import Section
 from cosim import Simulation, System
-from fmu_export.model import DefaultExperiment, Layout, Model, Variable
-from fmu_export.native_backend import build_native
+from fmu_export.modelling.model import DefaultExperiment, Layout, Model, Variable
+from fmu_export.native.backend import build_native
 
 GAIN = Model(
     name="Gain",

@@ -26,9 +26,6 @@ from pathlib import Path
 import numpy as np
 import psutil
 
-from cosim.robot.fmus import build_missing
-from cosim.robot.scenario import load_scenario
-from cosim.robot.sweep import METRICS, RobotStudy, robot_study
 from cosim.sweep import sizes
 from cosim.sweep.batch import Rows
 from cosim.sweep.cluster import connect
@@ -36,6 +33,9 @@ from cosim.sweep.design import Points, design
 from cosim.sweep.engine import sweep
 from cosim.sweep.factors import Range
 from cosim.sweep.store import Store, read
+from parallel_robot.fmus import build_missing
+from parallel_robot.scenario import load_scenario
+from parallel_robot.sweep import METRICS, RobotStudy, robot_study
 
 FACTORS = (Range("controller.alpha", 0.5, 3.0), Range("controller.beta", 1.0, 2.0))
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from benchmarks.measure import Section, ratio
 from benchmarks.sweep_throughput import CORES, on_disk, rates
-from cosim.robot.scenario import load_scenario
-from cosim.robot.sweep import robot_study
+from parallel_robot.scenario import load_scenario
+from parallel_robot.sweep import robot_study
 
 #: Runs of a sweep for each worker.
 POINTS, ROUNDS = 300, 5

@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 from cosim import System
-from cosim.robot.coupling import CONNECTIONS
-from cosim.robot.fmus import fmu_path
-from cosim.robot.models import MODELS
-from cosim.robot.scenario import Scenario, load_scenario
 from interop.tools.case import PATH, Case
+from parallel_robot.fmus import fmu_path
+from parallel_robot.models import MODELS
+from parallel_robot.scenario import Scenario, load_scenario
+from parallel_robot.wiring import CONNECTIONS
 
 STOP_TIME, STEP = 15.0, 1e-3
 #: No signals, which not every master can feed: the inputs that nothing is connected to are held at zero.

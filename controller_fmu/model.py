@@ -10,9 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from fmu_export.model import DefaultExperiment, Layout, Model, Variable
-from fmu_export.norm import norm
-from fmu_export.saturation import saturate
+from fmu_export.modelling.functions import norm, saturate
+from fmu_export.modelling.model import DefaultExperiment, Layout, Model, Variable
 
 Array = Any
 

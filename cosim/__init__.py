@@ -17,16 +17,16 @@ from typing import TYPE_CHECKING, Any
 #: Name -> module; loaded when first used, since fmpy takes a while to import.
 _MODULES = {
     "CosimError": "cosim.errors",
-    "Results": "cosim.results",
+    "Results": "cosim.results.results",
     "SetupError": "cosim.errors",
-    "Signal": "cosim.system",
-    "Simulation": "cosim.simulation",
-    "SimulationError": "cosim.failures",
-    "SimulationInterrupted": "cosim.failures",
-    "StoredResults": "cosim.stored",
-    "System": "cosim.system",
-    "TableWriter": "cosim.tables",
-    "simulate": "cosim.master",
+    "Signal": "cosim.system.system",
+    "Simulation": "cosim.master.simulation",
+    "SimulationError": "cosim.master.failures",
+    "SimulationInterrupted": "cosim.master.failures",
+    "StoredResults": "cosim.results.stored",
+    "System": "cosim.system.system",
+    "TableWriter": "cosim.results.files",
+    "simulate": "cosim.master.simulation",
 }
 
 __all__ = [
@@ -45,13 +45,12 @@ __all__ = [
 
 if TYPE_CHECKING:
     from cosim.errors import CosimError, SetupError
-    from cosim.failures import SimulationError, SimulationInterrupted
-    from cosim.master import simulate
-    from cosim.results import Results
-    from cosim.simulation import Simulation
-    from cosim.stored import StoredResults
-    from cosim.system import Signal, System
-    from cosim.tables import TableWriter
+    from cosim.master.failures import SimulationError, SimulationInterrupted
+    from cosim.master.simulation import Simulation, simulate
+    from cosim.results.files import TableWriter
+    from cosim.results.results import Results
+    from cosim.results.stored import StoredResults
+    from cosim.system.system import Signal, System
 else:
 
     def __getattr__(name: str) -> Any:

@@ -5,40 +5,60 @@ from __future__ import annotations
 import argparse
 import sys
 import traceback
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib import import_module
+from importlib.metadata import entry_points
 
 from cosim.errors import CosimError
 from cosim.versions import versions
 
-#: Modules in `cosim.commands`.
-COMMANDS = ("run", "sweep", "tune", "reproduce", "robustness", "ssp", "validate", "compare")
+#: Commands of the program itself -> modules.
+_OWN = {name: f"cosim.commands.{name}" for name in ("run", "sweep", "validate", "compare")}
+
+#: Entry-point group by which other packages add commands: name -> module with a function `register(subparsers)`.
+COMMAND_GROUP = "cosim.commands"
 
 
-def command_line(commands: Sequence[str] = COMMANDS) -> argparse.ArgumentParser:
-    """The parser of commands and their options."""
-    parser = argparse.ArgumentParser(
-        prog="cosim", description="Co-simulation of a closed-chain robot and its controller as FMUs."
-    )
+def commands() -> dict[str, str]:
+    """All commands -> modules: the program's own, and those of installed packages."""
+    return {entry.name: entry.value for entry in entry_points(group=COMMAND_GROUP)} | _OWN
+
+
+def command_line(chosen: Mapping[str, str] | None = None) -> argparse.ArgumentParser:
+    """The parser of commands and their options.
+
+    Parameters
+    ----------
+    chosen : mapping, optional
+        Commands -> modules; all of them by default.
+    """
+    parser = argparse.ArgumentParser(prog="cosim", description="Co-simulation of FMUs at a fixed communication step.")
     parser.add_argument("--version", action="version", version=versions()["closed-chain-cosim"])
     parser.add_argument("--debug", action="store_true", help="show the traceback of an error")
     subparsers = parser.add_subparsers(required=True, metavar="COMMAND")
-    for command in commands:
-        import_module(f"cosim.commands.{command}").register(subparsers)
+    for module in (commands() if chosen is None else chosen).values():
+        import_module(module).register(subparsers)
     return parser
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit code: 0 only on success, 130 after Ctrl-C."""
     arguments = sys.argv[1:] if arguments is None else arguments
-    # the others take a while to import
-    asked_for = [argument for argument in arguments if argument in COMMANDS][:1]
     try:
-        options = command_line(asked_for or COMMANDS).parse_args(arguments)
+        options = command_line(_asked_for(arguments)).parse_args(arguments)
         return _run(options)
     except KeyboardInterrupt:
         print("cosim: interrupted", file=sys.stderr)
         return 130
+
+
+def _asked_for(arguments: Sequence[str]) -> dict[str, str] | None:
+    """The command that is named, if one is: importing all takes a while."""
+    first = next((a for a in arguments if not a.startswith("-")), None)
+    for known in (lambda: _OWN, commands):
+        if first in (found := known()):
+            return {first: found[first]}
+    return None
 
 
 def _run(options: argparse.Namespace) -> int:

@@ -2,18 +2,5 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 #: Formats of results, by the endings of their files.
 FORMATS = ("csv", "parquet", "npz", "mat")
-
-#: Flavours of FMUs that can be built. The native ones need a C compiler to build and nothing to run.
-FLAVOURS = ("fmi2", "fmi3", "pythonfmu")
-
-#: Folder of the scenarios that come with the program.
-SCENARIOS = Path(__file__).parent / "robot" / "scenarios"
-
-
-def scenario_names() -> list[str]:
-    """Names of the scenarios that come with the program."""
-    return sorted(path.stem for path in SCENARIOS.glob("*.toml"))

@@ -9,7 +9,7 @@ import shutil
 import sys
 from pathlib import Path
 
-from cosim.robot.robustness.content import FIGURES, TEXT, load
+from parallel_robot.paper.robustness.content import FIGURES, TEXT, load
 
 PAGE = Path(__file__).with_name("robustness.md")
 PICTURES = Path(__file__).with_name("robustness")

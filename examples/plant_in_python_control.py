@@ -3,8 +3,8 @@
 import control
 import numpy as np
 
-from cosim.robot.models import MODELS
 from fmu_export import to_control
+from parallel_robot.models import MODELS
 
 model = MODELS["plant"]
 robot = to_control(model, name="robot")  # a control.NonlinearIOSystem

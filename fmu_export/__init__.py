@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 #: Name -> module; loaded when first used, since casadi and python-control take a while to import.
 _MODULES = {
-    "DefaultExperiment": "fmu_export.model",
-    "Layout": "fmu_export.model",
-    "Model": "fmu_export.model",
-    "Requirement": "fmu_export.model",
-    "Variable": "fmu_export.model",
-    "build_native": "fmu_export.native_backend",
-    "build_pythonfmu": "fmu_export.pythonfmu_backend",
-    "build_script": "fmu_export.pythonfmu_script",
+    "DefaultExperiment": "fmu_export.modelling.model",
+    "Layout": "fmu_export.modelling.model",
+    "Model": "fmu_export.modelling.model",
+    "Requirement": "fmu_export.modelling.model",
+    "Variable": "fmu_export.modelling.model",
+    "build_native": "fmu_export.native.backend",
+    "build_pythonfmu": "fmu_export.pythonfmu.backend",
+    "build_script": "fmu_export.pythonfmu.script",
     "to_control": "fmu_export.control_backend",
 }
 
@@ -32,10 +32,10 @@ __all__ = [
 
 if TYPE_CHECKING:
     from fmu_export.control_backend import to_control
-    from fmu_export.model import DefaultExperiment, Layout, Model, Requirement, Variable
-    from fmu_export.native_backend import build_native
-    from fmu_export.pythonfmu_backend import build_pythonfmu
-    from fmu_export.pythonfmu_script import build_script
+    from fmu_export.modelling.model import DefaultExperiment, Layout, Model, Requirement, Variable
+    from fmu_export.native.backend import build_native
+    from fmu_export.pythonfmu.backend import build_pythonfmu
+    from fmu_export.pythonfmu.script import build_script
 else:
 
     def __getattr__(name: str) -> Any:

@@ -8,7 +8,7 @@ from typing import Any
 import control
 import numpy as np
 
-from fmu_export.model import Array, Layout, Model
+from fmu_export.modelling.model import Array, Layout, Model
 
 
 def to_control(

@@ -7,8 +7,6 @@ import sys
 import tempfile
 from pathlib import Path
 
-from cosim.choices import FLAVOURS
-from cosim.robot.fmus import INSTANCES, build
 from interop.entries import ENTRIES
 from interop.matrix import Outcome, run_entries
 from interop.page import markdown
@@ -16,6 +14,8 @@ from interop.references import References
 from interop.tools import TOOLS
 from interop.tools.launch import tool
 from interop.validators import validate
+from parallel_robot.choices import FLAVOURS
+from parallel_robot.fmus import INSTANCES, build
 
 
 def main(arguments: list[str] | None = None) -> int:

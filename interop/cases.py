@@ -6,10 +6,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from cosim import System
-from cosim.robot.coupling import CONNECTIONS
-from cosim.robot.fmus import CLOSED_LOOP, fmu_path
-from cosim.robot.models import MODELS
 from interop.tools.case import Case, split
+from parallel_robot.fmus import CLOSED_LOOP, fmu_path
+from parallel_robot.models import MODELS
+from parallel_robot.wiring import CONNECTIONS
 
 STOP_TIME, STEP = 3.0, 1e-3
 

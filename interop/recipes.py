@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 
 from cosim import Results, System, simulate
-from cosim.exchange import Order
-from cosim.robot.coupling import CONNECTIONS
-from cosim.robot.fmus import CLOSED_LOOP, INSTANCES, build, fmu_path
-from cosim.robot.models import MODELS
+from cosim.master.operations import Order
 from interop.references import distance
+from parallel_robot.fmus import CLOSED_LOOP, INSTANCES, build, fmu_path
+from parallel_robot.models import MODELS
+from parallel_robot.wiring import CONNECTIONS
 
 #: What a reader compares, all at the stop time.
 SHOWN = (

@@ -10,11 +10,11 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from cosim import Simulation
-from cosim.exchange import Order
-from cosim.robot.models import closed_loop_model
-from fmu_export.trace import trace
+from cosim.master.operations import Order
+from fmu_export.trace.trace import trace
 from interop.cases import START, STEP, coupled, system
 from interop.tools.case import Case, ToolRun
+from parallel_robot.models import closed_loop_model
 
 
 @dataclass(frozen=True)

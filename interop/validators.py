@@ -11,7 +11,7 @@ from pathlib import Path
 
 from fmpy.validation import validate_fmu
 
-from fmu_export.archive import replace_members
+from fmu_export.package.archive import replace_members
 from interop.tools import maven
 
 #: The Maven package.

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from cosim.robot.figure_process import FigureProcess
-from cosim.robot.fmus import build, default_flavour
+from parallel_robot.figure_process import FigureProcess
+from parallel_robot.fmus import build, default_flavour
 
 #: The flavour that `cosim run` takes when none is asked for: fmi2 where there is a C compiler, else pythonfmu.
 DEFAULT_FLAVOUR = default_flavour(Path("no such folder"))[0]

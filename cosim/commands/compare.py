@@ -9,7 +9,7 @@ from typing import Any
 
 from cosim.regression.comparison import compare_signals
 from cosim.regression.tolerances import Tolerances
-from cosim.results import Results
+from cosim.results.results import Results
 
 
 def register(subparsers: Any) -> None:

@@ -14,13 +14,13 @@ from typing import Any
 from tqdm import tqdm
 
 from cosim.errors import CosimError
-from cosim.exchange import Order
-from cosim.failures import SimulationError, SimulationInterrupted
-from cosim.results import Results
-from cosim.simulation import Simulation, number_of_steps
-from cosim.stored import StoredResults
-from cosim.system import System
-from cosim.tables import TableWriter
+from cosim.master.failures import SimulationError, SimulationInterrupted
+from cosim.master.operations import Order
+from cosim.master.simulation import Simulation, number_of_steps
+from cosim.results.files import TableWriter
+from cosim.results.results import Results
+from cosim.results.stored import StoredResults
+from cosim.system.system import System
 
 #: A run that records more values than this is written as it goes, and not kept in memory.
 MOST_VALUES_IN_MEMORY = 10_000_000

@@ -6,8 +6,9 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from cosim.choices import FLAVOURS, FORMATS, scenario_names
-from cosim.robot.figure_process import FigureProcess
+from cosim.choices import FORMATS
+from parallel_robot.choices import FLAVOURS, scenario_names
+from parallel_robot.figure_process import FigureProcess
 
 
 def register(subparsers: Any) -> None:

@@ -12,19 +12,19 @@ from pathlib import Path
 from typing import Any
 
 from cosim.commands.execution import Plan, UsageError, check_overrides, execute, in_words, start_value
-from cosim.commands.robot_fmus import chosen_flavour, make_ready
 from cosim.errors import CosimError, SetupError, nearest
-from cosim.failures import SimulationError, SimulationInterrupted
+from cosim.master.failures import SimulationError, SimulationInterrupted
 from cosim.output import OutputError, check_writable, write_json, write_somewhere
-from cosim.results import Results
-from cosim.robot.figure_process import FigureProcess
-from cosim.robot.metrics import metrics
-from cosim.robot.own_fmus import replaced
-from cosim.robot.scenario import Scenario, load_scenario
-from cosim.robot.signals import SHAPES, Shape
-from cosim.stored import StoredResults
-from cosim.system import System
+from cosim.results.results import Results
+from cosim.results.stored import StoredResults
+from cosim.scenario.signals import SHAPES, Shape
+from cosim.system.system import System
 from cosim.versions import versions
+from parallel_robot.commands.robot_fmus import chosen_flavour, make_ready
+from parallel_robot.figure_process import FigureProcess
+from parallel_robot.metrics import metrics
+from parallel_robot.own_fmus import replaced
+from parallel_robot.scenario import Scenario, load_scenario
 
 SHAPE_NAMES = {kind: name for name, kind in SHAPES.items()}
 

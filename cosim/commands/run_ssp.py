@@ -12,12 +12,12 @@ from typing import Any
 
 from cosim.commands.execution import Plan, UsageError, check_overrides, execute, in_words, start_value
 from cosim.errors import CosimError, SetupError, nearest
-from cosim.failures import SimulationError, SimulationInterrupted
+from cosim.master.failures import SimulationError, SimulationInterrupted
 from cosim.output import OutputError, check_writable, write_json, write_somewhere
-from cosim.results import Results
+from cosim.results.results import Results
+from cosim.results.stored import StoredResults
 from cosim.ssp.reader import ReadSystem, read_ssp
-from cosim.stored import StoredResults
-from cosim.system import System
+from cosim.system.system import System
 from cosim.versions import versions
 
 

@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Any
 
 from tqdm import tqdm
 
-from cosim.choices import FLAVOURS, scenario_names
-from cosim.commands.robot_fmus import chosen_flavour, make_ready
 from cosim.errors import nearest
-from cosim.robot.scenario import Scenario, load_scenario
 from cosim.sweep.design import DESIGNS, advice, design
 from cosim.sweep.errors import SweepError
 from cosim.sweep.factors import Factor, Levels, Range, parse_factor, parse_whole_numbers
+from parallel_robot.choices import FLAVOURS, scenario_names
+from parallel_robot.commands.robot_fmus import chosen_flavour, make_ready
+from parallel_robot.scenario import Scenario, load_scenario
 
 if TYPE_CHECKING:
     from cosim.sweep.engine import Outcome
@@ -111,8 +111,8 @@ def run(args: argparse.Namespace) -> int:
     points = design(args.design, factors, args.points, args.design_seed)
 
     # Dask and Arrow take a while to import, and wrong options should be told at once
-    from cosim.robot.sweep import check, robot_study
     from cosim.sweep.engine import sweep
+    from parallel_robot.sweep import check, robot_study
 
     for flavour in flavours:
         make_ready(args.fmus, flavour)

@@ -14,7 +14,7 @@ from typing import Any, Literal
 from cosim.errors import CosimError, nearest
 from cosim.regression.options import Options, read_options
 from cosim.regression.tolerances import Interface, Tolerances, read_toml, tolerances_of
-from cosim.results import Results
+from cosim.results.results import Results
 
 #: What inputs do between two rows of `<case>_in.csv`.
 Between = Literal["linear", "hold"]

@@ -9,7 +9,7 @@ import numpy as np
 from cosim.errors import nearest
 from cosim.regression.funnel import Curve, funnel
 from cosim.regression.tolerances import Tolerance, Tolerances, vector_of
-from cosim.results import Results
+from cosim.results.results import Results
 
 
 @dataclass(frozen=True)

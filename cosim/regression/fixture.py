@@ -9,7 +9,7 @@ from typing import get_args
 import pytest
 
 from cosim.errors import CosimError, nearest
-from cosim.load import read_fmu
+from cosim.fmi.fmu_file import read_fmu
 from cosim.regression.case import find_cases
 from cosim.regression.items import judged, near, no_case, reference_folder
 from cosim.regression.run import interfaces_of

@@ -6,9 +6,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from cosim.ports import KINDS, Element, Ports
 from cosim.regression.case import Between, Case, CaseError
 from cosim.regression.tolerances import vector_of
+from cosim.system.variables import KINDS, Element, Ports
 
 
 def input_function(time: np.ndarray, values: np.ndarray, between: Between) -> Callable[[np.ndarray], np.ndarray]:

@@ -13,7 +13,7 @@ from cosim.errors import CosimError
 from cosim.regression.case import Case, RunError
 from cosim.regression.run import run
 from cosim.regression.tolerances import Interface
-from cosim.results import Results
+from cosim.results.results import Results
 
 #: So much of what an FMU prints is kept (characters).
 _MOST_OUTPUT = 10_000

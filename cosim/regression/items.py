@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from cosim.errors import CosimError
-from cosim.load import read_fmu
+from cosim.fmi.fmu_file import read_fmu
 from cosim.regression.case import Case, find_cases
 from cosim.regression.outcome import SHORT, Outcome, check
 from cosim.regression.page import part

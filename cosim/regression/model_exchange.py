@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from cosim.load import LoadedFMU
-from cosim.ports import Element, Ports
+from cosim.fmi.fmu_file import LoadedFMU
 from cosim.regression.case import Between, Case, CaseError, RunError
 from cosim.regression.experiment import Experiment
 from cosim.regression.inputs import input_elements
+from cosim.system.variables import Element, Ports
 
 
 def model_exchange(

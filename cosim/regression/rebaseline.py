@@ -9,14 +9,14 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from cosim.errors import CosimError
-from cosim.load import read_fmu
+from cosim.fmi.fmu_file import read_fmu
 from cosim.regression.case import Case
 from cosim.regression.experiment import experiment_of
 from cosim.regression.isolated import run_isolated
 from cosim.regression.options import write_options
 from cosim.regression.run import interfaces_of
 from cosim.regression.tolerances import Interface, vector_of
-from cosim.results import Results
+from cosim.results.results import Results
 
 _OPTION = "--fmu-rebaseline"
 

@@ -6,18 +6,18 @@ from pathlib import Path
 
 import numpy as np
 
-from cosim.coupling import Coupling
 from cosim.errors import nearest
-from cosim.load import LoadedFMU, read_fmu
-from cosim.ports import KINDS, Element, Ports
+from cosim.fmi.fmu_file import LoadedFMU, read_fmu
+from cosim.master.extrapolation import Coupling
+from cosim.master.simulation import Simulation
 from cosim.regression.case import Between, Case, CaseError, RunError
 from cosim.regression.experiment import Experiment, experiment_of
 from cosim.regression.inputs import held_inputs, input_elements, input_function
 from cosim.regression.model_exchange import model_exchange
 from cosim.regression.tolerances import Interface
-from cosim.results import Results
-from cosim.simulation import Simulation
-from cosim.system import System
+from cosim.results.results import Results
+from cosim.system.system import System
+from cosim.system.variables import KINDS, Element, Ports
 
 _COMPONENT = "fmu"
 

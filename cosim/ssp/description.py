@@ -9,10 +9,10 @@ from xml.etree.ElementTree import SubElement
 
 from fmpy.model_description import BaseUnit, SimpleType, Unit
 
-from cosim.ports import Element, Ports
-from cosim.ssp.layout import Box, Layout, arrange
-from cosim.ssp.members import Member, Members
+from cosim.ssp.components import Member, Members
+from cosim.ssp.diagram import Box, Layout, arrange
 from cosim.ssp.schema import NAMESPACES, SSPError
+from cosim.system.variables import Element, Ports
 from cosim.versions import versions
 
 #: How libcosim and OMSimulator note the communication step, for which SSP has no word.

@@ -12,7 +12,7 @@ from xmlschema import DataElement
 from cosim.ssp.schema import SSPError, children, local_name
 from cosim.ssp.structure import Connector, Part, find_connector
 from cosim.ssp.values import transformation_of
-from cosim.units import UnitsDiffer, conversion
+from cosim.system.units import UnitsDiffer, conversion
 
 #: Path of a system or component, and name of a scalar value of it.
 Node = tuple[str, str]

@@ -12,7 +12,7 @@ from types import TracebackType
 from urllib.parse import unquote, urlsplit
 
 from cosim.errors import nearest
-from cosim.load import MOST_UNPACKED_BYTES
+from cosim.fmi.fmu_file import MOST_UNPACKED_BYTES
 from cosim.ssp.schema import SSPError
 
 #: XML files that are larger are refused: they would not fit into memory once decoded.

@@ -10,13 +10,13 @@ from typing import Any
 from xmlschema import DataElement
 
 from cosim.errors import nearest
-from cosim.ports import Element
 from cosim.ssp.flow import Feed, Flow, Node
 from cosim.ssp.package import Package
 from cosim.ssp.schema import SSPError, child, children, parse
 from cosim.ssp.structure import Part, read_structure, variable_nodes
 from cosim.ssp.values import Value, read_units, values_of
-from cosim.system import System
+from cosim.system.system import System
+from cosim.system.variables import Element
 
 DESCRIPTION = "SystemStructure.ssd"
 

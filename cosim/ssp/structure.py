@@ -14,11 +14,11 @@ from fmpy.model_description import Unit
 from xmlschema import DataElement
 
 from cosim.errors import nearest
-from cosim.load import load
-from cosim.ports import Element, Ports
+from cosim.fmi.fmu_file import load
 from cosim.ssp.package import Package
 from cosim.ssp.schema import SSPError, child, children, local_name
-from cosim.units import UnitsDiffer, conversion
+from cosim.system.units import UnitsDiffer, conversion
+from cosim.system.variables import Element, Ports
 
 #: Between the names of nested elements in the name of a component: the dot begins the name of the variable.
 SEPARATOR = "/"

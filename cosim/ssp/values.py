@@ -11,7 +11,7 @@ from xmlschema import DataElement
 
 from cosim.ssp.package import Package
 from cosim.ssp.schema import SSPError, child, children, local_name, parse
-from cosim.units import UnitsDiffer, conversion
+from cosim.system.units import UnitsDiffer, conversion
 
 _BASE_UNIT = ("kg", "m", "s", "A", "K", "mol", "cd", "rad", "factor", "offset")
 

@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Literal
 
 from cosim.errors import nearest
+from cosim.ssp.components import Members, members_of
 from cosim.ssp.description import description_file, parameter_file
-from cosim.ssp.members import Members, members_of
 from cosim.ssp.reader import DESCRIPTION
 from cosim.ssp.schema import SSPError, parse
-from cosim.system import System
+from cosim.system.system import System
 
 _DATE = (1980, 1, 1, 0, 0, 0)  # of all members: equal systems become equal files
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from cosim.errors import SetupError
-from cosim.simulation import Simulation
+from cosim.master.simulation import Simulation
 from cosim.sweep.errors import SweepError
 from cosim.sweep.factors import Factor, Range
 

@@ -17,7 +17,7 @@ import numpy as np
 from dask.typing import Key
 from distributed import Client, Future, KilledWorker
 
-from cosim.interrupts import DeferredInterrupt
+from cosim.master.interrupts import DeferredInterrupt
 from cosim.sweep.batch import Batch, Rows
 from cosim.sweep.cluster import connect
 from cosim.sweep.design import Points

@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
-from cosim.results import Results
-from cosim.simulation import Simulation
+from cosim.master.simulation import Simulation
+from cosim.results.results import Results
 from cosim.sweep.batch import Entry
 from cosim.sweep.factors import Value
-from cosim.system import Signal
+from cosim.system.system import Signal
 
 
 @dataclass(frozen=True)

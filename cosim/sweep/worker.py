@@ -13,7 +13,7 @@ from typing import cast
 
 from cosim.errors import CosimError
 from cosim.loop.binding import LoopLibraryError
-from cosim.simulation import Simulation
+from cosim.master.simulation import Simulation
 from cosim.sweep import stock
 from cosim.sweep.batch import Batch, Row, Rows
 from cosim.sweep.errors import WorkerTrouble

@@ -9,7 +9,7 @@ from pathlib import Path
 import fmpy
 import numpy as np
 
-from fmu_export.toolchain import ToolchainError, find_compiler, host_target
+from fmu_export.native.toolchain import ToolchainError, find_compiler, host_target
 from interop.tools.case import Case, ToolRun, split
 
 NAME = "c_host"

@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fmu_export.archive import replace_members
+from fmu_export.package.archive import replace_members
 from interop.tools import ecos
 from interop.tools.case import Case, ToolRun
 

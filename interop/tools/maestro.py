@@ -17,9 +17,9 @@ from pathlib import Path
 
 import fmpy
 
-from fmu_export.archive import write_archive
-from fmu_export.model import DefaultExperiment, Layout, Model, Variable
-from fmu_export.native_backend import build_native
+from fmu_export.modelling.model import DefaultExperiment, Layout, Model, Variable
+from fmu_export.native.backend import build_native
+from fmu_export.package.archive import write_archive
 from interop.tools import maven
 from interop.tools.case import Case, ToolRun, split
 from interop.tools.results_file import read_columns

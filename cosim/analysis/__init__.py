@@ -1,0 +1,1 @@
+"""Analysis of coupled systems: linearisation and stability."""

@@ -1,0 +1,1 @@
+"""FMI: FMU files, instances and types; the only room that calls FMPy."""

@@ -1,0 +1,236 @@
+"""One run of instantiated FMUs: initialisation, then the compiled stepping loop, chunk by chunk."""
+
+from __future__ import annotations
+
+import ctypes
+import math
+import time as clock
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cosim.fmi.instance import Batch, Instance
+from cosim.loop.binding import NOT_FINITE, RETURNED_EARLY, WANTS_TO_END, Loop, Operation, Rates, loop_library
+from cosim.master.failures import Failing, SimulationError, SimulationInterrupted
+from cosim.master.interrupts import DeferredInterrupt
+from cosim.master.operations import Entry, Exchange, Table
+from cosim.master.pacing import Pacer
+from cosim.master.recording import PassedOn, Recorder
+from cosim.master.sampling import Samples
+from cosim.results.results import Results
+from cosim.system.resolution import StartValue
+from cosim.system.variables import variables_of
+
+#: Between two chunks the loop looks for Ctrl-C and reports progress; this is how long (s) a chunk should take.
+_CHUNK_TIME = 0.05
+_FIRST_CHUNK, _LARGEST_GROWTH, _LARGEST_CHUNK = 64, 16, 1 << 16
+_SHORTEST_TIME = 1e-6  # clocks have a resolution
+
+
+@dataclass(frozen=True)
+class Grid:
+    """The communication points `start_time + i * step_size`, i = 0 ... last_point (s)."""
+
+    start_time: float
+    step_size: float
+    last_point: int
+
+    def time(self, point: int) -> float:
+        """Time (s) of a point."""
+        return self.start_time + point * self.step_size
+
+
+class Run:
+    """One run of instantiated FMUs."""
+
+    def __init__(
+        self,
+        instances: Mapping[str, Instance],
+        exchange: Exchange,
+        samples: Samples,
+        grid: Grid,
+        interrupt: DeferredInterrupt,
+    ) -> None:
+        self._instances = instances
+        self._exchange = exchange
+        self._samples = samples
+        self._grid = grid
+        self._interrupt = interrupt
+        self._loop = Loop(
+            start_time=grid.start_time,
+            step_size=grid.step_size,
+            per_second=1.0 / grid.step_size,
+            last_point=grid.last_point,
+            values=_pointer(exchange.values, ctypes.c_double),
+            n_samples=samples.values.shape[1],
+            runs=_pointer(exchange.recorded_runs, ctypes.c_int32),
+            n_runs=len(exchange.recorded_runs),
+            n_recorded=int(exchange.recorded_runs[:, 1].sum()),
+            record_every=1,
+            at_point=exchange.at_point.operations,
+            at_step=exchange.at_step.operations,
+            n_at_point=len(exchange.at_point),
+            n_at_step=len(exchange.at_step),
+        )
+
+    def initialize(self, starts: Sequence[StartValue]) -> None:
+        """Set start values and run all FMUs through their initialisation mode."""
+        time = self._grid.start_time
+        for component, instance in self._instances.items():
+            own = [s for s in starts if s.component == component]
+            with Failing(component, time, instance):
+                instance.set_up(time)
+                _set_start_values(instance, own)
+                instance.enter_initialization_mode(time)
+                _set_start_elements(instance, own)
+        if self._samples.cover(0, 1, lambda: False) < 1:
+            raise self._signal_failure(0)
+        self._point_at_samples()
+        at_start = self._exchange.at_start
+        if not loop_library().loop_perform(ctypes.byref(self._loop), at_start.operations, len(at_start)):
+            raise self._failure(at_start)
+        for component, instance in self._instances.items():
+            with Failing(component, time, instance):
+                instance.exit_initialization_mode()
+
+    def loop(
+        self,
+        recorder: Recorder,
+        record_every: int,
+        results: Results,
+        progress: Callable[[float], None] | None,
+        pacer: Pacer | None,
+    ) -> Results:
+        """Step to the end; the results have all recorded rows however the loop ends."""
+        loop_began = loop_ended = clock.perf_counter()
+
+        def finish(status: str) -> Results:
+            results.info["status"] = status
+            results.info["loop_time_s"] = loop_ended - loop_began
+            results.time, results.values = recorder.result()
+            if pacer is not None:
+                results.info["realtime"] = pacer.report()
+            return results
+
+        grid, point = self._grid, 0
+        self._loop.record_every = record_every
+        if progress is not None:
+            progress(grid.start_time)
+        largest = record_every * recorder.capacity if isinstance(recorder, PassedOn) else _LARGEST_CHUNK
+        chunk = min(_FIRST_CHUNK, largest)
+        try:
+            while point <= grid.last_point:
+                if pacer is not None:
+                    pacer.wait(grid.time(point) - grid.start_time, self._stop)
+                    chunk = 1
+                if self._interrupt.requested:
+                    self._terminate(grid.time(point))
+                    raise SimulationInterrupted(grid.time(point), finish("interrupted"))
+                began, first = clock.perf_counter(), point
+                try:
+                    point = self._go_on(recorder, point, min(point + chunk, grid.last_point + 1), record_every)
+                finally:  # what FMUs take to terminate is not the loop's time
+                    loop_ended = clock.perf_counter()
+                if progress is not None:
+                    progress(grid.time(max(0, point - 1)))
+                rate = (point - first) / max(loop_ended - began, _SHORTEST_TIME)
+                chunk = max(1, min(round(rate * _CHUNK_TIME), _LARGEST_GROWTH * chunk, largest))
+            self._terminate(grid.time(grid.last_point))
+        except SimulationError as error:
+            error.results = finish("failed")
+            raise
+        if self._interrupt.requested:
+            raise SimulationInterrupted(grid.time(grid.last_point), finish("interrupted"))
+        return finish("completed")
+
+    def _go_on(self, recorder: Recorder, first: int, end: int, record_every: int) -> int:
+        """Perform a chunk of points; returns the first point that is still to be performed."""
+        end = self._samples.cover(first, end, self._stop)
+        if end == first:
+            if self._samples.failure is None:  # Ctrl-C came while a signal was sampled
+                return first
+            raise self._signal_failure(first)
+        self._point_at_samples()
+        rows, self._loop.first_record = recorder.room(_rows(first, record_every), _rows(end, record_every))
+        self._loop.records = _pointer(rows, ctypes.c_double)
+        if loop_library().loop_run(ctypes.byref(self._loop), first, end):
+            recorder.recorded(_rows(end, record_every))
+            return end
+        stepping = bool(self._loop.failed_at_step)
+        recorder.recorded(_rows(self._loop.point + stepping, record_every))
+        raise self._failure(self._exchange.at_step if stepping else self._exchange.at_point)
+
+    def _stop(self) -> bool:
+        return self._interrupt.requested
+
+    def _point_at_samples(self) -> None:
+        samples, loop = self._samples, self._loop
+        loop.samples, loop.jumps = _pointer(samples.values, ctypes.c_double), _pointer(samples.jumps, ctypes.c_uint8)
+        loop.first_sample, loop.n_rows = samples.first, samples.end - samples.first
+
+    def _terminate(self, time: float) -> None:
+        for component, instance in self._instances.items():
+            with Failing(component, time, instance):
+                instance.terminate()
+
+    # Failures
+
+    def _signal_failure(self, point: int) -> SimulationError:
+        samples = self._samples
+        component = samples.failed.component if samples.failed else ""
+        error = SimulationError(component, self._grid.time(point), str(samples.failure), "")
+        error.__cause__ = samples.failure
+        return error
+
+    def _failure(self, table: Table) -> SimulationError:
+        """The error that the loop has ended with."""
+        entry = table.entries[self._loop.failed]
+        instance = self._instances[entry.component]
+        operation = table.operations[self._loop.failed]
+        what = self._reason(entry, operation, self._loop.status, instance)
+        return SimulationError(entry.component, self._grid.time(self._loop.point), what, instance.log())
+
+    def _reason(self, entry: Entry, operation: Operation, status: int, instance: Instance) -> str:
+        if status == NOT_FINITE:
+            values = self._exchange.values
+            wrong = [f"'{name}'" for name, position in entry.finite if not math.isfinite(values[position])]
+            return f"{len(wrong)} outputs are not finite, the first is {wrong[0]}"
+        if status == WANTS_TO_END:
+            return f"{entry.function} asked to end the simulation"
+        if status == RETURNED_EARLY:
+            return f"{entry.function} returned early, at t = {Rates.from_address(operation.data).time!r} s"
+        return str(instance.failure(entry.function, status))
+
+
+def _rows(point: int, record_every: int) -> int:
+    """Number of rows that are recorded before a point."""
+    return -(-point // record_every)
+
+
+def _pointer(array: np.ndarray, kind: Any) -> Any:
+    return array.ctypes.data_as(ctypes.POINTER(kind))
+
+
+def _set_start_values(instance: Instance, starts: Sequence[StartValue]) -> None:
+    for start in starts:
+        variable = start.elements[0].variable
+        if start.elements[0].kind == "String":
+            instance.set_strings(variable, start.values[0])
+            continue
+        if len(start.elements) == 1 and variable.shape:
+            continue
+        Batch(instance, variables_of(start.elements), np.array(start.values)).set()
+
+
+def _set_start_elements(instance: Instance, starts: Sequence[StartValue]) -> None:
+    """Set single elements of arrays and keep the others, which can't be read before the initialisation mode."""
+    for start in starts:
+        element = start.elements[0]
+        if len(start.elements) == 1 and element.variable.shape:
+            whole = np.zeros(math.prod(element.variable.shape))
+            batch = Batch(instance, [element.variable], whole)
+            batch.get()
+            whole[element.offset] = start.values[0]
+            batch.set()

@@ -1,0 +1,220 @@
+"""Input signals, sampled at the communication points ahead of the stepping loop."""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from cosim.fmi.instance import CallFailed
+from cosim.system.resolution import Drive
+from cosim.system.variables import fits
+
+#: Samples kept at once (values, not bytes); more are dropped behind the loop as it goes.
+_MOST_SAMPLES = 4_000_000
+
+#: Sampling ahead may take this long (s) before the loop goes on, so that Ctrl-C and progress don't wait for it.
+_LONGEST = 0.05
+
+#: A jump this near before a communication point (in steps) is taken to be at it, for rounding.
+_TOLERANCE = 1e-6
+
+
+class Samples:
+    """Values of the signals of a system at its communication points.
+
+    Parameters
+    ----------
+    drives : sequence of Drive
+    start_time, step_size : float
+        In s.
+    last_point : int
+        Number of the last communication point.
+    reach : int
+        By how many points the loop looks back from those it performs.
+    ahead : bool
+        Whether it looks ahead by as many.
+
+    Attributes
+    ----------
+    values : array (rows, columns)
+        One column for each target of each drive.
+    jumps : array (rows,) of uint8
+        Whether a signal jumps at this point or since the one before.
+    first, end : int
+        Rows are the points first ... end - 1.
+    failure : CallFailed or None
+        Why there is no sample at point `end`.
+    failed : Drive or None
+        Which signal failed there.
+    """
+
+    def __init__(
+        self,
+        drives: Sequence[Drive],
+        start_time: float,
+        step_size: float,
+        last_point: int,
+        reach: int,
+        *,
+        ahead: bool = True,
+    ) -> None:
+        self.drives = tuple(drives)
+        self._start_time, self._step_size = start_time, step_size
+        self._last_point, self._reach = last_point, reach
+        self._ahead = reach if ahead else 0
+        widths = [len(d.targets) for d in drives]
+        ends = np.cumsum([0, *widths])
+        self.columns = [np.arange(a, a + n, dtype=np.int32) for a, n in zip(ends, widths, strict=False)]
+        self._breakpoints = np.unique([b for d in drives for b in d.breakpoints])
+        self._rows = max(_MOST_SAMPLES // max(1, int(ends[-1])), 4 * reach + 1)
+        self.values = np.empty((min(self._rows, last_point + 1), int(ends[-1])))
+        self.jumps = np.zeros(len(self.values), dtype=np.uint8)
+        self.first = self.end = 0
+        self.failure: CallFailed | None = None
+        self.failed: Drive | None = None
+
+    def cover(self, first: int, end: int, stop: Callable[[], bool]) -> int:
+        """Have samples for the points first ... end - 1, and for as many beyond as the loop looks ahead.
+
+        Returns the end of those that could be had: fewer when a signal takes long or fails, none when `stop` says so.
+        """
+        wanted = min(end + self._ahead, self._last_point + 1)
+        if wanted > self.first + len(self.values):  # drop what lies behind
+            self._drop(max(first - self._reach, 0))
+            wanted = min(wanted, self.first + len(self.values))
+        while self.end < wanted and self.failure is None:
+            self._sample(self.end, wanted, stop)
+            if stop() or self._usable() > first:
+                break
+        return max(first, min(end, self._usable()))
+
+    def _usable(self) -> int:
+        """End of the points for which the loop finds all that it looks at."""
+        whole = self.end > self._last_point or self.failure is not None
+        return self.end if whole else self.end - self._ahead
+
+    def _drop(self, first: int) -> None:
+        kept = slice(first - self.first, self.end - self.first)
+        n = self.end - first
+        self.values[:n] = self.values[kept].copy()
+        self.jumps[:n] = self.jumps[kept].copy()
+        self.first = first
+
+    def _sample(self, first: int, end: int, stop: Callable[[], bool]) -> None:
+        points = np.arange(first, end)
+        failures: list[tuple[int, Drive, CallFailed]] = []
+        for drive, columns in zip(self.drives, self.columns, strict=True):
+            own = points % drive.every == 0  # the other rows of this signal are never read
+            times = _at_breakpoints(self._times(points[own]), drive.breakpoints, _TOLERANCE * self._step_size)
+            block, failure = sample(drive, times, stop)
+            if len(block) < own.sum():  # the other signals are needed as far as this one goes only
+                points = points[: np.flatnonzero(own)[len(block)]]
+                own = own[: len(points)]
+            if failure is not None:
+                failures.append((len(points), drive, failure))
+            self.values[np.ix_(points[own] - self.first, columns)] = block
+        for row, drive, failure in failures:
+            if row == len(points):  # no signal has been cut before
+                self.failed, self.failure = drive, failure
+        self.end = first + len(points)
+        times = self._times(points)
+        before = np.searchsorted(self._breakpoints, times - (1.0 - _TOLERANCE) * self._step_size, side="right")
+        until = np.searchsorted(self._breakpoints, times + _TOLERANCE * self._step_size, side="right")
+        self.jumps[first - self.first : self.end - self.first] = until > before
+
+    def _times(self, points: np.ndarray) -> np.ndarray:
+        return self._start_time + points * self._step_size
+
+
+def _at_breakpoints(times: np.ndarray, breakpoints: Sequence[float], tolerance: float) -> np.ndarray:
+    """Times (s), moved to a breakpoint where they lie before it by rounding: what comes after the jump counts."""
+    moved = times.copy()
+    for breakpoint_ in breakpoints:
+        moved[(moved < breakpoint_) & (moved > breakpoint_ - tolerance)] = breakpoint_
+    return moved
+
+
+def sample(
+    drive: Drive, times: np.ndarray, stop: Callable[[], bool] = lambda: False
+) -> tuple[np.ndarray, CallFailed | None]:
+    """Values (n, size) of a signal at times (s), as many rows as could be had, and the failure that ended them."""
+    name = f"{drive.component}.{drive.targets[0].name}"
+    return _vectorized(drive, times, name) if drive.vectorized else _one_by_one(drive, times, name, stop)
+
+
+def _vectorized(drive: Drive, times: np.ndarray, name: str) -> tuple[np.ndarray, CallFailed | None]:
+    try:
+        values = np.array(drive.function(times), dtype=np.float64, ndmin=1)
+        block = np.broadcast_to(values[:, None] if values.ndim == 1 else values, (len(times), len(drive.targets)))
+    except Exception as error:
+        if len(times) == 1:
+            return np.empty((0, len(drive.targets))), _raised(name, error)
+        return _until_it_raises(drive, times, name)
+    for i in np.flatnonzero(~np.isfinite(block).all(axis=1))[:1]:
+        return block[:i], _not_finite(name, block[i])
+    if drive.targets[0].kind != "real":
+        for i, row in enumerate(block):
+            if wrong := _wrong_type(drive, name, row):
+                return block[:i], wrong
+    return block, None
+
+
+def _until_it_raises(drive: Drive, times: np.ndarray, name: str) -> tuple[np.ndarray, CallFailed | None]:
+    """Point by point, since a function of many times does not say at which one it raised."""
+    rows = [np.empty((0, len(drive.targets)))]
+    for i in range(len(times)):
+        row, failure = _vectorized(drive, times[i : i + 1], name)
+        if failure is not None:
+            return np.vstack(rows), failure
+        rows.append(row)
+    return np.vstack(rows), None
+
+
+def _one_by_one(
+    drive: Drive, times: np.ndarray, name: str, stop: Callable[[], bool]
+) -> tuple[np.ndarray, CallFailed | None]:
+    size = len(drive.targets)
+    block = np.empty((len(times), size))
+    began = clock.perf_counter()
+    for i, time in enumerate(times.tolist()):
+        if i and (stop() or clock.perf_counter() - began > _LONGEST):
+            return block[:i], None
+        try:
+            block[i] = _one_sample(drive, time, name)
+        except CallFailed as error:
+            return block[:i], error
+    return block, None
+
+
+def _one_sample(drive: Drive, time: float, name: str) -> np.ndarray:
+    try:
+        value = np.atleast_1d(np.asarray(drive.function(time), dtype=float))
+    except Exception as error:
+        raise _raised(name, error) from error
+    if value.ndim != 1:
+        raise CallFailed(f"the signal that feeds '{name}' gives an array of shape {value.shape}; make it flat")
+    if value.size not in (1, len(drive.targets)):
+        raise CallFailed(f"the signal that feeds '{name}' gives {value.size} values, not {len(drive.targets)}")
+    if not np.isfinite(value).all():
+        raise _not_finite(name, value)
+    if drive.targets[0].kind != "real" and (wrong := _wrong_type(drive, name, value)):
+        raise wrong
+    return value
+
+
+def _wrong_type(drive: Drive, name: str, values: np.ndarray) -> CallFailed | None:
+    wrong = [v for v in values.ravel().tolist() if not fits(drive.targets[0], v)]
+    if not wrong:
+        return None
+    kind = drive.targets[0].variable.type
+    return CallFailed(f"the signal that feeds '{name}' gives {values.ravel()[:8].tolist()}, no value of type {kind}")
+
+
+def _raised(name: str, error: Exception) -> CallFailed:
+    return CallFailed(f"the signal that feeds '{name}' failed: {type(error).__name__}: {error}")
+
+
+def _not_finite(name: str, value: np.ndarray) -> CallFailed:
+    return CallFailed(f"the signal that feeds '{name}' gives {value.tolist()}, which is not finite")

@@ -1,0 +1,436 @@
+"""A system that is set up once and run many times."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import time as clock
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+
+from cosim.errors import SetupError, nearest
+from cosim.fmi.fmu_file import load
+from cosim.fmi.instance import Batch, CallFailed, Instance
+from cosim.loop.binding import loop_library
+from cosim.master.extrapolation import Coupling, linear_inputs
+from cosim.master.failures import Failing
+from cosim.master.interrupts import DeferredInterrupt
+from cosim.master.operations import Exchange, Order
+from cosim.master.pacing import Pacer
+from cosim.master.recording import InMemory, PassedOn, Recorder, Sink
+from cosim.master.run import Grid, Run
+from cosim.master.sampling import Samples, sample
+from cosim.master.value_layout import Layout
+from cosim.results.results import Results
+from cosim.system.resolution import Drive, StartValue, resolve, resolve_start_value, split
+from cosim.system.system import Signal, System
+from cosim.system.variables import KINDS, Element, Ports, variables_of
+
+#: By how many steps the stop time may miss a whole number of them, for rounding.
+_STEP_TOLERANCE = 1e-6
+
+#: More steps than this is taken for a mistake.
+_MOST_STEPS = 1e10
+
+
+class Simulation:
+    """A system with its FMUs loaded, to be run as often as needed.
+
+    Instances are made once; between two runs they are reset (or made anew, where an FMU can't be reset), so that every
+    run is what a first run would be, bit for bit.
+
+    Parameters
+    ----------
+    system : System
+        Components, connections and signals.
+    order : {"sequential", "parallel"}
+        Order in which values are exchanged; see `cosim.master.operations`.
+    coupling : {"auto", "hold", "linear"}
+        What inputs do between communication points; see `cosim.master.extrapolation`.
+    record : sequence of str, optional
+        Names `component.variable`, scalars or vectors; all inputs and outputs by default.
+
+    Raises
+    ------
+    SetupError
+        The system can't be simulated as described; nothing has run.
+
+    Examples
+    --------
+    >>> with Simulation(system) as simulation:
+    ...     for alpha in (1.0, 2.0):
+    ...         results = simulation.run(15.0, 1e-3, start={"controller.alpha": alpha})
+    """
+
+    def __init__(
+        self,
+        system: System,
+        *,
+        order: Order = "sequential",
+        coupling: Coupling = "auto",
+        record: Sequence[str] | None = None,
+    ) -> None:
+        if order not in ("sequential", "parallel"):
+            raise SetupError(f"order {order!r} is unknown; use 'sequential' or 'parallel'")
+        if not system.components:
+            raise SetupError("the system has no components; add one with System.add")
+        loop_library()
+        self._system = dataclasses.replace(system, signals=list(system.signals))
+        self._order = order
+        self._coupling = coupling
+        self._fmus = {name: load(name, component.fmu) for name, component in system.components.items()}
+        self._ports = {name: Ports(name, fmu.description) for name, fmu in self._fmus.items()}
+        self._resolved = resolve(system, self._ports, order)
+        self._linear = linear_inputs(self._resolved, coupling)
+        recorded = _recorded(record, self._ports)
+        self._layout = Layout(self._resolved, recorded, self._linear)
+        self._names = [f"{component}.{element.name}" for component, element in recorded]
+        units = {n: self._ports[c].unit(e) for n, (c, e) in zip(self._names, recorded, strict=True)}
+        self._units = {name: unit.name for name, unit in units.items() if unit is not None}
+        self._stack: ExitStack | None = None
+        self._folders: dict[str, Path] = {}
+        self._instances: dict[str, Instance] = {}
+        self._exchange: Exchange | None = None
+        self._used = False
+        self._samples: tuple[Any, Samples] | None = None
+
+    @property
+    def names(self) -> list[str]:
+        """Names `component.variable` of what is recorded."""
+        return list(self._names)
+
+    # Instances
+
+    def __enter__(self) -> Simulation:
+        """Unpack each FMU file once and instantiate all components.
+
+        Raises
+        ------
+        SetupError
+            An FMU can't be unpacked or instantiated, or the simulation is open already.
+        """
+        if self._stack is not None:
+            raise SetupError("the simulation is open already; make another one of the same system")
+        self._folders.clear()
+        with ExitStack() as stack:
+            for name, fmu in self._fmus.items():
+                if fmu.sha256 not in self._folders:
+                    # an FMU whose library is still in use can't be removed on Windows; that must not hide the results
+                    folder = TemporaryDirectory(prefix="cosim_", ignore_cleanup_errors=True)
+                    self._folders[fmu.sha256] = Path(stack.enter_context(folder))
+                    try:
+                        fmu.unpack(self._folders[fmu.sha256])
+                    except SetupError as error:
+                        raise SetupError(f"component '{name}': {error}") from error
+            stack.callback(self._free)
+            for name in self._fmus:
+                self._load(name)
+            for name in self._fmus:
+                self._instantiate(name)
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Free all instances and remove what was unpacked; the simulation can be entered again."""
+        if self._stack is not None:
+            self._stack.close()
+            self._stack = None
+
+    def _load(self, name: str) -> None:
+        fmu = self._fmus[name]
+        asks = [v.valueReference for v in variables_of(self._linear.elements.get(name, ()))]
+        with self._setting_up(name):
+            self._instances[name] = Instance(name, self._folders[fmu.sha256], fmu.description, asks)
+        self._exchange = None
+
+    def _instantiate(self, name: str) -> None:
+        with self._setting_up(name):
+            self._instances[name].instantiate()
+
+    @contextmanager
+    def _setting_up(self, name: str) -> Iterator[None]:
+        try:
+            yield
+        except CallFailed as error:
+            raise SetupError(f"component '{name}': {self._fmus[name].path} {error}") from error
+
+    def _free(self) -> None:
+        for instance in reversed(self._instances.values()):
+            instance.close()
+        self._instances.clear()
+        self._exchange = None
+        self._used = False
+
+    def _fresh_exchange(self) -> Exchange:
+        """Instances as they are after their instantiation, and the table of operations for them."""
+        for name in self._resolved.components if self._used else ():
+            try:
+                self._instances[name].reset()
+            except CallFailed:  # not every FMU can
+                self._instances.pop(name).close()
+                try:
+                    self._load(name)
+                    self._instantiate(name)
+                except SetupError:
+                    self.close()
+                    raise
+        self._used = True
+        self._instances = {name: self._instances[name] for name in self._resolved.components}
+        if self._exchange is None:
+            try:
+                self._exchange = Exchange(self._resolved, self._instances, self._order, self._layout)
+            except CallFailed as error:
+                raise SetupError(f"an FMU {error}") from error
+        self._exchange.values[:] = 0.0
+        return self._exchange
+
+    # Runs
+
+    def run(
+        self,
+        stop_time: float,
+        step_size: float,
+        *,
+        start_time: float = 0.0,
+        start: Mapping[str, Any] | None = None,
+        signals: Sequence[Signal] = (),
+        record_every: int = 1,
+        sink: Sink | None = None,
+        realtime: float | None = None,
+        progress: Callable[[float], None] | None = None,
+    ) -> Results:
+        """Couple the FMUs at a fixed communication step, from their start values.
+
+        Communication points are `start_time + i * step_size`.
+
+        Parameters
+        ----------
+        stop_time, step_size, start_time : float
+            In s; the duration must be a whole number of steps.
+        start : mapping, optional
+            Start values `component.variable` of this run, besides those of the system.
+        signals : sequence of Signal
+            Signals of this run, in place of those that feed the same targets in the system.
+        record_every : int
+            Record at every so many communication points, the first included.
+        sink : callable, optional
+            Takes times (n,) and values (n, columns) chunk by chunk instead of the results, for runs that are too long
+            for memory.
+        realtime : float, optional
+            Simulated seconds in a second, 1 for real time; as fast as possible by default.
+        progress : callable, optional
+            Called now and then with the simulated time (s).
+
+        Returns
+        -------
+        Results
+            One row for each recorded communication point.
+
+        Raises
+        ------
+        SetupError
+            The run can't be made as described; nothing has run.
+        SimulationError
+            An FMU failed; its `results` hold what had been recorded.
+        SimulationInterrupted
+            Ctrl-C; its `results` hold what had been recorded.
+        """
+        if self._stack is None:
+            raise SetupError("the simulation is not open; use it in a with statement")
+        began = clock.perf_counter()
+        grid = Grid(start_time, step_size, number_of_steps(start_time, stop_time, step_size))
+        if isinstance(record_every, bool) or not isinstance(record_every, int) or record_every < 1:
+            raise SetupError(f"record_every = {record_every!r} must be a positive whole number of steps")
+        extra = self._extra_starts(start or {})
+        given = {(s.component, e.name) for s in extra for e in s.elements}
+        # a vector of this run replaces what the system gives for its elements
+        starts = [s for s in self._resolved.starts if not {(s.component, e.name) for e in s.elements} <= given]
+        starts += extra
+        samples = self._samples_of(self._drives(signals), grid)
+        pacer = None if realtime is None else Pacer(realtime)
+        recorder = self._recorder(grid, record_every, sink)
+        with DeferredInterrupt() as interrupt:
+            run = Run(self._instances, self._fresh_exchange(), samples, grid, interrupt)
+            run.initialize(starts)
+            results = Results(
+                time=np.empty(0),
+                names=list(self._names),
+                values=np.empty((0, len(self._names))),
+                info={
+                    "step_size": step_size,
+                    "stop_time": stop_time,
+                    "start_time": start_time,
+                    "order": self._order,
+                    "coupling": self._linear.summary(self._coupling),
+                    "record_every": record_every,
+                    "units": dict(self._units),
+                    "fmus": {name: {"path": str(f.path), "sha256": f.sha256} for name, f in self._fmus.items()},
+                    "parameters": self._parameters(start_time),
+                },
+            )
+            with _timed(results, began):
+                return run.loop(recorder, record_every, results, progress, pacer)
+
+    def _extra_starts(self, start: Mapping[str, Any]) -> list[StartValue]:
+        starts = []
+        fed = {(k.target_component, k.target.name) for k in self._resolved.links}
+        fed |= {(d.component, e.name) for d in self._resolved.drives for e in d.targets}
+        for path, value in start.items():
+            port, name = split(path, self._ports)
+            resolved = resolve_start_value(port, name, value)
+            if any((port.component, e.name) in fed for e in resolved.elements):
+                raise SetupError(f"start value of '{path}' would have no effect: a connection or a signal feeds it")
+            starts.append(resolved)
+        return starts
+
+    def _drives(self, signals: Sequence[Signal]) -> tuple[Drive, ...]:
+        drives = dict(zip((s.target for s in self._system.signals), self._resolved.drives, strict=True))
+        for signal in signals:
+            if signal.target not in drives:
+                hint = nearest(signal.target, drives)
+                raise SetupError(f"signals: no signal of the system feeds '{signal.target}'; {hint}")
+            drives[signal.target] = dataclasses.replace(
+                drives[signal.target],
+                function=signal.function,
+                breakpoints=signal.breakpoints,
+                vectorized=signal.vectorized,
+            )
+        return tuple(drives.values())
+
+    def _samples_of(self, drives: tuple[Drive, ...], grid: Grid) -> Samples:
+        """Samples of the run before serve again for the same signals at the same points."""
+        for drive in drives:
+            _, failure = sample(drive, np.array([grid.start_time]))
+            if failure is not None:
+                raise SetupError(f"{failure} (at t = {grid.start_time!r} s)")
+        if self._samples is not None:
+            known, samples = self._samples
+            if known == (drives, grid) and samples.first == 0 and samples.failure is None:
+                return samples
+        ahead = any((d.component, e.name) in self._linear.moving for d in drives for e in d.targets)
+        reach = max(component.every for component in self._resolved.components.values())
+        samples = Samples(drives, grid.start_time, grid.step_size, grid.last_point, reach, ahead=ahead)
+        self._samples = ((drives, grid), samples)
+        return samples
+
+    def _recorder(self, grid: Grid, record_every: int, sink: Sink | None) -> Recorder:
+        rows, columns = grid.last_point // record_every + 1, len(self._names)
+
+        def times(first: int, end: int) -> np.ndarray:
+            return grid.start_time + np.arange(first, end) * record_every * grid.step_size
+
+        return InMemory(times, rows, columns) if sink is None else PassedOn(times, rows, columns, sink)
+
+    def _parameters(self, time: float) -> dict[str, float]:
+        """Values of all real parameters, as the FMUs report them."""
+        values: dict[str, float] = {}
+        for component, port in self._ports.items():
+            elements = [e for e in port.of_causality("parameter") if e.variable.type in ("Real", "Float64")]
+            if elements:
+                buffer = np.zeros(len(elements))
+                instance = self._instances[component]
+                with Failing(component, time, instance):
+                    Batch(instance, variables_of(elements), buffer).get()
+                values.update({f"{component}.{e.name}": v for e, v in zip(elements, buffer.tolist(), strict=True)})
+        return values
+
+
+def simulate(
+    system: System,
+    stop_time: float,
+    step_size: float,
+    *,
+    start_time: float = 0.0,
+    order: Order = "sequential",
+    coupling: Coupling = "auto",
+    record: Sequence[str] | None = None,
+    record_every: int = 1,
+    sink: Sink | None = None,
+    realtime: float | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> Results:
+    """Couple the FMUs of a system at a fixed communication step.
+
+    Set up, run once, clean up; parameters, results and errors are those of `Simulation` and `Simulation.run`.
+    """
+    with Simulation(system, order=order, coupling=coupling, record=record) as simulation:
+        return simulation.run(
+            stop_time,
+            step_size,
+            start_time=start_time,
+            record_every=record_every,
+            sink=sink,
+            realtime=realtime,
+            progress=progress,
+        )
+
+
+@contextmanager
+def _timed(results: Results, began: float) -> Iterator[None]:
+    try:
+        yield
+    finally:
+        results.info["wall_time_s"] = clock.perf_counter() - began
+
+
+def number_of_steps(start_time: float, stop_time: float, step_size: float) -> int:
+    """How many steps (s) there are from start to stop time (s).
+
+    Raises
+    ------
+    SetupError
+        The times make no sense, or the duration is not a whole number of steps.
+    """
+    for name, value in (("start time", start_time), ("stop time", stop_time), ("step", step_size)):
+        if not math.isfinite(value):
+            raise SetupError(f"{name} {value} s is not a finite number")
+    if step_size <= 0.0:
+        raise SetupError(f"step {step_size!r} s must be positive")
+    if stop_time <= start_time:
+        raise SetupError(f"stop time {stop_time!r} s must be later than the start time {start_time!r} s")
+    exact = (stop_time - start_time) / step_size
+    if exact > _MOST_STEPS:
+        raise SetupError(f"{exact:.3g} steps of {step_size!r} s are too many; make the step longer")
+    if start_time + step_size == start_time or stop_time - step_size == stop_time:
+        raise SetupError(f"a step of {step_size!r} s is too short to be told apart at t = {stop_time!r} s")
+    steps = round(exact)
+    if steps < 1 or abs(exact - steps) > _STEP_TOLERANCE:
+        lower, upper = (start_time + n * step_size for n in (math.floor(exact), math.ceil(exact)))
+        near = f"{upper:.9g} s" if math.floor(exact) < 1 else f"{lower:.9g} s or {upper:.9g} s"
+        raise SetupError(
+            f"the duration {stop_time - start_time:.9g} s is not a whole number of steps of {step_size!r} s; "
+            f"stop at {near}, or change the step"
+        )
+    return steps
+
+
+def _recorded(record: Sequence[str] | None, ports: Mapping[str, Ports]) -> list[tuple[str, Element]]:
+    if record is None:
+        return [
+            (component, element)
+            for component, port in ports.items()
+            for causality in ("input", "output")
+            for element in port.of_causality(causality)
+            if element.kind in KINDS.values()
+        ]
+    if isinstance(record, str):
+        raise SetupError(f"record = {record!r} must be a list of names: [{record!r}]")
+    chosen: dict[tuple[str, str], tuple[str, Element]] = {}
+    for path in record:
+        port, name = split(path, ports)
+        for element in port.find(name):
+            if element.kind not in KINDS.values():
+                raise SetupError(f"'{path}' is of type {element.kind} and can't be recorded")
+            chosen[port.component, element.name] = (port.component, element)
+    return list(chosen.values())

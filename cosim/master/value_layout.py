@@ -1,0 +1,194 @@
+"""Where the values of a system stand in the one array that the loop works on, and when they are exchanged.
+
+Values stand component by component, each component's in contiguous parts: what one call of an FMU sets or gets.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from cosim.loop.binding import EXTRAPOLATED, HELD
+from cosim.master.extrapolation import LinearInputs
+from cosim.system.resolution import ResolvedSystem
+from cosim.system.variables import Element
+
+#: A variable or an element, by component and name.
+Key = tuple[str, str]
+
+
+@dataclass(frozen=True)
+class Part:
+    """Variables of one type that a component gets or sets in one call, on one level of the exchange (see `schedule`).
+
+    The value of `elements[i]` is at position `first + i`.
+    """
+
+    component: str
+    level: int
+    elements: tuple[Element, ...]
+    first: int
+
+
+class Layout:
+    """Positions of all values that are exchanged or recorded.
+
+    Parameters
+    ----------
+    system : ResolvedSystem
+    recorded : sequence of (component, element)
+        What to record.
+    linear : LinearInputs
+        Which inputs change linearly over a step.
+
+    Attributes
+    ----------
+    positions : mapping
+        Element -> its position.
+    added : mapping
+        Element -> position of the signal that is added to it.
+    size : int
+        Number of values.
+    sets, gets, constants : list of Part
+        Inputs that something feeds, variables that are read at the communication points, and those that are read once.
+    recorded_runs : array (runs, 2) of int32
+        What is recorded: position of the first value and number of each contiguous run.
+    columns : mapping
+        Element -> its column in the samples of the signals.
+    """
+
+    def __init__(self, system: ResolvedSystem, recorded: Sequence[tuple[str, Element]], linear: LinearInputs) -> None:
+        self._system = system
+        self._moving = linear.moving
+        self.columns = _numbered((d.component, e.name) for d in system.drives for e in d.targets)
+        self._rank = self._ranks(linear)
+
+        fed = {(k.target_component, k.target.variable.name) for k in system.links}
+        fed |= {(d.component, e.variable.name) for d in system.drives for e in d.targets}
+        feeding = {(k.source_component, k.source.variable.name) for k in system.links}
+        read = (feeding | {(component, e.variable.name) for component, e in recorded}) - fed
+        constant = {key for key in read if self._is_constant(key)}
+        levels_of_gets = self._levels_of_gets(read - constant, feeding, fed)
+        kinds = (
+            self._levels_of_sets(fed, levels_of_gets),
+            levels_of_gets,
+            {key: self._level(key) for key in constant},
+        )
+        self.positions: dict[Key, int] = {}
+        self.sets, self.gets, self.constants = self._parts(kinds)
+        added = ((d.component, e.name) for d in system.drives if d.added for e in d.targets)
+        self.added = _numbered(added, first=len(self.positions))
+        self.size = len(self.positions) + len(self.added)
+        self.recorded_runs = _runs([self.positions[c, e.name] for c, e in recorded])
+
+    def linear_elements(self, part: Part) -> tuple[Element, ...]:
+        """The last ones of a part of the inputs: those that change linearly over a step."""
+        return tuple(e for e in part.elements if self._rank_of(part.component, e))
+
+    def source_of_rate(self, component: str, element: Element) -> int:
+        """Where the rate of a linear input comes from: a column of the samples, EXTRAPOLATED or HELD."""
+        key = (component, element.name)
+        return self.columns.get(key, EXTRAPOLATED) if key in self._moving else HELD
+
+    # When
+
+    def _is_constant(self, key: Key) -> bool:
+        """Whether a variable that nothing feeds keeps its value during the run."""
+        variable = self._system.ports[key[0]].description_of(key[1])
+        return variable.causality == "input" or variable.variability in ("constant", "fixed", "tunable")
+
+    def _level(self, key: Key) -> int:
+        levels = self._system.levels
+        if levels is None:
+            return 0
+        if key in levels:
+            return levels[key]
+        # a local variable may depend on every input
+        return max((level for (component, _), level in levels.items() if component == key[0]), default=0)
+
+    def _levels_of_gets(self, keys: set[Key], feeding: set[Key], fed: set[Key]) -> dict[Key, int]:
+        """When to read outputs: what feeds others on its level, the rest after all inputs, in as few calls as possible.
+
+        Else an FMU would compute its outputs twice at a point: before and after its inputs are set.
+        """
+        level = {key: self._level(key) for key in keys}
+        last: dict[str, int] = {}
+        for key in fed:
+            last[key[0]] = max(last.get(key[0], 0), self._level(key))
+        levels_of_feeding: dict[str, list[int]] = {}
+        for key in keys & feeding:
+            levels_of_feeding.setdefault(key[0], []).append(level[key])
+        for key in keys - feeding:
+            last[key[0]] = max(last.get(key[0], 0), level[key])
+        together = {
+            component: min((f for f in levels_of_feeding.get(component, ()) if f >= at), default=at)
+            for component, at in last.items()
+        }
+        return level | {key: together[key[0]] for key in keys - feeding}
+
+    def _levels_of_sets(self, keys: set[Key], levels_of_gets: Mapping[Key, int]) -> dict[Key, int]:
+        """When to set inputs: as late as what is read allows, so that the inputs of an FMU take few calls."""
+        level = {key: self._level(key) for key in keys}
+        own: dict[str, list[int]] = {}
+        for (component, _), at in level.items():
+            own.setdefault(component, []).append(at)
+        latest: dict[Key, int] = {}  # of inputs that something read depends on
+        for (component, name), at in levels_of_gets.items():
+            feedthrough = self._system.ports[component].feedthrough
+            inputs = feedthrough[name] if name in feedthrough else {n for c, n in keys if c == component}
+            for key in ((component, n) for n in inputs):
+                latest[key] = min(latest.get(key, at), at)
+        return {
+            key: max(other for other in own[key[0]] if at <= other <= max(at, latest.get(key, other)))
+            for key, at in level.items()
+        }
+
+    # Where
+
+    def _parts(self, kinds: Sequence[Mapping[Key, int]]) -> list[list[Part]]:
+        """Give each variable its position; each kind, which maps variables to levels, gets its own parts."""
+        parts: list[list[Part]] = [[] for _ in kinds]
+        for component, port in self._system.ports.items():
+            for level_of, parts_of_kind in zip(kinds, parts, strict=True):
+                groups: dict[tuple[int, str], list[Element]] = {}
+                for element in port.all_elements():
+                    key = (component, element.variable.name)
+                    if key in level_of:
+                        groups.setdefault((level_of[key], element.variable.type), []).append(element)
+                for (level, _), group in sorted(groups.items()):
+                    elements = tuple(sorted(group, key=partial(self._rank_of, component)))
+                    part = Part(component, level, elements, first=len(self.positions))
+                    self.positions |= _numbered(((component, e.name) for e in elements), part.first)
+                    parts_of_kind.append(part)
+        return parts
+
+    def _ranks(self, linear: LinearInputs) -> dict[Key, int]:
+        """Rank of inputs in their part: held ones first, last those of which a signal gives the rate.
+
+        So each operation that sets rates has contiguous values.
+        """
+        ranks: dict[Key, int] = {}
+        for component, elements in linear.elements.items():
+            for element in elements:
+                rank = 1 if self.source_of_rate(component, element) == EXTRAPOLATED else 2
+                key = (component, element.variable.name)
+                ranks[key] = max(rank, ranks.get(key, rank))
+        return ranks
+
+    def _rank_of(self, component: str, element: Element) -> int:
+        return self._rank.get((component, element.variable.name), 0)
+
+
+def _numbered(keys: Iterable[Key], first: int = 0) -> dict[Key, int]:
+    return {key: number for number, key in enumerate(keys, start=first)}
+
+
+def _runs(positions: Sequence[int]) -> np.ndarray:
+    """First position and number (runs, 2) of each run of consecutive positions."""
+    all_positions = np.array(positions, dtype=np.int32)
+    firsts = np.flatnonzero(np.diff(all_positions, prepend=-2) != 1)
+    numbers = np.diff(firsts, append=len(all_positions))
+    return np.column_stack([all_positions[firsts], numbers]).astype(np.int32)

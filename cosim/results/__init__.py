@@ -1,0 +1,1 @@
+"""Results of runs: in memory, on the disk, as files, tables and plots."""

@@ -1,0 +1,146 @@
+"""What a run recorded, wherever it is kept: values by name, for people, plots and other libraries."""
+
+from __future__ import annotations
+
+import re
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping, Sequence
+from os import PathLike
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cosim.errors import ResultsError, nearest
+from cosim.results.files import TIME, schema
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+    from matplotlib.axes import Axes
+
+    from cosim.results.results import Results
+
+
+class Recorded(ABC):
+    """Values by name; the common part of `Results` and `StoredResults`.
+
+    It is an Arrow stream (`__arrow_c_stream__`): `polars.DataFrame(results)`, `pandas.DataFrame.from_arrow(results)`,
+    `pyarrow.table(results)` and DuckDB's `select ... from results` take it as it is.
+
+    Attributes
+    ----------
+    time : array (n,)
+        Recorded communication points (s).
+    names : list of str
+        Scalar names `component.variable`.
+    info : dict
+        How the run was made: step, order, FMUs and their SHA-256, parameters, status, times.
+    """
+
+    time: np.ndarray
+    names: list[str]
+    info: dict[str, Any]
+
+    @abstractmethod
+    def _values(self, positions: int | list[int], every: int = 1) -> np.ndarray:
+        """One column (n,) or several (n, k), of every so many-th row."""
+
+    @abstractmethod
+    def _batches(self) -> Iterator[pa.RecordBatch]:
+        """All rows, the time first."""
+
+    @abstractmethod
+    def _row(self, position: int) -> np.ndarray:
+        """Values (len(names),) of one row; -1 is the last one."""
+
+    @abstractmethod
+    def thinned(self, every: int) -> Results:
+        """Every so many-th row, in memory."""
+
+    @abstractmethod
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write a file whose ending says how: .csv, .parquet, .npz or .mat (Dymola's and OpenModelica's)."""
+
+    @property
+    def units(self) -> Mapping[str, str]:
+        """Scalar name -> unit, as far as the FMUs say."""
+        units: Mapping[str, str] = self.info.get("units", {})
+        return units
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        """Values of a scalar (n,) or a vector (n, size).
+
+        Raises
+        ------
+        ResultsError
+            Nothing of this name was recorded; the message offers the nearest name.
+        """
+        return self.time if name == TIME else self._values(self._find(name))
+
+    def __contains__(self, name: str) -> bool:
+        return name == TIME or name in self.names or bool(matching(name, self.names))
+
+    def _find(self, name: str) -> int | list[int]:
+        """Position of a scalar in `names`, or those of the elements of a vector.
+
+        Raises
+        ------
+        ResultsError
+            Nothing of this name was recorded; the message offers the nearest name.
+        """
+        if name in self.names:
+            return self.names.index(name)
+        if found := matching(name, self.names):
+            return found
+        raise ResultsError(f"nothing was recorded as '{name}'; {nearest(name, self.names)}")
+
+    def to_arrow(self) -> pa.Table:
+        """A pyarrow table: `time`, then a column a name; the metadata of a field has its `unit` where it is known."""
+        return self._reader().read_all()
+
+    def __arrow_c_stream__(self, requested_schema: object | None = None) -> object:
+        return self._reader().__arrow_c_stream__(requested_schema)
+
+    def _reader(self) -> pa.RecordBatchReader:
+        import pyarrow as pa
+
+        wanted = schema(self.names, self.units)
+        return pa.RecordBatchReader.from_batches(wanted, (b.cast(wanted) for b in self._batches()))
+
+    def plot(self, *names: str) -> list[Axes]:
+        """Draw values over time with matplotlib, a panel for each name; `matplotlib.pyplot.show()` shows them.
+
+        Parameters
+        ----------
+        *names : str
+            Scalars or vectors; all that was recorded by default.
+
+        Returns
+        -------
+        list of matplotlib.axes.Axes
+            One for each name; `axes[0].figure.savefig("plot.png")` saves them.
+
+        Raises
+        ------
+        ResultsError
+            Nothing of a name was recorded, or there are too many to draw them all.
+        """
+        from cosim.results.plotting import plot  # matplotlib takes a while to import
+
+        return plot(self, names)
+
+    def __repr__(self) -> str:
+        from cosim.results.display import as_text
+
+        return as_text(self)
+
+    def _repr_html_(self) -> str:
+        from cosim.results.display import as_html
+
+        return as_html(self)
+
+
+def matching(name: str, names: Sequence[str]) -> list[int]:
+    """Positions of the elements of a vector, in the order of their indices."""
+    elements = re.compile(re.escape(name) + r"\[\d+(,\d+)*\]")
+    columns = [i for i, n in enumerate(names) if elements.fullmatch(n)]
+    return sorted(columns, key=lambda i: [int(k) for k in re.findall(r"\d+", names[i][len(name) :])])

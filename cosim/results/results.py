@@ -1,0 +1,126 @@
+"""Results of a run in memory, to files and from CSV."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cosim.errors import ResultsError
+from cosim.results.files import TIME, Table, record_batch, save, schema, write_csv
+from cosim.results.recorded import Recorded
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+
+@dataclass(repr=False)
+class Results(Recorded):
+    """What a run recorded.
+
+    It is an Arrow stream (`__arrow_c_stream__`): `polars.DataFrame(results)`, `pandas.DataFrame.from_arrow(results)`,
+    `pyarrow.table(results)` and DuckDB's `select ... from results` take it as it is.
+
+    Attributes
+    ----------
+    time : array (n,)
+        Recorded communication points (s).
+    names : list of str
+        Scalar names `component.variable`.
+    values : array (n, len(names))
+        One column a name.
+    info : dict
+        How the run was made: step, order, FMUs and their SHA-256, parameters, status, times, and `units`
+        (scalar name -> unit).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> time = np.linspace(0.0, 1.0, 5)
+    >>> names = ["motor.phi", "motor.tau[1]", "motor.tau[2]"]
+    >>> results = Results(time, names, np.outer(time, [1.0, 2.0, 3.0]), {"status": "completed"})
+    >>> results
+    Results: 5 rows, 0 to 1 s, 3 columns, completed
+      motor: phi, tau[1..2]
+    >>> results["motor.phi"]
+    array([0.  , 0.25, 0.5 , 0.75, 1.  ])
+    >>> results["motor.tau"].shape  # whole vectors by their common name
+    (5, 2)
+    >>> results.to_arrow().column_names
+    ['time', 'motor.phi', 'motor.tau[1]', 'motor.tau[2]']
+    """
+
+    time: np.ndarray
+    names: list[str]
+    values: np.ndarray
+    info: dict[str, Any] = field(default_factory=dict)
+
+    def _values(self, positions: int | list[int], every: int = 1) -> np.ndarray:
+        return self.values[::every, positions]
+
+    def _batches(self) -> Iterator[pa.RecordBatch]:
+        yield record_batch(self.time, self.values, schema(self.names))
+
+    def _row(self, position: int) -> np.ndarray:
+        return self.values[position]
+
+    def thinned(self, every: int) -> Results:
+        """Every so many-th row."""
+        return Results(self.time[::every], self.names, self.values[::every], self.info)
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write a file whose ending says how: .csv, .parquet, .npz or .mat (Dymola's and OpenModelica's).
+
+        Raises
+        ------
+        CosimError
+            The ending is another one.
+        OSError
+            The file can't be written; an unfinished one is left behind under the name `<path>.part`.
+        """
+        save(Table(self.time, self.names, self.values, self.units), path)
+
+    def to_csv(self, path: str | PathLike[str]) -> None:
+        """Write one header line with quoted names, then a line a communication point; floats round-trip.
+
+        Raises
+        ------
+        OSError
+            The file can't be written; an unfinished one is left behind under the name `<path>.part`.
+        """
+        write_csv(Table(self.time, self.names, self.values), Path(path))
+
+    @classmethod
+    def from_csv(cls, path: str | PathLike[str]) -> Results:
+        """Read a file that `to_csv` wrote, or any CSV whose first column is the time.
+
+        Raises
+        ------
+        ResultsError
+            The file is missing or not such a table; the message names the line.
+        """
+        try:
+            with Path(path).open(encoding="utf-8-sig", newline="") as stream:
+                rows = csv.reader(stream)
+                header = next(rows, None)
+                if not header or header[0] != TIME:
+                    raise ResultsError(f"{path}: the first column must be '{TIME}'")
+                data = [_numbers(path, number, row, len(header)) for number, row in enumerate(rows, start=2)]
+        except (OSError, UnicodeDecodeError, csv.Error) as error:
+            raise ResultsError(f"{path}: can't be read as CSV: {error}") from error
+        table = np.array(data, dtype=float).reshape(len(data), len(header))
+        return cls(time=table[:, 0], names=header[1:], values=table[:, 1:])
+
+
+def _numbers(path: str | PathLike[str], line: int, row: list[str], expected: int) -> list[float]:
+    if len(row) != expected:
+        raise ResultsError(f"{path}: line {line} has {len(row)} columns, the header has {expected}")
+    try:
+        return [float(cell) for cell in row]
+    except ValueError as error:
+        raise ResultsError(f"{path}: line {line}: {error}") from None

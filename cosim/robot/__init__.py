@@ -1,1 +1,0 @@
-"""Everything in `cosim` that knows the robot: trajectory, scenarios, metrics, figures."""

@@ -1,0 +1,1 @@
+"""Scenarios: systems and their runs as TOML files."""

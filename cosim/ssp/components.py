@@ -1,0 +1,95 @@
+"""A system as an SSP has it: components, connections of scalar values, start values."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Any
+
+from cosim.fmi.fmu_file import LoadedFMU, load
+from cosim.ssp.diagram import Wire
+from cosim.ssp.schema import SSPError
+from cosim.system.resolution import resolve, split
+from cosim.system.system import Connection, System
+from cosim.system.variables import Element, Ports
+
+
+@dataclass
+class Member:
+    """A component: its FMU, where that is in the archive, its connected inputs and the start values of the others."""
+
+    fmu: LoadedFMU
+    ports: Ports
+    source: str
+    inputs: list[Element] = field(default_factory=list)
+    start: dict[str, tuple[Element, Any]] = field(default_factory=dict)
+
+    @property
+    def outputs(self) -> list[Element]:
+        """Scalar outputs."""
+        return self.ports.of_causality("output")
+
+
+@dataclass
+class Members:
+    """All components, and connections between scalar values, each with the connection of the system that it is of."""
+
+    components: dict[str, Member]
+    wires: list[Wire]
+    connections: list[Connection]
+
+
+def members_of(system: System) -> Members:
+    """Check a system and take it apart.
+
+    Raises
+    ------
+    SetupError
+        It can't be simulated.
+    SSPError
+        It has what SSP has no word for.
+    """
+    fmus = {name: load(name, c.fmu) for name, c in system.components.items()}
+    ports = {name: Ports(name, fmu.description) for name, fmu in fmus.items()}
+    resolve(system, ports, "parallel")
+    sources = _sources(fmus)
+    members = Members({n: Member(f, ports[n], sources[n]) for n, f in fmus.items()}, [], [])
+    for component in system.components.values():
+        if component.every != 1:
+            raise SSPError(f"component '{component.name}' has steps of its own (every); SSP has no word for that")
+    for signal in system.signals:
+        if signal.added:
+            raise SSPError(f"a signal is added to '{signal.target}'; SSP has no word for that")
+    for connection in system.connections:
+        (source, elements), (target, inputs) = (_elements(p, ports) for p in (connection.source, connection.target))
+        for a, b in zip(elements, inputs, strict=True):
+            members.wires.append(((source, a.name), (target, b.name)))
+            members.connections.append(connection)
+    fed = {target for _, target in members.wires}
+    for name, member in members.components.items():
+        member.inputs = [e for e in member.ports.of_causality("input") if (name, e.name) in fed]
+        for variable, value in system.components[name].start.items():
+            elements = member.ports.find(variable)
+            values = list(value) if isinstance(value, Iterable) and not isinstance(value, str) else [value]
+            for element, v in zip(elements, values * len(elements) if len(values) == 1 else values, strict=True):
+                if (name, element.name) not in fed:
+                    member.start[element.name] = (element, v)
+    return members
+
+
+def _elements(path: str, ports: dict[str, Ports]) -> tuple[str, list[Element]]:
+    port, name = split(path, ports)
+    return port.component, port.find(name)
+
+
+def _sources(fmus: dict[str, LoadedFMU]) -> dict[str, str]:
+    """Where each FMU goes in the archive: once, however many components it has."""
+    sources: dict[str, str] = {}
+    taken: dict[str, str] = {}
+    for name, fmu in fmus.items():
+        source = f"resources/{fmu.path.name}"
+        if taken.setdefault(source, fmu.sha256) != fmu.sha256:
+            source = f"resources/{name}_{fmu.path.name}"
+            taken[source] = fmu.sha256
+        sources[name] = source
+    return sources

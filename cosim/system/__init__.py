@@ -1,0 +1,1 @@
+"""What is simulated: components, connections and signals, and their checks against the model descriptions."""

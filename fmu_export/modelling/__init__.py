@@ -1,0 +1,1 @@
+"""What a model is made of: variables, functions, units, composition; models import nothing else."""

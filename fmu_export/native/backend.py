@@ -1,0 +1,142 @@
+"""The native flavours, FMI 2.0 and 3.0: C code traced from the model, for importers without Python.
+
+Each archive has both interfaces, model exchange and co-simulation, and its own sources.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from importlib.resources import files
+from pathlib import Path
+from typing import Literal
+
+import fmpy
+
+from fmu_export.modelling.model import Model
+from fmu_export.native.c_source import model_sources
+from fmu_export.native.toolchain import Target, ToolchainError, compile_library, host_target
+from fmu_export.package import description_fmi2, description_fmi3
+from fmu_export.package.archive import write_archive
+from fmu_export.package.interface import interface_of
+from fmu_export.package.start_values import MEMBER, start_values_text
+from fmu_export.trace.trace import trace
+
+_COMMON_2 = {
+    "canNotUseMemoryManagementFunctions": "true",
+    "canGetAndSetFMUstate": "true",
+    "canSerializeFMUstate": "true",
+    "providesDirectionalDerivative": "true",
+}
+_COMMON_3 = {
+    "canGetAndSetFMUState": "true",
+    "canSerializeFMUState": "true",
+    "providesDirectionalDerivatives": "true",
+}
+
+#: Attributes of the interfaces, by flavour.
+_INTERFACES = {
+    "fmi2": {
+        "ModelExchange": {"completedIntegratorStepNotNeeded": "true", **_COMMON_2},
+        "CoSimulation": {
+            "canHandleVariableCommunicationStepSize": "true",
+            "canInterpolateInputs": "true",
+            **_COMMON_2,
+        },
+    },
+    "fmi3": {
+        "ModelExchange": {"needsCompletedIntegratorStep": "false", **_COMMON_3},
+        "CoSimulation": {
+            "canHandleVariableCommunicationStepSize": "true",
+            "providesIntermediateUpdate": "true",
+            **_COMMON_3,
+        },
+    },
+}
+
+#: The model-independent adapter, its face for each version, and the headers of the standard that it needs.
+_ADAPTER = ("core.h", "core.c", "uri.h", "uri.c")
+_FACES = {"fmi2": "fmi2.c", "fmi3": "fmi3.c"}
+_HEADERS = {
+    "fmi2": ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h"),
+    "fmi3": ("fmi3Functions.h", "fmi3FunctionTypes.h", "fmi3PlatformTypes.h"),
+}
+
+
+def build_native(
+    model: Model,
+    folder: Path,
+    flavour: Literal["fmi2", "fmi3"],
+    targets: Sequence[Target] | None = None,
+    page: str | None = None,
+) -> Path:
+    """Write `<folder>/<model name>.fmu`.
+
+    The same sources, compiled by the same compilers, give the same bytes.
+
+    Parameters
+    ----------
+    model : Model
+    folder : Path
+    flavour : {"fmi2", "fmi3"}
+        FMI version.
+    targets : sequence of Target, optional
+        Platforms to compile for by zig; by default this machine, with its own compiler. Those that the FMI version has
+        no place for are left out.
+    page : str, optional
+        The model's page in Markdown, for the documentation in the archive; without it there is none.
+
+    Raises
+    ------
+    ToolchainError
+        There is no C compiler, or it fails.
+    OSError
+        The file can't be written; an older one is unchanged.
+    """
+    traced = trace(model)
+    interface = interface_of(traced)
+    adapter = _adapter_sources(flavour)
+    c_files = sorted(name for name in (*adapter, "model.c") if name.endswith(".c"))
+
+    def description(guid: str) -> bytes:
+        if flavour == "fmi2":
+            return description_fmi2.model_description(model, interface, guid, _INTERFACES["fmi2"], "C code", c_files)
+        return description_fmi3.model_description(model, interface, guid, _INTERFACES["fmi3"], "C code")
+
+    digest = hashlib.sha256(description(guid=""))
+    for name, source in sorted((adapter | model_sources(traced, interface, guid="")).items()):
+        digest.update(name.encode() + source)
+    guid = "{" + digest.hexdigest()[:32] + "}"
+    sources = adapter | model_sources(traced, interface, guid)
+    path = folder / f"{model.name}.fmu"
+    binaries = {}
+    for target in targets if targets is not None else [host_target()]:
+        place = target.fmi2_folder if flavour == "fmi2" else target.fmi3_folder
+        if place is None:
+            continue
+        name = f"binaries/{place}/{model.name}{target.suffix}"
+        binaries[name] = compile_library(sources, model.name, target if targets is not None else None)
+    if not binaries:
+        raise ToolchainError("FMI 2.0 has no place for binaries of this machine; build the fmi3 flavour")
+    members = {
+        "modelDescription.xml": description(guid),
+        MEMBER: start_values_text(interface),
+        **binaries,
+        **{f"sources/{name}": source for name, source in sources.items()},
+    }
+    if page is not None:
+        from fmu_export.package.documentation import documentation_members
+
+        members |= documentation_members(model, interface, page, flavour)
+    if flavour == "fmi3":
+        members["sources/buildDescription.xml"] = description_fmi3.build_description(model, c_files)
+    write_archive(path, members)
+    return path
+
+
+def _adapter_sources(flavour: str) -> dict[str, bytes]:
+    adapter = files("fmu_export.native") / "c_adapter"
+    headers = Path(fmpy.__file__).parent / "c-code"
+    return {name: (adapter / name).read_bytes() for name in (*_ADAPTER, _FACES[flavour])} | {
+        name: (headers / name).read_bytes() for name in _HEADERS[flavour]
+    }

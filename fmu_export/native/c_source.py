@@ -1,0 +1,139 @@
+"""Write a traced model as C99: `model.c` with its equations, `model.h` with its sizes, names and limits."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Sequence
+
+import casadi as ca
+
+from fmu_export.package.interface import Interface
+from fmu_export.trace.operations import helpers
+from fmu_export.trace.straight_line import statements
+from fmu_export.trace.trace import TracedModel
+
+#: The traced functions that the adapter calls, with their arguments.
+_ARGUMENTS = {
+    "initial_state": ("p",),
+    "start_margins": ("p",),
+    "rates": ("t", "x", "u", "p"),
+    "everything": ("t", "x", "u", "p"),
+    "linear_step": ("t", "x", "u", "p", "h", "u_rate", "k1"),
+    "initial_state_direction": ("p", "dp"),
+    "direction": ("t", "x", "u", "p", "dx", "du", "dp"),
+}
+
+#: An FMU exports the functions of the standard only, whoever compiles it.
+_HIDE = "\n#if defined(__GNUC__) && !defined(_WIN32)\n#pragma GCC visibility push(hidden)\n#endif\n"
+_SHOW = "\n#if defined(__GNUC__) && !defined(_WIN32)\n#pragma GCC visibility pop\n#endif\n"
+
+_HEADER = "/* Generated from the model by tracing; do not edit. */\n"
+
+
+def model_sources(traced: TracedModel, interface: Interface, guid: str) -> dict[str, bytes]:
+    """`model.h` and `model.c` of a model.
+
+    Parameters
+    ----------
+    traced, interface : TracedModel, Interface
+        The model's expression graphs and its flat variables.
+    guid : str
+        Fingerprint that the importer has to give back.
+    """
+    functions = [f for f in traced.functions if f.name() in _ARGUMENTS]
+    return {
+        "model.h": _header(traced, interface, guid, functions).encode(),
+        "model.c": (_HEADER + '#include <math.h>\n#include "model.h"\n\n' + _tables(traced, interface)).encode()
+        + "".join(helper.c + "\n" for helper in helpers(functions)).encode()
+        + "\n".join(c_function(f, _ARGUMENTS[f.name()]) for f in functions).encode(),
+    }
+
+
+def _header(traced: TracedModel, interface: Interface, guid: str, functions: Sequence[ca.Function]) -> str:
+    start, step = (sum(r.at == at for r in traced.model.requirements) for at in ("start", "step"))
+    sizes = {
+        "N_P": interface.n_parameters,
+        "N_U": interface.n_inputs,
+        "N_Y": interface.n_outputs,
+        "N_X": len(interface.states),
+        "N_START_REQUIREMENTS": start,
+        "N_STEP_REQUIREMENTS": step,
+        "RATES_DEPEND_ON_TIME": int(traced.rates_depend_on_time),
+    }
+    return (
+        _HEADER
+        + "#ifndef MODEL_H\n#define MODEL_H\n\n"
+        + f'#define MODEL_IDENTIFIER "{traced.model.name}"\n'
+        + f"#define MODEL_GUID {json.dumps(guid)}\n\n"
+        + "".join(f"#define {name} {size}\n" for name, size in sizes.items())
+        + _HIDE
+        + "\n/* Arrays of length zero are no C: every table has one element more than it needs. */\n"
+        + "extern const char *const model_names[N_P + N_U + N_Y + N_X + 1];\n"
+        + "extern const double model_limits[N_P + 1][2];\n"
+        + "extern const int model_state_outputs[N_X + 1]; /* output of each state */\n"
+        + "extern const int model_output_states[N_Y + 1]; /* state of each output, -1 for an output that is none */\n"
+        + "extern const char *const model_start_requirements[N_START_REQUIREMENTS + 1];\n"
+        + "extern const char *const model_step_requirements[N_STEP_REQUIREMENTS + 1];\n\n"
+        + "".join(f"{_prototype(f, _ARGUMENTS[f.name()])};\n" for f in functions)
+        + _SHOW
+        + "\n#endif\n"
+    )
+
+
+def _tables(traced: TracedModel, interface: Interface) -> str:
+    names = [v.name for v in interface.variables] + [d.name for d in interface.derivatives]
+    parameters = interface.variables[: interface.n_parameters]
+    limits = "".join(
+        f"{{{_literal(-math.inf if v.min is None else v.min)}, {_literal(math.inf if v.max is None else v.max)}}}, "
+        for v in parameters
+    )
+    first_output = interface.n_parameters + interface.n_inputs
+    states = ", ".join(str(s - first_output) for s in (*interface.states, first_output))
+    state_of = {output: i for i, output in enumerate(interface.states)}
+    state_of_outputs = ", ".join(str(state_of.get(first_output + i, -1)) for i in range(interface.n_outputs + 1))
+
+    def messages(at: str) -> str:
+        return ", ".join(json.dumps(r.message) for r in traced.model.requirements if r.at == at) or "0"
+
+    return (
+        f"const char *const model_names[N_P + N_U + N_Y + N_X + 1] = {{{', '.join(map(json.dumps, names))}}};\n"
+        f"const double model_limits[N_P + 1][2] = {{{limits}{{0.0, 0.0}}}};\n"
+        f"const int model_state_outputs[N_X + 1] = {{{states}}};\n"
+        f"const int model_output_states[N_Y + 1] = {{{state_of_outputs}}};\n"
+        f"const char *const model_start_requirements[N_START_REQUIREMENTS + 1] = {{{messages('start')}}};\n"
+        f"const char *const model_step_requirements[N_STEP_REQUIREMENTS + 1] = {{{messages('step')}}};\n\n"
+    )
+
+
+def _prototype(f: ca.Function, names: Sequence[str], prefix: str = "model") -> str:
+    scalars = ("t", "h")
+    arguments = [f"double {n}" if n in scalars else f"const double *{n}" for n in names]
+    return f"void {prefix}_{f.name()}({', '.join(arguments)}, double *y)"
+
+
+def c_function(f: ca.Function, names: Sequence[str], prefix: str = "model") -> str:
+    """C source of a traced function, `void <prefix>_<its name>(..., double *y)`, with these names of its arguments."""
+    assignments = statements(f, names, _literal)
+    variables = sorted({t for t, _ in assignments if t.startswith("w")}, key=lambda w: int(w[1:]))
+    used = set(re.findall(r"\w+", " ".join(expression for _, expression in assignments)))
+    lines = [f"{_prototype(f, names, prefix)}\n{{"]
+    if variables:
+        lines.append(f"    double {', '.join(variables)};")
+    lines += [f"    (void){n};" for n in names if n not in used]
+    if not assignments:
+        lines.append("    (void)y;")
+    lines += [f"    {_target(target)} = {expression};" for target, expression in assignments]
+    return "\n".join([*lines, "}", ""])
+
+
+def _target(name: str) -> str:
+    return f"y[{name[1:]}]" if name.startswith("y") else name
+
+
+def _literal(value: float) -> str:
+    """A C literal that reads back bit for bit."""
+    if math.isinf(value):
+        return "INFINITY" if value > 0 else "-INFINITY"
+    return value.hex() if value != int(value) or abs(value) > 1e15 else repr(value)

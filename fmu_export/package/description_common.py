@@ -1,0 +1,69 @@
+"""What the model descriptions of FMI 2.0 and 3.0 have in common."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from importlib.metadata import PackageNotFoundError, version
+from xml.etree import ElementTree as ET
+
+from fmu_export.modelling.model import Model
+from fmu_export.modelling.units import unit
+from fmu_export.package.interface import ScalarVariable
+
+#: Name of this project as a distribution, which FMUs carry as the tool that made them.
+DISTRIBUTION = "closed-chain-cosim"
+
+VARIABILITY = {"parameter": "fixed", "input": "continuous", "output": "continuous"}
+
+
+def package_version() -> str:
+    """Version of the installed distribution; "0+unknown" in a checkout that was never installed."""
+    try:
+        return version(DISTRIBUTION)
+    except PackageNotFoundError:
+        return "0+unknown"
+
+
+def add_units(root: ET.Element, names: Iterable[str]) -> None:
+    """Add the definitions of units by name, each once."""
+    definitions = ET.SubElement(root, "UnitDefinitions")
+    for name in dict.fromkeys(names):
+        element = ET.SubElement(definitions, "Unit", name=name)
+        ET.SubElement(element, "BaseUnit", {k: str(n) for k, n in unit(name).exponents.items()})
+        for display, factor in unit(name).display.items():
+            ET.SubElement(element, "DisplayUnit", name=display, factor=repr(factor))
+
+
+def add_log_categories(root: ET.Element) -> None:
+    """Add the names of the log categories."""
+    categories = ET.SubElement(root, "LogCategories")
+    for name in ("logStatusWarning", "logStatusDiscard", "logStatusError", "logStatusFatal", "logAll"):
+        ET.SubElement(categories, "Category", name=name)
+
+
+def add_default_experiment(root: ET.Element, model: Model) -> None:
+    """Add duration and step that the model proposes."""
+    experiment = model.default_experiment
+    ET.SubElement(
+        root,
+        "DefaultExperiment",
+        startTime=repr(experiment.start_time),
+        stopTime=repr(experiment.stop_time),
+        stepSize=repr(experiment.step_size),
+    )
+
+
+def type_attributes(v: ScalarVariable) -> dict[str, str]:
+    """Unit, display unit, min, max and start of a variable; floats are written so that they read back bit for bit."""
+    attributes = {"unit": v.unit}
+    display = next(iter(unit(v.unit).display), None)
+    if display is not None:
+        attributes["displayUnit"] = display
+    numbers = {"min": v.min, "max": v.max, "start": v.start}
+    return attributes | {name: repr(value) for name, value in numbers.items() if value is not None}
+
+
+def to_bytes(root: ET.Element) -> bytes:
+    """The finished document, UTF-8, indented."""
+    ET.indent(root)
+    return ET.tostring(root, encoding="utf-8", xml_declaration=True) + b"\n"

@@ -1,0 +1,138 @@
+"""modelDescription.xml of FMI 2.0 for a model (FMI 2.0.4, section 2.2)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from xml.etree import ElementTree as ET
+
+from fmu_export.modelling.model import Model
+from fmu_export.package.description_common import (
+    DISTRIBUTION,
+    VARIABILITY,
+    add_default_experiment,
+    add_log_categories,
+    add_units,
+    package_version,
+    to_bytes,
+    type_attributes,
+)
+from fmu_export.package.interface import Interface, ScalarVariable, StateDerivative
+
+
+def model_description(
+    model: Model,
+    interface: Interface,
+    guid: str,
+    interfaces: Mapping[str, Mapping[str, str]],
+    tool: str,
+    source_files: Sequence[str] = (),
+) -> bytes:
+    """Write the model description of an FMU.
+
+    Parameters
+    ----------
+    model, interface : Model, Interface
+        The model and its flat variables; value references are the positions in `interface.variables`.
+    guid : str
+        Fingerprint that ties the description to the code.
+    interfaces : mapping
+        "ModelExchange", "CoSimulation" or both -> attributes of that element besides the model identifier. With model
+        exchange, the derivatives of the states are variables too.
+    tool : str
+        What executes the model, named behind the distribution in generationTool.
+    source_files : sequence of str
+        C files in `sources/`, for tools that compile FMUs.
+
+    Returns
+    -------
+    bytes
+        UTF-8, the same for the same arguments; floats are written so that they read back bit for bit.
+    """
+    root = ET.Element(
+        "fmiModelDescription",
+        fmiVersion="2.0",
+        modelName=model.name,
+        guid=guid,
+        description=model.description,
+        version=package_version(),
+        license="MIT",
+        generationTool=f"{DISTRIBUTION} {package_version()} ({tool})",
+        variableNamingConvention="structured",
+        numberOfEventIndicators="0",
+    )
+    for kind in ("ModelExchange", "CoSimulation"):
+        if kind in interfaces:
+            element = ET.SubElement(root, kind, {"modelIdentifier": model.name, **interfaces[kind]})
+            if source_files:
+                files = ET.SubElement(element, "SourceFiles")
+                for name in source_files:
+                    ET.SubElement(files, "File", name=name)
+    derivatives = interface.derivatives if "ModelExchange" in interfaces else ()
+    add_units(root, [*(v.unit for v in interface.variables), *(d.unit for d in derivatives)])
+    add_log_categories(root)
+    add_default_experiment(root, model)
+    variables = ET.SubElement(root, "ModelVariables")
+    for reference, v in enumerate(interface.variables):
+        _scalar_variable(variables, v, reference)
+    for reference, d in enumerate(derivatives, start=len(interface.variables)):
+        _state_derivative(variables, d, reference, interface.variables[d.state].description)
+    _model_structure(root, interface, derivatives)
+    return to_bytes(root)
+
+
+def _scalar_variable(parent: ET.Element, v: ScalarVariable, reference: int) -> None:
+    attributes = {
+        "name": v.name,
+        "valueReference": str(reference),
+        "description": v.description,
+        "causality": v.causality,
+        "variability": VARIABILITY[v.causality],
+    }
+    if v.causality != "input":  # FMI 2.0, table on page 51: "initial" must not be given for inputs
+        attributes["initial"] = "exact" if v.causality == "parameter" else "calculated"
+    ET.SubElement(ET.SubElement(parent, "ScalarVariable", attributes), "Real", type_attributes(v))
+
+
+def _state_derivative(parent: ET.Element, d: StateDerivative, reference: int, state: str) -> None:
+    element = ET.SubElement(
+        parent,
+        "ScalarVariable",
+        name=d.name,
+        valueReference=str(reference),
+        description=f"Time derivative of: {state}",
+        causality="local",
+        variability="continuous",
+        initial="calculated",
+    )
+    ET.SubElement(element, "Real", unit=d.unit, derivative=str(d.state + 1))
+
+
+def _model_structure(root: ET.Element, interface: Interface, derivatives: Sequence[StateDerivative]) -> None:
+    """Outputs, state derivatives and initial unknowns with their dependencies; indices count from 1.
+
+    States are knowns in model exchange only.
+    """
+    structure = ET.SubElement(root, "ModelStructure")
+    first_output = interface.n_parameters + interface.n_inputs
+    first_derivative = len(interface.variables)
+    outputs = interface.dependencies
+    if derivatives:
+        outputs = tuple((*u, *x) for u, x in zip(outputs, interface.state_dependencies, strict=True))
+    _unknowns(structure, "Outputs", enumerate(outputs, start=first_output))
+    if derivatives:
+        _unknowns(structure, "Derivatives", enumerate((d.dependencies for d in derivatives), start=first_derivative))
+    initial = [*interface.initial_dependencies, *(d.initial_dependencies for d in derivatives)]
+    _unknowns(structure, "InitialUnknowns", enumerate(initial, start=first_output))
+
+
+def _unknowns(structure: ET.Element, tag: str, rows: Iterable[tuple[int, Iterable[int]]]) -> None:
+    parent = ET.SubElement(structure, tag)
+    for position, row in rows:
+        knowns = sorted(row)
+        ET.SubElement(
+            parent,
+            "Unknown",
+            index=str(position + 1),
+            dependencies=" ".join(str(j + 1) for j in knowns),
+            dependenciesKind=" ".join("dependent" for _ in knowns),
+        )

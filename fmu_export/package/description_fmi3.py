@@ -1,0 +1,131 @@
+"""modelDescription.xml of FMI 3.0 for a model (FMI 3.0.1, section 2.4).
+
+Vectors are declared as scalars `name[1]`, `name[2]`, ..., as in FMI 2.0, though FMI 3.0 has arrays: every flavour then
+has the same variables under the same names, and several importers can't plot, connect or record array elements yet.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from xml.etree import ElementTree as ET
+
+from fmu_export.modelling.model import Model
+from fmu_export.package.description_common import (
+    DISTRIBUTION,
+    VARIABILITY,
+    add_default_experiment,
+    add_log_categories,
+    add_units,
+    package_version,
+    to_bytes,
+    type_attributes,
+)
+from fmu_export.package.interface import Interface
+
+
+def model_description(
+    model: Model, interface: Interface, token: str, interfaces: Mapping[str, Mapping[str, str]], tool: str
+) -> bytes:
+    """Write the model description of an FMU.
+
+    Parameters
+    ----------
+    model, interface : Model, Interface
+        The model and its flat variables. Value references are the positions in `interface.variables`, then those of
+        the state derivatives, then the time.
+    token : str
+        Fingerprint that ties the description to the code.
+    interfaces : mapping
+        "ModelExchange" and "CoSimulation" -> attributes of that element besides the model identifier.
+    tool : str
+        What executes the model, named behind the distribution in generationTool.
+    """
+    root = ET.Element(
+        "fmiModelDescription",
+        fmiVersion="3.0",
+        modelName=model.name,
+        instantiationToken=token,
+        description=model.description,
+        version=package_version(),
+        license="MIT",
+        generationTool=f"{DISTRIBUTION} {package_version()} ({tool})",
+        variableNamingConvention="structured",
+    )
+    for kind, attributes in interfaces.items():
+        ET.SubElement(root, kind, {"modelIdentifier": model.name, **attributes})
+    derivatives = interface.derivatives
+    add_units(root, [*(v.unit for v in interface.variables), *(d.unit for d in derivatives), "s"])
+    add_log_categories(root)
+    add_default_experiment(root, model)
+    variables = ET.SubElement(root, "ModelVariables")
+    for reference, v in enumerate(interface.variables):
+        attributes = {
+            "name": v.name,
+            "valueReference": str(reference),
+            "description": v.description,
+            "causality": v.causality,
+            "variability": VARIABILITY[v.causality],
+        }
+        if v.causality == "output":
+            attributes["initial"] = "calculated"
+        if v.causality == "input":
+            attributes["intermediateUpdate"] = "true"
+        ET.SubElement(variables, "Float64", attributes | type_attributes(v))
+    for reference, d in enumerate(derivatives, start=len(interface.variables)):
+        ET.SubElement(
+            variables,
+            "Float64",
+            name=d.name,
+            valueReference=str(reference),
+            description=f"Time derivative of: {interface.variables[d.state].description}",
+            causality="local",
+            variability="continuous",
+            initial="calculated",
+            unit=d.unit,
+            derivative=str(d.state),
+        )
+    ET.SubElement(
+        variables,
+        "Float64",
+        name="time",
+        valueReference=str(len(interface.variables) + len(derivatives)),
+        description="Simulation time",
+        causality="independent",
+        variability="continuous",
+        unit="s",
+    )
+    _model_structure(root, interface)
+    return to_bytes(root)
+
+
+def build_description(model: Model, source_files: Sequence[str]) -> bytes:
+    """Write `sources/buildDescription.xml` for tools that compile FMUs (FMI 3.0.1, section 2.5.1.4)."""
+    root = ET.Element("fmiBuildDescription", fmiVersion="3.0")
+    configuration = ET.SubElement(root, "BuildConfiguration", modelIdentifier=model.name)
+    files = ET.SubElement(configuration, "SourceFileSet", language="C99")
+    for name in source_files:
+        ET.SubElement(files, "SourceFile", name=name)
+    return to_bytes(root)
+
+
+def _model_structure(root: ET.Element, interface: Interface) -> None:
+    structure = ET.SubElement(root, "ModelStructure")
+    first_output = interface.n_parameters + interface.n_inputs
+    first_derivative = len(interface.variables)
+    outputs = [(*u, *x) for u, x in zip(interface.dependencies, interface.state_dependencies, strict=True)]
+    _unknowns(structure, "Output", first_output, outputs)
+    _unknowns(structure, "ContinuousStateDerivative", first_derivative, [d.dependencies for d in interface.derivatives])
+    initial = [*interface.initial_dependencies, *(d.initial_dependencies for d in interface.derivatives)]
+    _unknowns(structure, "InitialUnknown", first_output, initial)
+
+
+def _unknowns(structure: ET.Element, tag: str, first: int, rows: Iterable[Iterable[int]]) -> None:
+    for reference, row in enumerate(rows, start=first):
+        knowns = sorted(row)
+        ET.SubElement(
+            structure,
+            tag,
+            valueReference=str(reference),
+            dependencies=" ".join(map(str, knowns)),
+            dependenciesKind=" ".join("dependent" for _ in knowns),
+        )

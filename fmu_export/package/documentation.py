@@ -1,0 +1,267 @@
+"""What an FMU says about itself: a page, a reference result, the licence, icons and terminals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from html import escape
+from importlib.metadata import PackageNotFoundError, files
+from io import BytesIO
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+from markdown import Markdown
+from markdown.extensions.toc import TocExtension
+from matplotlib.figure import Figure
+
+from fmu_export.modelling.functions import rk4_step
+from fmu_export.modelling.model import Array, Layout, Model
+from fmu_export.package.description_common import DISTRIBUTION, package_version
+from fmu_export.package.icon import model_icon, terminal_icons
+from fmu_export.package.interface import Interface
+
+#: What each flavour is and what it needs to run.
+_FLAVOURS = {
+    "pythonfmu": "FMI 2.0 co-simulation, for Linux and Windows (x86-64). Runs Python inside: the importing process "
+    "needs a Python of the version that the binary is linked with, but no package.",
+    "fmi2": "FMI 2.0 co-simulation and model exchange, compiled from the C sources in <code>sources/</code> for the "
+    "platforms in <code>binaries/</code>. Needs nothing else.",
+    "fmi3": "FMI 3.0 co-simulation and model exchange, compiled from the C sources in <code>sources/</code> for the "
+    "platforms in <code>binaries/</code>. Needs nothing else.",
+}
+
+#: The reference run: rows (s), duration (s), integration steps a row; its error is below 1e-9.
+_ROW, _DURATION, _SUBSTEPS = 0.01, 2.0, 2
+#: Input i = 1, 2, ... swings by this much (in its unit) at 0.4 + 0.1 i (Hz) about its start value.
+_AMPLITUDE = 0.05
+
+
+class DocumentationError(RuntimeError):
+    """The documentation of an FMU can't be written."""
+
+
+@dataclass(frozen=True, eq=False)
+class ReferenceRun:
+    """A run of a model alone from its start values: a row for each communication point.
+
+    The inputs of a row are held until the next one. The outputs of a row are those that the step to it ends with, so
+    they still see the inputs of the row before; that is when co-simulation masters such as fmpy read them.
+    """
+
+    time: Array
+    inputs: Array
+    outputs: Array
+
+
+def documentation_members(model: Model, interface: Interface, page: str, flavour: str) -> dict[str, bytes]:
+    """Members of the archive that explain it; the same arguments give the same bytes.
+
+    Parameters
+    ----------
+    model, interface : Model, Interface
+        The model and its flat variables.
+    page : str
+        Markdown: equations, symbols, background. HTML in it is shown, not interpreted.
+    flavour : {"pythonfmu", "fmi2", "fmi3"}
+        What the archive is; decides where the standard wants the icon.
+
+    Raises
+    ------
+    DocumentationError
+        The licence is not found, or the reference run is not finite.
+    """
+    run = reference_run(model)
+    reference = f"documentation/reference/{model.name}"
+    icons = terminal_icons(model) if flavour == "fmi3" else {"model.png": model_icon(model)}
+    return {
+        "documentation/index.html": _html(model, interface, page, flavour, run).encode(),
+        f"{reference}_in.csv": _csv(model.inputs, run.time, run.inputs),
+        f"{reference}_ref.csv": _csv(model.outputs, run.time, run.outputs),
+        "documentation/licenses/license.txt": _licence(),
+        **icons,
+    }
+
+
+@cache  # the same for all flavours, and the slowest part of a build
+def reference_run(model: Model) -> ReferenceRun:
+    """Run a model for two seconds, each input on a small sine of its own about its start value.
+
+    Raises
+    ------
+    DocumentationError
+        The result is not finite.
+    """
+    p = model.parameters.starts
+    start = model.default_experiment.start_time
+    n = round(min(_DURATION, model.default_experiment.stop_time - start) / _ROW)
+    time = np.round(start + _ROW * np.arange(n + 1), 9)
+    frequencies = 0.4 + 0.1 * np.arange(1, len(model.inputs) + 1)
+    inputs = model.inputs.starts + _AMPLITUDE * np.sin(2.0 * np.pi * np.outer(time - start, frequencies))
+    inputs = np.round(inputs, 6)  # the last digits of a sine depend on the platform
+    x = model.initial_state(p)
+    outputs = [model.output_values(time[0], x, inputs[0], p)]
+    h = _ROW / _SUBSTEPS
+    for t, t_end, u in zip(time, time[1:], inputs, strict=False):
+        for i in range(_SUBSTEPS if model.states else 0):
+            x = rk4_step(model.derivatives, t + i * h, x, u, p, h)
+        outputs.append(model.output_values(t_end, x, u, p))
+    run = ReferenceRun(time, inputs, np.array(outputs))
+    if not np.isfinite(run.outputs).all():
+        raise DocumentationError(f"{model.name}: the reference run from the start values is not finite")
+    return run
+
+
+def _csv(layout: Layout, time: Array, values: Array) -> bytes:
+    """A line of quoted names, then a line a row, with 12 digits: beyond them platforms differ."""
+    header = ",".join(f'"{name}"' for name in ("time", *layout.names))
+    rows = (",".join(f"{value:.12g}" for value in (t, *row)) for t, row in zip(time, values.tolist(), strict=True))
+    return ("\n".join([header, *rows]) + "\n").encode()
+
+
+def _licence() -> bytes:
+    """Text of the project's licence: from the installed distribution, or from the checkout."""
+    try:
+        installed = [Path(str(f.locate())) for f in files(DISTRIBUTION) or () if f.name == "LICENSE"]
+    except PackageNotFoundError:
+        installed = []
+    checkout = Path(__file__).resolve().parents[2] / "LICENSE"
+    for path in (*installed, checkout):
+        if path.is_file():
+            return path.read_text(encoding="utf-8").encode()
+    raise DocumentationError(
+        f"the licence is neither in the installed distribution {DISTRIBUTION} nor at {checkout}: reinstall the package"
+    )
+
+
+@cache
+def _plot(model: Model, run: ReferenceRun) -> str:
+    """The outputs (vectors in one panel) of the reference run as an SVG element."""
+    columns, position = 2, 0
+    variables = model.outputs.variables
+    n_rows = -(-len(variables) // columns)
+    with mpl.rc_context():
+        mpl.rcdefaults()  # the user's settings must not change the bytes
+        mpl.rcParams["svg.hashsalt"] = model.name  # names of elements are random otherwise
+        height = 0.75 + 1.6 * n_rows  # inches; margins by hand, since matplotlib's layout engines take half a second
+        figure = Figure(figsize=(10.0, height))
+        figure.subplots_adjust(
+            left=0.08, right=0.95, wspace=0.4, hspace=0.25, bottom=0.5 / height, top=1.0 - 0.25 / height
+        )
+        panels = figure.subplots(n_rows, columns, sharex=True, squeeze=False)
+        for axes, v in zip(panels.flat, variables, strict=False):
+            for name in v.names:
+                axes.plot(run.time, run.outputs[:, position], lw=1.2, label=name.removeprefix(v.name))
+                position += 1
+            axes.set_ylabel(f"{v.name} ({v.unit})" if v.unit != "1" else v.name, fontsize=9)
+            axes.tick_params(labelsize=8)
+            axes.yaxis.get_offset_text().set_fontsize(8)
+            axes.margins(x=0.0)
+            axes.grid(alpha=0.3)
+            if v.size:
+                axes.legend(fontsize=7, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
+        for axes in panels.flat[len(variables) :]:
+            axes.set_axis_off()
+        for axes in panels.flat[max(len(variables) - columns, 0) : len(variables)]:
+            axes.tick_params(labelbottom=True)
+            axes.set_xlabel("time (s)", fontsize=9)
+        stream = BytesIO()
+        figure.savefig(stream, format="svg", metadata=dict.fromkeys(("Date", "Creator", "Format", "Type")))
+    text = stream.getvalue().decode()
+    return text[text.index("<svg") :]
+
+
+def _markdown(page: str) -> str:
+    converter = Markdown(extensions=["tables", "fenced_code", "sane_lists", TocExtension(baselevel=2)])
+    converter.preprocessors.deregister("html_block")
+    converter.inlinePatterns.deregister("html")
+    return converter.convert(page)
+
+
+def _variable_table(interface: Interface) -> str:
+    def number(value: float | None) -> str:
+        return "" if value is None else f"{value:.12g}"
+
+    rows = []
+    for v in interface.variables:
+        cells = (v.causality, v.unit, number(v.start), number(v.min), number(v.max), v.description)
+        rows.append(f"<tr><td><code>{escape(v.name)}</code></td>" + "".join(f"<td>{escape(c)}</td>" for c in cells))
+    heads = ("name", "causality", "unit", "start", "min", "max", "description")
+    return (
+        '<table id="variable-table">\n<thead><tr>'
+        + "".join(f"<th>{h}</th>" for h in heads)
+        + "</tr></thead>\n<tbody>\n"
+        "" + "</tr>\n".join(rows) + "</tr>\n</tbody>\n</table>"
+    )
+
+
+def _usage(model: Model, run: ReferenceRun) -> str:
+    name, stop = model.name, f"{run.time[-1]:g}"
+    signals = f'read_csv("documentation/reference/{name}_in.csv")' if len(model.inputs) else "None  # it has no inputs"
+    held = {v.name: list(v.starts) if v.size else v.starts[0] for v in model.inputs.variables}
+    return f"""from fmpy import simulate_fmu
+result = simulate_fmu("{name}.fmu", output=["{model.outputs.names[0]}"])  # or all outputs
+
+# the reference result, with the documentation unpacked
+from fmpy.util import read_csv
+inputs = {signals}
+result = simulate_fmu("{name}.fmu", fmi_type="CoSimulation", stop_time={stop}, output_interval={_ROW}, input=inputs)
+
+# in the co-simulation of the package that made this FMU: inputs held; system.connect couples them to other FMUs
+from cosim import System, simulate
+system = System()
+system.add("{name.lower()}", "{name}.fmu", start={held!r})
+results = simulate(system, stop_time={stop}, step_size={model.default_experiment.step_size!r})
+results.to_csv("results.csv")"""
+
+
+def _html(model: Model, interface: Interface, page: str, flavour: str, run: ReferenceRun) -> str:
+    title, version = escape(model.name), escape(package_version())
+    return f"""<!DOCTYPE html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>{title}</title>
+<style>
+{_STYLE}</style>
+</head>
+<body>
+<h1>{title}</h1>
+<p>{escape(model.description)}.</p>
+<p class="stamp">Made by {DISTRIBUTION} {version}, flavour <code>{escape(flavour)}</code>: {_FLAVOURS[flavour]}
+MIT licence: <a href="licenses/license.txt">licenses/license.txt</a>.</p>
+{_markdown(page)}
+<h2>Variables</h2>
+{_variable_table(interface)}
+<h2>Reference result</h2>
+<p>The model alone, from its start values. Input i = 1, 2, ... (in the order of the table) is its start value
++ {_AMPLITUDE} sin(2 pi (0.4 + 0.1 i) t) in its unit, held from row to row ({_ROW} s).
+The outputs of a row are those at the end of the step to it, before its inputs are set.
+Inputs: <a href="reference/{title}_in.csv">reference/{title}_in.csv</a>.
+Outputs: <a href="reference/{title}_ref.csv">reference/{title}_ref.csv</a>.</p>
+<figure>
+{_plot(model, run)}<figcaption>Outputs of the reference run.</figcaption>
+</figure>
+<h2>How to use it</h2>
+<pre><code>{escape(_usage(model, run), quote=False)}
+</code></pre>
+</body>
+</html>
+"""
+
+
+_STYLE = """body { font: 16px/1.5 system-ui, sans-serif; color: #222; max-width: 62rem; margin: 2rem auto;
+padding: 0 1rem; }
+h1, h2, h3 { line-height: 1.2; color: #1f4e79; }
+h2 { margin-top: 2.2rem; border-bottom: 1px solid #d5dde5; padding-bottom: 0.2rem; }
+.stamp { background: #eaf1f8; padding: 0.6rem 0.9rem; border-radius: 0.4rem; }
+table { border-collapse: collapse; display: block; overflow-x: auto; font-size: 0.9rem; }
+th, td { border: 1px solid #d5dde5; padding: 0.2rem 0.6rem; text-align: left; vertical-align: top; }
+th { background: #eaf1f8; }
+code { font: 0.9em ui-monospace, monospace; }
+pre { background: #f5f7f9; padding: 0.8rem; overflow-x: auto; border-radius: 0.4rem; }
+figure { margin: 1rem 0; }
+svg { max-width: 100%; height: auto; }
+figcaption { font-size: 0.9rem; color: #555; }
+"""

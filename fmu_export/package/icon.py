@@ -1,0 +1,85 @@
+"""Icons and terminals of an FMU: how tools draw its block and which scalars belong together."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from io import BytesIO
+from typing import Any
+from xml.etree import ElementTree as ET
+
+import matplotlib as mpl
+from matplotlib.figure import Figure
+from matplotlib.patches import FancyBboxPatch, Polygon
+
+from fmu_export.modelling.model import Layout, Model
+from fmu_export.package.description_common import to_bytes
+
+_FACE, _EDGE, _INK = "#eaf1f8", "#1f4e79", "#1f4e79"
+#: Extent of the block; terminals stand on its left and right edge.
+_HALF = 100
+
+
+def model_icon(model: Model) -> bytes:
+    """A block with the capitals of the model's name, PNG, 64 x 64."""
+    letters = "".join(c for c in model.name if c.isupper())[:3] or model.name[:1].upper()
+
+    def draw(axes: Any) -> None:
+        box = FancyBboxPatch((0.1, 0.1), 0.8, 0.8, "round,pad=0.04,rounding_size=0.12", fc=_FACE, ec=_EDGE, lw=2.0)
+        axes.add_patch(box)
+        size = 26 if len(letters) < 3 else 19
+        axes.text(0.5, 0.48, letters, size=size, weight="bold", color=_INK, ha="center", va="center")
+
+    return _png(draw, pixels=64)
+
+
+def terminal_icons(model: Model) -> dict[str, bytes]:
+    """Members of `terminalsAndIcons/` (FMI 3.0, section 2.4.9): description, block icon, icons of the terminals.
+
+    Each vector among the inputs and outputs is a terminal. Its elements match by order ("sequence"), so vectors of one
+    length can be connected whatever their names are.
+    """
+
+    def triangle(face: str) -> Callable[[Any], None]:
+        corners = [(0.08, 0.08), (0.08, 0.92), (0.92, 0.5)]
+        return lambda axes: axes.add_patch(Polygon(corners, fc=face, ec=_EDGE, lw=5.0))
+
+    root = ET.Element("fmiTerminalsAndIcons", fmiVersion="3.0")
+    graphics = ET.SubElement(root, "GraphicalRepresentation")
+    extent = {"x1": str(-_HALF), "y1": str(-_HALF), "x2": str(_HALF), "y2": str(_HALF)}
+    ET.SubElement(graphics, "CoordinateSystem", extent, suggestedScalingFactorTo_mm="0.1")
+    ET.SubElement(graphics, "Icon", extent)
+    terminals = ET.Element("Terminals")
+    _terminals(terminals, model.inputs, "input", -_HALF - 10)
+    _terminals(terminals, model.outputs, "output", _HALF + 10)
+    if len(terminals):
+        root.append(terminals)
+    return {
+        "terminalsAndIcons/terminalsAndIcons.xml": to_bytes(root),
+        "terminalsAndIcons/icon.png": model_icon(model),
+        "terminalsAndIcons/input.png": _png(triangle(_EDGE), pixels=16),
+        "terminalsAndIcons/output.png": _png(triangle("white"), pixels=16),
+    }
+
+
+def _terminals(parent: ET.Element, layout: Layout, icon: str, x: int) -> None:
+    vectors = [v for v in layout.variables if v.size]
+    for i, v in enumerate(vectors):
+        terminal = ET.SubElement(parent, "Terminal", name=v.name, matchingRule="sequence", description=v.description)
+        for name in v.names:
+            ET.SubElement(terminal, "TerminalMemberVariable", variableName=name, variableKind="signal")
+        y = round(_HALF * (1 - 2 * (i + 1) / (len(vectors) + 1)))
+        corners = {"x1": x - 10, "y1": y - 10, "x2": x + 10, "y2": y + 10}
+        place = {name: str(value) for name, value in corners.items()}
+        ET.SubElement(terminal, "TerminalGraphicalRepresentation", place, iconBaseName=icon)
+
+
+def _png(draw: Callable[[Any], None], pixels: int) -> bytes:
+    with mpl.rc_context():
+        mpl.rcdefaults()  # the user's settings must not change the bytes
+        figure = Figure(figsize=(1.0, 1.0), dpi=pixels)
+        axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+        axes.set_axis_off()
+        draw(axes)
+        stream = BytesIO()
+        figure.savefig(stream, format="png", transparent=True, metadata={"Software": None})
+    return stream.getvalue()

@@ -1,0 +1,123 @@
+"""What an importer sees of a model: a flat, ordered list of scalar variables and how they depend on each other."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from fmu_export.modelling.model import Layout, Variable
+from fmu_export.modelling.units import rate_unit
+from fmu_export.trace.trace import TracedModel
+
+#: Every model with states integrates with steps no longer than this; it is numerics, so no model declares it.
+MAX_STEP = Variable("max_step", "s", "Largest step of the internal Runge-Kutta method", start=1e-3, min=1e-9)
+
+
+@dataclass(frozen=True)
+class ScalarVariable:
+    """One scalar of the interface; its value reference is its position in `Interface.variables`."""
+
+    name: str
+    causality: Literal["parameter", "input", "output"]
+    unit: str
+    description: str
+    start: float | None
+    min: float | None
+    max: float | None
+
+
+@dataclass(frozen=True)
+class StateDerivative:
+    """The derivative of a state, for importers that integrate themselves (model exchange).
+
+    Its value reference follows those of `Interface.variables`.
+    """
+
+    name: str
+    unit: str
+    state: int  # position of the state in `Interface.variables`
+    dependencies: tuple[int, ...]  # positions of the states and inputs it depends on directly
+    initial_dependencies: tuple[int, ...]  # positions of parameters and inputs
+
+
+@dataclass(frozen=True)
+class Interface:
+    """The scalar variables of a model, parameters first, then inputs, then outputs.
+
+    `dependencies` and `initial_dependencies` hold for each output (in order) the positions of the variables its value
+    depends on directly: inputs during the simulation, parameters and inputs at initialisation; `state_dependencies`
+    those of the states.
+    """
+
+    variables: tuple[ScalarVariable, ...]
+    n_parameters: int
+    n_inputs: int
+    dependencies: tuple[tuple[int, ...], ...]
+    initial_dependencies: tuple[tuple[int, ...], ...]
+    state_dependencies: tuple[tuple[int, ...], ...]
+    derivatives: tuple[StateDerivative, ...]
+
+    @property
+    def states(self) -> tuple[int, ...]:
+        """Positions of the states in `variables`, in the order of the state vector."""
+        return tuple(d.state for d in self.derivatives)
+
+    @property
+    def n_outputs(self) -> int:
+        """Number of scalar outputs."""
+        return len(self.variables) - self.n_parameters - self.n_inputs
+
+
+def interface_of(traced: TracedModel) -> Interface:
+    """Flatten the declared variables of a model and find the structure of its outputs in its expression graphs."""
+    model = traced.model
+    declared = model.parameters.variables
+    parameters = Layout((*declared, MAX_STEP)) if model.states else model.parameters
+    variables = (
+        *_flatten(parameters, "parameter"),
+        *_flatten(model.inputs, "input"),
+        *_flatten(model.outputs, "output"),
+    )
+    first_input = len(parameters)
+    first_output = first_input + len(model.inputs)
+    states = [first_output + model.outputs.names.index(name) for name in model.state_layout.names]
+    on_parameters, on_inputs = traced.initial_output_dependencies()
+    return Interface(
+        variables=variables,
+        n_parameters=len(parameters),
+        n_inputs=len(model.inputs),
+        dependencies=tuple(tuple(first_input + i for i in row) for row in traced.output_dependencies()),
+        initial_dependencies=tuple(
+            (*ps, *(first_input + i for i in us)) for ps, us in zip(on_parameters, on_inputs, strict=True)
+        ),
+        state_dependencies=tuple(tuple(states[i] for i in row) for row in traced.output_state_dependencies()),
+        derivatives=tuple(
+            StateDerivative(
+                name=f"der({variables[state].name})",
+                unit=rate_unit(variables[state].unit),
+                state=state,
+                dependencies=(*(states[j] for j in xs), *(first_input + i for i in us)),
+                initial_dependencies=(*ps, *(first_input + i for i in us)),
+            )
+            for state, xs, us, ps in zip(states, *traced.derivative_dependencies(), strict=True)
+        ),
+    )
+
+
+def _flatten(layout: Layout, causality: Literal["parameter", "input", "output"]) -> list[ScalarVariable]:
+    scalars = []
+    for v in layout.variables:
+        for i, (name, start) in enumerate(zip(v.names, v.starts, strict=True)):
+            element = f" (element {i + 1})" if v.size else ""
+            scalars.append(
+                ScalarVariable(
+                    name=name,
+                    causality=causality,
+                    unit=v.unit,
+                    description=v.description + element,
+                    start=None if causality == "output" else start,
+                    min=v.min,
+                    max=v.max,
+                )
+            )
+    return scalars

@@ -1,0 +1,1 @@
+"""The pythonfmu flavour: FMUs that run Python."""

@@ -1,0 +1,141 @@
+"""The pythonfmu flavour: an FMI 2.0 co-simulation FMU that computes the model in the importer's Python process.
+
+pythonfmu gives the binary that embeds Python. The rest is ours: straight-line code traced from the model, the slave
+around it, the model description. All modules carry a fingerprint of their content in their name, because the FMUs of
+one process share `sys.modules`: two versions of an FMU then never run each other's code, and no installed package or
+imported checkout can stand in for the archive's.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from importlib.metadata import version
+from pathlib import Path
+
+from fmu_export.modelling.model import Model
+from fmu_export.package.archive import write_archive
+from fmu_export.package.description_fmi2 import model_description
+from fmu_export.package.interface import Interface, interface_of
+from fmu_export.package.start_values import MEMBER, start_values_text
+from fmu_export.pythonfmu.binary import binaries, licence
+from fmu_export.trace.straight_line import python_source
+from fmu_export.trace.trace import TracedModel, trace
+
+#: Attributes of CoSimulation. needsExecutionTool means a separate program, which there is none: Python is embedded.
+_OPTIONS = {
+    "canHandleVariableCommunicationStepSize": "true",
+    "canGetAndSetFMUstate": "true",
+    "canSerializeFMUstate": "true",
+    "canNotUseMemoryManagementFunctions": "true",
+    "needsExecutionTool": "false",
+}
+
+_ENTRY = '''"""Entry of the FMU {name}; generated, do not edit."""
+
+import ctypes
+
+from {package} import equations, interface
+from {package}.slave import Fmi2Slave
+
+# pythonfmu 0.7.0 runs this file at every instantiation and then drops a reference to this dictionary that it does not
+# own; without this line it is freed at the second instantiation.
+ctypes.pythonapi.Py_IncRef(ctypes.py_object(globals()))
+
+
+class {name}(Fmi2Slave):
+    equations = equations
+    interface = interface
+'''
+
+#: The traced functions that the slave calls, with their arguments.
+_ARGUMENTS = {
+    "initial_state": ("p",),
+    "outputs": ("t", "x", "u", "p"),
+    "step": ("t", "x", "u", "p", "h"),
+    "start_margins": ("p",),
+    "step_margins": ("t", "x", "u", "p"),
+}
+
+
+def build_pythonfmu(model: Model, folder: Path, page: str | None = None) -> Path:
+    """Write `<folder>/<model name>.fmu`; the same sources give the same bytes.
+
+    Parameters
+    ----------
+    model : Model
+    folder : Path
+    page : str, optional
+        The model's page in Markdown, for the documentation in the archive; without it there is none.
+
+    Raises
+    ------
+    OSError
+        The file can't be written; an older one is unchanged.
+    BinariesMissing
+        The installed pythonfmu has no binaries.
+    """
+    traced = trace(model)
+    interface = interface_of(traced)
+    # without its guid the description holds nothing that depends on the fingerprint
+    unstamped = _description(model, interface, guid="")
+    modules = _modules(traced, interface)
+    digest = hashlib.sha256(unstamped + _ENTRY.encode())
+    for name in sorted(modules):
+        digest.update(name.encode() + modules[name])
+    fingerprint = digest.hexdigest()
+    package = f"{model.name}_{fingerprint[:16]}"
+    entry = f"{package}_entry"
+    modules["interface.py"] += f"FINGERPRINT = {fingerprint!r}\n".encode()
+    path = folder / f"{model.name}.fmu"
+    members = {
+        "modelDescription.xml": _description(model, interface, guid=_guid(fingerprint)),
+        "resources/slavemodule.txt": entry.encode(),
+        f"resources/{entry}.py": _ENTRY.format(name=model.name, package=package).encode(),
+        **{f"resources/{package}/{name}": source for name, source in modules.items()},
+        MEMBER: start_values_text(interface),
+        **binaries(model.name),
+        "documentation/licenses/pythonfmu.txt": licence(),
+    }
+    if page is not None:
+        from fmu_export.package.documentation import documentation_members
+
+        members |= documentation_members(model, interface, page, "pythonfmu")
+    write_archive(path, members)
+    return path
+
+
+def _description(model: Model, interface: Interface, guid: str) -> bytes:
+    return model_description(model, interface, guid, {"CoSimulation": _OPTIONS}, f"PythonFMU {version('pythonfmu')}")
+
+
+def _guid(fingerprint: str) -> str:
+    parts = (fingerprint[:8], fingerprint[8:12], fingerprint[12:16], fingerprint[16:20], fingerprint[20:32])
+    return "{" + "-".join(parts) + "}"
+
+
+def _modules(traced: TracedModel, interface: Interface) -> dict[str, bytes]:
+    functions = [(f, _ARGUMENTS[f.name()]) for f in traced.functions if f.name() in _ARGUMENTS]
+    slave = Path(__file__).with_name("slave.py").read_text(encoding="utf-8")
+    return {
+        "__init__.py": b"",
+        "equations.py": python_source(functions).encode(),
+        "interface.py": _interface_source(traced.model, interface).encode(),
+        "slave.py": slave.encode(),
+    }
+
+
+def _interface_source(model: Model, interface: Interface) -> str:
+    parameters = interface.variables[: interface.n_parameters]
+    limits = tuple(
+        (float("-inf") if v.min is None else v.min, float("inf") if v.max is None else v.max) for v in parameters
+    )
+    return (
+        f'"""Interface of {model.name}, generated from the model; do not edit."""\n\n'
+        "from math import inf\n\n"
+        f"NAMES = {tuple(v.name for v in interface.variables)!r}\n"
+        f"N_PARAMETERS = {interface.n_parameters}\n"
+        f"N_INPUTS = {interface.n_inputs}\n"
+        f"LIMITS = {limits!r}\n"
+        f"START_REQUIREMENTS = {tuple(r.message for r in model.requirements if r.at == 'start')!r}\n"
+        f"STEP_REQUIREMENTS = {tuple(r.message for r in model.requirements if r.at == 'step')!r}\n"
+    )

@@ -1,0 +1,1 @@
+"""The numpy functions of a model traced into expression graphs."""

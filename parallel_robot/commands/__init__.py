@@ -1,0 +1,1 @@
+"""The robot's commands of the program `cosim`."""

@@ -1,0 +1,94 @@
+"""`cosim robustness`: Monte Carlo over what is uncertain, and the Pareto front over the gains."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from tqdm import tqdm
+
+from cosim.commands.sweep import sweep_progress, sweep_table
+from cosim.output import check_writable, write_somewhere
+from parallel_robot.commands.robot_fmus import chosen_flavour, make_ready
+
+if TYPE_CHECKING:
+    from parallel_robot.paper.robustness.content import Robustness
+
+_DESCRIPTION = """\
+How robust is the closed loop? Many runs of the paper's 15 s over everything that is uncertain (the
+fuzzy mass change, start point, disturbance, sensor noise, communication step), what the steady error
+depends on (Sobol' indices), and the Pareto front of steady error against control effort over
+(alpha, beta), with the paper's optima on it.
+
+The same command goes on where it was stopped. Writes the rows of both sweeps (monte-carlo/, gains/),
+figures/, bands.csv, robustness.json and robustness.md.
+"""
+
+
+def register(subparsers: Any) -> None:
+    """Add the parser of `cosim robustness`."""
+    parser = subparsers.add_parser(
+        "robustness",
+        help="Monte Carlo over what is uncertain, sensitivities, Pareto front over the gains",
+        description=_DESCRIPTION,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument(
+        "--out", type=Path, default=Path("results/robustness"), metavar="DIR", help="folder (default %(default)s)"
+    )
+    parser.add_argument(
+        "--runs",
+        type=int,
+        default=10_000,
+        metavar="N",
+        help="Monte Carlo runs, rounded up to what Sobol' indices need (default %(default)s)",
+    )
+    parser.add_argument(
+        "--levels", type=int, default=25, metavar="N", help="levels of alpha and of beta (default %(default)s)"
+    )
+    parser.add_argument("--seed", type=int, default=0, metavar="S", help="fixes the design (default 0)")
+    parser.add_argument("--fmus", type=Path, default=Path("fmus"), metavar="DIR", help="FMU folder (default fmus)")
+    parser.add_argument(
+        "--workers", type=int, metavar="N", help="processes on this machine (default: one for each core)"
+    )
+    parser.add_argument("--scheduler", metavar="ADDRESS", help="run on the Dask cluster there, as tcp://head:8786")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run `cosim robustness`; returns the exit code, raises CosimError with one line on bad input."""
+    # Dask, SciPy and matplotlib take a while to import, and other commands don't need them
+    from cosim.sweep.engine import sweep
+    from parallel_robot.paper.robustness.analyse import STEPS, analyse
+    from parallel_robot.paper.robustness.study import gains, monte_carlo
+
+    folder: Path = args.out
+    check_writable(folder)
+    flavour = chosen_flavour(args.fmus, None)
+    make_ready(args.fmus, flavour)
+    sweeps = (monte_carlo(args.fmus, flavour, args.runs, args.seed), gains(args.fmus, flavour, args.levels))
+    for each in sweeps:
+        where = folder / each.name
+        with sweep_progress(len(each.points), each.name) as progress:
+            outcome = sweep(
+                each.study,
+                each.files,
+                each.points,
+                where,
+                scheduler=args.scheduler,
+                workers=args.workers,
+                progress=progress,
+            )
+        print(sweep_table(outcome, where))
+        if outcome.interrupted:
+            print("cosim: interrupted; the same command goes on where it stopped", file=sys.stderr)
+            return 130
+    found: list[Robustness] = []
+    no_terminal = None  # tqdm's word for: no bar where there is no terminal to draw it on
+    with tqdm(total=STEPS, desc="figures", delay=2.0, leave=False, disable=no_terminal) as bar:
+        write_somewhere(lambda where: found.append(analyse(folder, where, args.seed, args.levels, bar.update)), folder)
+    print("\n".join(f"\n{finding.question}\n  {finding.answer}" for finding in found[-1].findings))
+    print(f"\ntext, tables and figures: {folder} (in the report: cosim reproduce --robustness {folder})")
+    return 0

@@ -1,0 +1,119 @@
+"""Figures of a run, drawn in a process beside it: matplotlib takes longer to import than most runs take."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import subprocess
+import sys
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any
+
+from cosim.output import OutputError
+
+if TYPE_CHECKING:
+    from typing import Self
+
+    from cosim.results.results import Results
+    from cosim.results.stored import StoredResults
+
+#: A figure shows at most about this many points of a curve; more are not seen and make files large.
+_MOST_POINTS = 2000
+
+#: Ctrl-C in a terminal goes to a whole group of processes; what it means for the figures, their parent decides.
+_APART: dict[str, Any] = (
+    {"creationflags": getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0)} if os.name == "nt" else {"process_group": 0}
+)
+
+
+class FigureProcess:
+    """A process that draws; it ends with the context.
+
+    >>> from cosim import simulate
+    >>> with FigureProcess() as figures:
+    ...     figures.start()  # it imports matplotlib
+    ...     results = simulate(system, stop_time=0.1, step_size=1e-3)  # meanwhile
+    ...     [path.name for path in figures.write(results, "tracking", 8.0, Path())]
+    ['path.png', 'tracking_errors.png', 'torques.png', 'psi.png', 'closure_error.png']
+    """
+
+    def __init__(self) -> None:
+        self._process: subprocess.Popen[bytes] | None = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._process is not None:
+            self._process.kill()
+            self._process.communicate()
+
+    def start(self) -> None:
+        """Start the process, unless it runs; `write` does so too, but then has to wait for it."""
+        if self._process is None:
+            self._process = subprocess.Popen(
+                [sys.executable, "-P", "-m", __name__],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+                **_APART,
+            )
+
+    def write(self, results: Results | StoredResults, title: str, steady_after: float, folder: Path) -> list[Path]:
+        """Draw in the process, as `parallel_robot.figures.write_figures` does, which may raise more.
+
+        Raises
+        ------
+        OSError
+            A file can't be written.
+        OutputError
+            The process ended.
+        """
+        self.start()
+        assert self._process is not None
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        try:
+            pickle.dump((as_drawn(results), title, steady_after, folder), self._process.stdin)
+            self._process.stdin.flush()
+            answer = pickle.load(self._process.stdout)
+        except (BrokenPipeError, EOFError):
+            code = self._process.wait()
+            raise OutputError(
+                f"the figures could not be drawn, their process ended with exit code {code}; "
+                f"everything else is in {folder}, run again for the figures"
+            ) from None
+        if isinstance(answer, Exception):
+            raise answer
+        written: list[Path] = answer
+        return written
+
+
+def as_drawn(results: Results | StoredResults) -> Results:
+    """As many rows as a figure can show."""
+    return results.thinned(max(1, len(results.time) // _MOST_POINTS))
+
+
+def main() -> None:
+    """The process: draw what comes, until nothing more comes."""
+    answers, sys.stdout = sys.stdout.buffer, sys.stderr  # nothing else may come between the answers
+    from parallel_robot.figures import write_figures
+
+    while True:
+        try:
+            job = pickle.load(sys.stdin.buffer)
+        except EOFError:
+            return
+        try:
+            answer: list[Path] | Exception = write_figures(*job)
+        except Exception as error:
+            answer = error
+        pickle.dump(answer, answers)
+        answers.flush()
+
+
+if __name__ == "__main__":
+    main()

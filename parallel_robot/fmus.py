@@ -1,0 +1,162 @@
+"""The robot's FMUs: where they are, and how they are built."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from importlib.resources import files
+from pathlib import Path
+from typing import Literal, cast
+
+from cosim.errors import CosimError, nearest
+from fmu_export.modelling.model import Model
+from fmu_export.native.toolchain import TARGETS, ToolchainError, compiler_identity, find_compiler, host_target
+from fmu_export.package.description_common import package_version
+from fmu_export.package.record import (
+    Recipe,
+    fingerprint_of_sources,
+    fingerprint_of_tools,
+    has_other_sources,
+    is_current,
+    remember,
+)
+from fmu_export.pythonfmu.binary import BinariesMissing
+from parallel_robot.choices import FLAVOURS
+from parallel_robot.models import MODELS, closed_loop_model
+
+#: The FMU that holds the whole closed loop; no part of the system that `cosim run` couples.
+CLOSED_LOOP = "closed_loop"
+
+#: All that can be built.
+INSTANCES = (*MODELS, CLOSED_LOOP)
+
+#: Package and file of the page of each FMU.
+_PAGES = {
+    "plant": ("plant_fmu", "README.md"),
+    "controller": ("controller_fmu", "README.md"),
+    "trajectory": ("trajectory_fmu", "README.md"),
+    CLOSED_LOOP: ("parallel_robot", "CLOSED_LOOP.md"),
+}
+
+
+class BuildError(CosimError):
+    """FMUs can't be built."""
+
+
+def fmu_path(folder: Path, flavour: str, instance: str) -> Path:
+    """Path of the FMU behind an instance name: `<folder>/<flavour>/<FMU name>.fmu`."""
+    return folder / flavour / f"{_model(instance).name}.fmu"
+
+
+def _model(instance: str) -> Model:
+    return closed_loop_model() if instance == CLOSED_LOOP else MODELS[instance]
+
+
+def build(
+    folder: Path, flavour: str, instances: Iterable[str] = tuple(MODELS), *, all_platforms: bool = False
+) -> list[Path]:
+    """Build FMUs of a flavour into `<folder>/<flavour>`; those that are there and would come out the same stay.
+
+    Parameters
+    ----------
+    folder : Path
+    flavour : str
+        One of `FLAVOURS`.
+    instances : iterable of str
+        Which of the models, by default all that are coupled; `CLOSED_LOOP` has to be asked for.
+    all_platforms : bool
+        Compile the native flavours for all platforms that the FMI version knows, by zig, not only for this machine.
+
+    Raises
+    ------
+    BuildError
+        The flavour is unknown, there is no C compiler, or the folder can't be written; older files are unchanged.
+    """
+    if flavour not in FLAVOURS:
+        raise BuildError(f"flavour '{flavour}' is unknown; {nearest(flavour, FLAVOURS)}")
+    try:
+        wanted = _recipe(flavour, all_platforms)
+        paths = {instance: fmu_path(folder, flavour, instance) for instance in instances}
+        for instance, path in paths.items():
+            if not is_current(path, wanted):
+                _build_one(_model(instance), instance, folder, flavour, all_platforms)
+                remember(path, wanted)
+        return list(paths.values())
+    except ToolchainError as error:
+        raise BuildError(f"flavour {flavour}: {error}; the flavour pythonfmu needs no compiler") from error
+    except BinariesMissing as error:
+        raise BuildError(f"flavour {flavour}: {error}") from error
+    except OSError as error:
+        raise BuildError(
+            f"can't write the FMUs into {folder / flavour}: {error}; choose another folder with --fmus"
+        ) from error
+
+
+def _build_one(model: Model, instance: str, folder: Path, flavour: str, all_platforms: bool) -> None:
+    # CasADi and matplotlib take a while to import, and only building needs them
+    from fmu_export.native.backend import build_native
+    from fmu_export.package.documentation import DocumentationError
+    from fmu_export.pythonfmu.backend import build_pythonfmu
+
+    package, name = _PAGES[instance]
+    page = (files(package) / name).read_text(encoding="utf-8")
+    try:
+        if flavour == "pythonfmu":
+            build_pythonfmu(model, folder / flavour, page)
+        else:
+            version = cast(Literal["fmi2", "fmi3"], flavour)
+            build_native(model, folder / flavour, version, list(TARGETS.values()) if all_platforms else None, page)
+    except DocumentationError as error:
+        raise BuildError(f"documentation: {error}") from error
+
+
+def _recipe(flavour: str, all_platforms: bool) -> Recipe:
+    """All that decides on the FMUs of a flavour.
+
+    Raises
+    ------
+    ToolchainError
+        There is no C compiler for a native flavour.
+    """
+    compiler = "" if flavour == "pythonfmu" else compiler_identity(all_platforms=all_platforms)
+    return Recipe(_sources(), fingerprint_of_tools(flavour, package_version(), compiler))
+
+
+def _sources() -> str:
+    root = Path(__file__).resolve().parents[1]
+    packages = [root / name for name in ("plant_fmu", "controller_fmu", "trajectory_fmu", "fmu_export")]
+    robot = [Path(__file__).with_name(name) for name in ("models.py", "wiring.py", "CLOSED_LOOP.md")]
+    licence = [path for path in [root / "LICENSE"] if path.is_file()]  # an installed package keeps it elsewhere
+    return fingerprint_of_sources([*packages, *robot, *licence])
+
+
+def build_missing(folder: Path, flavour: str) -> list[Path]:
+    """Build the FMUs of a flavour that are missing; returns what was built.
+
+    Raises
+    ------
+    BuildError
+        As `build`.
+    """
+    missing = [i for i in MODELS if not fmu_path(folder, flavour, i).is_file()]
+    return build(folder, flavour, missing) if missing else []
+
+
+def default_flavour(folder: Path) -> tuple[str, str]:
+    """The flavour to run when none is asked for, and a note on why it is not the native one, else empty.
+
+    fmi2 where its FMUs are there or can be compiled, else pythonfmu, which needs no compiler.
+    """
+    if all(fmu_path(folder, "fmi2", i).is_file() for i in MODELS):
+        return "fmi2", ""
+    try:
+        host_target()
+        find_compiler()
+    except ToolchainError as error:
+        return "pythonfmu", f"note: flavour pythonfmu, for fmi2 can't be built here: {error}"
+    return "fmi2", ""
+
+
+def outdated(folder: Path, flavour: str) -> list[Path]:
+    """FMU files of a flavour that were built from other sources than the present ones."""
+    sources = _sources()
+    return [path for path in (fmu_path(folder, flavour, i) for i in MODELS) if has_other_sources(path, sources)]

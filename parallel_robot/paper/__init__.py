@@ -1,0 +1,1 @@
+"""The paper reproduced: figures, claims, errata, readings, robustness, and the report."""

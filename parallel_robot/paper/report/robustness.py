@@ -1,0 +1,96 @@
+"""The section of the page on the robustness study, where there is one."""
+
+from __future__ import annotations
+
+from base64 import b64encode
+from html import escape
+from pathlib import Path
+
+from parallel_robot.paper.report.claims import table
+from parallel_robot.paper.report.prose import number, prose
+from parallel_robot.paper.robustness.content import FIGURES, Front, Robustness, StudyFigure
+from parallel_robot.paper.robustness.findings import CONDITION_WORDS, NEAR_IN_WORDS
+
+
+def robustness_section(study: Robustness, folder: Path) -> str:
+    """Findings, figures and tables of a study in a folder.
+
+    Raises
+    ------
+    OSError
+        A figure can't be read.
+    """
+    findings = "".join(f"<dt>{prose(f.question)}</dt><dd>{prose(f.answer)}</dd>" for f in study.findings)
+    figures = "".join(_figure(figure, folder) for figure in study.figures)
+    sources = table(
+        ("source", "factor", "unit", "distribution"),
+        (
+            (escape(s.group), f"<code>{escape(s.name)}</code>", escape(s.unit), prose(s.distribution))
+            for s in study.sources
+        ),
+        "What is uncertain",
+        "cards",
+    )
+    spreads = table(
+        ("result", "paper's case", "5 %", "median", "95 %", "largest"),
+        (
+            (
+                f"{prose(s.name)} ({escape(s.unit)})",
+                *(number(v, 3) for v in (s.nominal, s.low, s.median, s.high, s.largest)),
+            )
+            for s in study.spreads
+        ),
+        "Results over all runs",
+        "cards",
+    )
+    fronts = "".join(map(_front, study.fronts))
+    return f"""<section id="robustness" aria-labelledby="robustness-title">
+<h2 id="robustness-title">Robustness: what the paper did not try</h2>
+<p>{study.runs:,} runs of 15 s over everything that is uncertain, and a grid of {study.levels} × {study.levels} gains
+under two conditions, by <code>cosim robustness</code>. Steady error: root mean square of the end effector’s distance
+from where it should be, from 8 s on; control effort: root mean square of |τ<sub>a</sub>| over the run.</p>
+<dl class="findings">{findings}</dl>
+<div class="figures">
+{figures}</div>
+<h3>What is uncertain</h3>
+{sources}
+<h3>Results over all runs</h3>
+{spreads}
+<h3>The paper’s controllers and the Pareto front</h3>
+<p>{prose(NEAR_IN_WORDS[0].upper() + NEAR_IN_WORDS[1:])}.</p>
+{fronts}
+</section>"""
+
+
+def _figure(figure: StudyFigure, folder: Path) -> str:
+    data = b64encode((folder / FIGURES / f"{figure.name}.svg").read_bytes()).decode()
+    return f"""<figure id="robustness-{escape(figure.name)}">
+<button type="button" class="enlarge" aria-label="Enlarge figure: {escape(figure.title)}">
+<img src="data:image/svg+xml;base64,{data}" alt="{escape(figure.alt)}" decoding="async"></button>
+<figcaption><b>{prose(figure.title)}.</b> {prose(figure.caption)}</figcaption>
+</figure>
+"""
+
+
+def _front(front: Front) -> str:
+    heads = (
+        "controller",
+        "α",
+        "β (N m s/rad)",
+        "steady error (mm)",
+        "control effort (N m)",
+        "place",
+        "error could be lower by",
+        "effort could be lower by",
+    )
+    rows = (
+        (
+            "PD" if p.controller == "pd" else f"optimum, μ/ν = {escape(p.controller)}",
+            *(number(v) for v in (p.alpha, p.beta, p.error, p.effort)),
+            p.place,
+            *(f"{100 * (1 - 1 / factor):.2g} %" for factor in (p.error_alone, p.effort_alone)),
+        )
+        for p in front.placed
+    )
+    words = CONDITION_WORDS[front.condition]
+    return f"<h4>{escape(words[0].upper() + words[1:])}</h4>\n{table(heads, rows, f'Controllers {words}', 'cards')}\n"

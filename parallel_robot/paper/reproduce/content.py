@@ -1,0 +1,324 @@
+"""What `cosim reproduce` finds, as plain data: made by this package, read by the report and by the JSON files."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from cosim.results.results import Results
+
+#: What a claim of the paper comes to.
+Verdict = Literal["holds", "holds in part", "does not hold", "cannot be judged"]
+
+#: What acts on the robot: "disturbed" is the paper's section 6, with the mass change dm and the disturbance torque
+#: from 4 s on; "mass change" is without that torque, "disturbance" without that change; "nominal" is without either.
+Condition = Literal["disturbed", "mass change", "disturbance", "nominal"]
+
+#: Size of the steady errors in the insets of Figs. 8 and 9 (m).
+PRINTED_STEADY_ERROR = 1e-6
+
+#: Those under which all six controllers run.
+CONDITIONS: tuple[Condition, ...] = ("disturbed", "mass change", "nominal")
+
+
+@dataclass(frozen=True)
+class Controller:
+    """One of the six controllers of Figs. 7-17.
+
+    Attributes
+    ----------
+    key : str
+        "pd", or mu/nu as printed in the legends: "0.1", "0.2", "1", "5", "10".
+    label : str
+        For legends.
+    mu, nu : float
+        Weights of (78); of PD those whose beta it takes.
+    alpha : float
+        Gain of the robust part, 0 for PD.
+    beta : float
+        Gain of the PD part (N m s/rad).
+    """
+
+    key: str
+    label: str
+    mu: float
+    nu: float
+    alpha: float
+    beta: float
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What one assumption beside the printed law gives.
+
+    Attributes
+    ----------
+    assumption : str
+        In words.
+    condition : Condition
+    steady_x, steady_y : float
+        Largest steady errors of the end effector (m).
+    torque_rms, torque_steady : float
+        Root mean square and largest torque of all motors once steady (N m).
+    torque_max : float
+        Largest torque of all motors in the whole run (N m).
+    """
+
+    assumption: str
+    condition: Condition
+    steady_x: float
+    steady_y: float
+    torque_rms: float
+    torque_steady: float
+    torque_max: float
+
+    @property
+    def reaches_printed(self) -> bool:
+        """Whether both steady errors are at most those of the paper's insets."""
+        return max(self.steady_x, self.steady_y) <= PRINTED_STEADY_ERROR
+
+
+@dataclass(frozen=True)
+class Runs:
+    """All runs behind figures and claims.
+
+    Attributes
+    ----------
+    controllers : tuple of Controller
+        PD first, then by rising mu/nu: the order of all tables and legends.
+    closed_loop : mapping
+        (controller key, condition) -> `Results` over the whole run, with all inputs and outputs of the three FMUs.
+    open_loop : Results
+        The robot alone under the torque of Fig. 4.
+    accumulated : mapping
+        (controller key, seed, rms in N m) -> accumulated errors {"x", "y", "theta_a[1]", ...} (m s, rad s) under other
+        disturbance torques than that of `closed_loop`, with the mass change; rms 0 is none.
+    pd_same_beta : mapping
+        Key of a proposed controller -> `metrics` of the tracking errors under PD control with its beta, "disturbed".
+    readings : tuple of Reading
+        What other assumptions than the printed law give.
+    steady_after : float
+        From this time (s) on errors count as steady.
+    disturbed_from : float
+        When the disturbance torque sets in (s).
+    info : mapping
+        Flavour of the FMUs, communication step (s), stop time (s), seed, coupling.
+    """
+
+    controllers: tuple[Controller, ...]
+    closed_loop: Mapping[tuple[str, Condition], Results]
+    open_loop: Results
+    accumulated: Mapping[tuple[str, int, float], Mapping[str, float]]
+    pd_same_beta: Mapping[str, Mapping[str, Mapping[str, float]]]
+    readings: tuple[Reading, ...]
+    steady_after: float
+    disturbed_from: float
+    info: Mapping[str, Any]
+
+    def controller(self, key: str) -> Controller:
+        """The controller of that key."""
+        return next(c for c in self.controllers if c.key == key)
+
+    @property
+    def proposed(self) -> tuple[Controller, ...]:
+        """The five controllers with optimal gains, by rising mu/nu."""
+        return tuple(c for c in self.controllers if c.key != "pd")
+
+
+@dataclass(frozen=True)
+class TableRow:
+    """A row of Table 1, computed and as printed; beta in N m s/rad."""
+
+    mu: float
+    nu: float
+    alpha: float
+    beta: float
+    J: float
+    printed_alpha: str
+    printed_beta: str
+    printed_J: str
+    agrees: bool
+
+
+@dataclass(frozen=True)
+class PaperFigure:
+    """A figure as files.
+
+    Attributes
+    ----------
+    number : int
+        As in the paper.
+    title, caption : str
+        Plain text; the caption says what is seen, and where it differs from the paper's.
+    alt : str
+        Text alternative for those who can't see it.
+    svg, png : Path
+    """
+
+    number: int
+    title: str
+    caption: str
+    alt: str
+    svg: Path
+    png: Path
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What a measure found for a claim.
+
+    Attributes
+    ----------
+    values : mapping
+        Number by what it is of, for instance "x, mu/nu = 1"; a claim is judged by holding each against the threshold.
+    unit : str
+        Of the values and the threshold; "1" for ratios.
+    note : str
+        What a reader has to know beside the numbers, else empty.
+    """
+
+    values: Mapping[str, float]
+    unit: str = "1"
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A claim of the paper in our words, and what it comes to.
+
+    Attributes
+    ----------
+    id, where, claim : str
+        Identifier; place in the paper; what it says.
+    runs : tuple of str
+        The runs it needs, empty for claims on formulas.
+    metric : str
+        Name of the function in `measures`, empty for a claim that can't be judged.
+    relation : str
+        "<", "<=", ">" or ">=": how a value has to stand to the threshold.
+    threshold : float or None
+        In `unit`.
+    unit : str
+    values : mapping
+        What was measured.
+    met, total : int
+        How many of the values meet the threshold, and how many there are.
+    verdict : Verdict
+        "holds" when all meet it, "does not hold" when none does, "holds in part" in between.
+    why : str
+        The finding in words, with its numbers.
+    """
+
+    id: str
+    where: str
+    claim: str
+    runs: tuple[str, ...]
+    metric: str
+    relation: str
+    threshold: float | None
+    unit: str
+    values: Mapping[str, float]
+    met: int
+    total: int
+    verdict: Verdict
+    why: str
+
+
+@dataclass(frozen=True)
+class Erratum:
+    """An error or gap of the paper, with the computation that shows it.
+
+    Attributes
+    ----------
+    id, where, printed, correct : str
+        Identifier; place in the paper; what it prints; what holds.
+    evidence : str
+        What was computed, in words.
+    numbers : mapping
+        What came out, by name with unit.
+    shown : bool
+        Whether the numbers show it.
+    """
+
+    id: str
+    where: str
+    printed: str
+    correct: str
+    evidence: str
+    numbers: Mapping[str, float]
+    shown: bool
+
+
+@dataclass(frozen=True)
+class TheoremCheck:
+    """Theorem 1 along one run, with the printed constants and with those that its proof supports.
+
+    Z stacks theta_e (rad), theta_e' (rad/s) and psi - psi_bar; unlike units are added, as the paper does.
+
+    Attributes
+    ----------
+    controller : str
+        Key of the controller.
+    condition : Condition
+    psi_bar : tuple of float
+        The bound's parameter (2,), the least of the form (p, p) that meets Assumption 4 along this run.
+    lambda_hat : float
+        beta lambda_3, (59) (N m s/rad).
+    h_printed, h_corrected : float
+        h of (59) as printed, and with k/2 in place of beta lambda_3 before |psi_bar|^2.
+    excess_printed, excess_corrected : float
+        Largest V' + lambda |Z|^2 - h along the run; positive: the inequality is violated.
+    share_violated : float
+        Share of the run's time at which the printed inequality is violated.
+    Z_start, Z_max, Z_steady : float
+        |Z| at the start, its largest value, and its largest from `steady_after` on.
+    Gamma, chi_min : float
+        Radii (62), (63), as printed.
+    d_chi : float
+        Bound of |Z| at all times for this start, max(|Z(0)|, Gamma) sqrt(lambda_2/lambda_1).
+    """
+
+    controller: str
+    condition: Condition
+    psi_bar: tuple[float, float]
+    lambda_hat: float
+    h_printed: float
+    h_corrected: float
+    excess_printed: float
+    excess_corrected: float
+    share_violated: float
+    Z_start: float
+    Z_max: float
+    Z_steady: float
+    Gamma: float
+    chi_min: float
+    d_chi: float
+
+
+@dataclass(frozen=True)
+class Reproduction:
+    """Everything that `cosim reproduce` found.
+
+    Attributes
+    ----------
+    runs : Runs
+    table1 : tuple of TableRow
+    figures : tuple of PaperFigure
+        By number.
+    claims : tuple of Claim
+        In the order of `claims.toml`.
+    errata : tuple of Erratum
+    theorem1 : tuple of TheoremCheck
+    versions : mapping
+        Of the software that computed it.
+    """
+
+    runs: Runs
+    table1: tuple[TableRow, ...]
+    figures: tuple[PaperFigure, ...]
+    claims: tuple[Claim, ...]
+    errata: tuple[Erratum, ...]
+    theorem1: tuple[TheoremCheck, ...]
+    versions: Mapping[str, str]

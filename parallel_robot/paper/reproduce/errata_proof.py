@@ -1,0 +1,98 @@
+"""Errata of section 4: the proof of Theorem 1."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from parallel_robot.paper.reproduce.content import Erratum
+from parallel_robot.paper.reproduce.material import Material
+from parallel_robot.paper.reproduce.theorem import constants
+
+#: A parameter of the bound from the paper's own fuzzy set (91): "close to 0.25".
+PSI_BAR = np.array([0.25, 0.25])
+
+
+def _block(lambda_M: float, beta: float, S_ii: float) -> np.ndarray:
+    """Lambda_i of (43), (47)."""
+    return np.array([[lambda_M * S_ii**2 + 2 * beta * S_ii, lambda_M * S_ii], [lambda_M * S_ii, lambda_M]])
+
+
+def lyapunov_rate(material: Material) -> Erratum:
+    """The last step of (59)."""
+    m, c = material.motions["1"], material.runs.controller("1")
+    found = constants(c.alpha, c.beta, PSI_BAR, m.k)
+    # a state: no tracking error, and the estimate half of the bound's parameter. Then s = 0, and (37) is psi' = -psi
+    psi_tilde = PSI_BAR / 2
+    psi = psi_tilde - PSI_BAR
+    V_rate = m.k * float(psi @ -psi_tilde)
+    bound, bound_corrected = (-found.rate * float(psi @ psi) + h for h in (found.h, found.h_corrected))
+    return Erratum(
+        "lyapunov-rate",
+        "(59), and from it (62)-(64), (67)-(75)",
+        "V' <= -beta lambda_3 |Z|^2 + beta lambda_3 |psi_bar|^2 + 1/(4 alpha)",
+        "the same with k/2 in place of the second beta lambda_3: k >= 2 beta lambda_3 may not replace k before a term "
+        "that can be positive. The steady part of J changes with it",
+        "V' in a state without tracking error in which the estimate is half of psi_bar = (0.25, 0.25), gains of (1, "
+        "1).",
+        {"V' (J/s)": V_rate, "bound as printed (J/s)": bound, "bound with k/2 (J/s)": bound_corrected},
+        V_rate > bound and V_rate <= bound_corrected,
+    )
+
+
+def lower_bound(material: Material) -> Erratum:
+    """lambda_1 of (43)-(45)."""
+    m, c = material.motions["1"], material.runs.controller("1")
+    lambda_M = float(np.linalg.eigvalsh(m.M)[:, 0].min())
+    least = float(np.linalg.eigvalsh(_block(lambda_M, c.beta, float(m.S[0])))[0])
+    return Erratum(
+        "lower-bound",
+        "after (43), (44), (45)",
+        "lambda_min(Lambda_i) = lambda_M_min, and V >= lambda_M_min |X|^2",
+        "lambda_min(Lambda_i) is smaller, and the factor 1/2 stays: V >= lambda_min(Lambda_i) |X|^2 / 2, so that the "
+        "radius (63) has to be larger",
+        "Least eigenvalue of Lambda_i for the least eigenvalue of M on the path, gains of (1, 1).",
+        {
+            "lambda_M_min (kg m^2)": lambda_M,
+            "lambda_min(Lambda_i)": least,
+            "lambda_1 printed over true (1)": lambda_M / (least / 2),
+            "radius (63) true over printed (1)": float(np.sqrt(lambda_M / (least / 2))),
+        },
+        least / 2 < lambda_M,
+    )
+
+
+def upper_bound(material: Material) -> Erratum:
+    """lambda_max of (47), (48)."""
+    m, c = material.motions["1"], material.runs.controller("1")
+    lambda_M, S_ii = float(np.linalg.eigvalsh(m.M)[:, -1].max()), float(m.S[0])
+    largest = float(np.linalg.eigvalsh(_block(lambda_M, c.beta, S_ii))[1])
+    return Erratum(
+        "upper-bound",
+        "after (47), (48)",
+        "lambda_max(Lambda_i) = 2 beta S_ii",
+        "lambda_max(Lambda_i) is larger; V <= k/2 |Z|^2 (49) holds all the same with k = 12",
+        "Largest eigenvalue of Lambda_i for the largest eigenvalue of M on the path, gains of (1, 1).",
+        {"2 beta S_ii": 2 * c.beta * S_ii, "lambda_max(Lambda_i)": largest, "k/2": m.k / 2},
+        2 * c.beta * S_ii < largest <= m.k,
+    )
+
+
+def decreasing_outside(material: Material) -> Erratum:
+    """The radius (60)."""
+    m, c = material.motions["1"], material.runs.controller("1")
+    found = constants(c.alpha, c.beta, PSI_BAR, m.k)
+    printed = found.h**2 / found.rate
+    return Erratum(
+        "decreasing-outside",
+        "(60), as the scan reads",
+        "V falls when |Z| >= h^2/lambda",
+        "V falls when |Z| >= sqrt(h/lambda), as (62) has it",
+        "The right side of (59) at either radius, psi_bar = (0.25, 0.25), gains of (1, 1): positive means no fall.",
+        {
+            "h^2/lambda": printed,
+            "sqrt(h/lambda)": found.Gamma,
+            "right side at h^2/lambda (J/s)": found.h - found.rate * printed**2,
+            "right side at sqrt(h/lambda) (J/s)": found.h - found.rate * found.Gamma**2,
+        },
+        printed < found.Gamma,
+    )

@@ -1,0 +1,206 @@
+"""Measures of tracking: errors of the six controllers, with and without disturbance torque and mass change."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+
+from parallel_robot.metrics import tracking_errors
+from parallel_robot.paper.reproduce.content import Controller, Measured
+from parallel_robot.paper.reproduce.draw_errors import PRINTED_STEADY
+from parallel_robot.paper.reproduce.material import ERRORS, Material
+
+
+def steady_against_pd(material: Material) -> Measured:
+    """Largest steady error over that of PD, with mass change and disturbance torque."""
+    return Measured(material.against_pd("steady_max"))
+
+
+def steady_against_pd_row_1(material: Material) -> Measured:
+    """As `steady_against_pd`, for the control of Fig. 7."""
+    ratios = material.against_pd("steady_max")
+    return Measured({label: value for label, value in ratios.items() if label.endswith("= 1")})
+
+
+def steady_against_pd_mass_change(material: Material) -> Measured:
+    """As `steady_against_pd`, without disturbance torque."""
+    return Measured(material.against_pd("steady_max", "mass change"))
+
+
+def steady_against_pd_same_beta(material: Material) -> Measured:
+    """As `steady_against_pd`, with PD at the beta of each proposed control: what its robust part adds."""
+    return Measured(
+        {
+            f"{name}, mu/nu = {c.key}": material.metric(c.key, name, "steady_max")
+            / material.runs.pd_same_beta[c.key][name]["steady_max"]
+            for c in material.runs.proposed
+            for name in ERRORS
+        }
+    )
+
+
+def rms_against_pd(material: Material) -> Measured:
+    """Root mean square of the error over the whole run, over that of PD."""
+    return Measured(material.against_pd("rms"))
+
+
+def accumulated_against_pd(material: Material) -> Measured:
+    """Accumulated error over that of PD."""
+    return Measured(material.against_pd("accumulated"))
+
+
+def accumulated_against_pd_any_torque(material: Material) -> Measured:
+    """Accumulated error over that of PD, the largest ratio under all disturbance torques and without one."""
+    found = material.runs.accumulated
+    torques = sorted({(seed, rms) for _, seed, rms in found})
+    return Measured(
+        {
+            f"{name}, mu/nu = {c.key}": max(found[c.key, *t][name] / found["pd", *t][name] for t in torques)
+            for c in material.runs.proposed
+            for name in ERRORS
+        }
+    )
+
+
+def steady_in_printed_axes(material: Material) -> Measured:
+    """Largest steady error over the largest that the inset of Figs. 8-12 can show."""
+    return Measured(
+        {
+            f"{name}, mu/nu = {c.key}": material.metric(c.key, name, "steady_max") / PRINTED_STEADY[name]
+            for c in material.runs.proposed
+            for name in ERRORS
+        },
+        note="a ratio of 100 means an error a hundred times that of the printed axis",
+    )
+
+
+def _steady_over_initial(material: Material, controllers: tuple[Controller, ...]) -> dict[str, float]:
+    return {
+        f"{name}, {'PD' if c.key == 'pd' else f'mu/nu = {c.key}'}": material.metric(
+            c.key, name, "steady_max", "mass change"
+        )
+        / material.initial_error(name)
+        for c in controllers
+        for name in ERRORS
+    }
+
+
+def narrow_zone(material: Material) -> Measured:
+    """Largest steady error of the proposed control over the error at the start, under the mass change."""
+    return Measured(_steady_over_initial(material, material.runs.proposed))
+
+
+def narrow_zone_pd(material: Material) -> Measured:
+    """Largest steady error of PD over the error at the start, under the mass change."""
+    return Measured(_steady_over_initial(material, (material.runs.controller("pd"),)))
+
+
+def steady_falls(material: Material) -> Measured:
+    """Largest steady error of each mu/nu over that of the next smaller one."""
+    return Measured(
+        {
+            f"{name}, {low.key} to {high.key}": material.metric(high.key, name, "steady_max")
+            / material.metric(low.key, name, "steady_max")
+            for low, high in pairwise(material.runs.proposed)
+            for name in ERRORS
+        }
+    )
+
+
+def response_time(material: Material) -> Measured:
+    """Time until the distance from the desired position is half of that at the start, over that of PD."""
+
+    def half_time(key: str) -> float:
+        results = material.runs.closed_loop[key, "disturbed"]
+        errors = tracking_errors(results)
+        distance = np.hypot(errors["x"], errors["y"])
+        return float(results.time[np.argmax(distance < distance[0] / 2)])
+
+    pd = half_time("pd")
+    return Measured(
+        {f"mu/nu = {c.key}": half_time(c.key) / pd for c in material.runs.proposed},
+        note=f"PD takes {pd:.3f} s",
+    )
+
+
+def _effect(material: Material, key: str) -> dict[str, float]:
+    """Root mean square of what the disturbance torque adds to each error after it has set in (m, rad)."""
+    with_torque = material.runs.closed_loop[key, "disturbed"]
+    late = with_torque.time >= material.runs.disturbed_from
+    a, b = tracking_errors(with_torque), tracking_errors(material.runs.closed_loop[key, "mass change"])
+    return {name: float(np.sqrt(np.mean((a[name] - b[name])[late] ** 2))) for name in ERRORS}
+
+
+def disturbance_rejection(material: Material) -> Measured:
+    """What the disturbance torque adds to the error, over what it adds under PD."""
+    pd = _effect(material, "pd")
+    return Measured(
+        {
+            f"{name}, mu/nu = {c.key}": effect / pd[name]
+            for c in material.runs.proposed
+            for name, effect in _effect(material, c.key).items()
+        }
+    )
+
+
+def pd_after_disturbance(material: Material) -> Measured:
+    """Steady error (rms) of PD with the disturbance torque over that without."""
+    return Measured(
+        {
+            name: material.metric("pd", name, "steady_rms") / material.metric("pd", name, "steady_rms", "mass change")
+            for name in ERRORS
+        }
+    )
+
+
+def _raised(material: Material, key: str) -> dict[str, float]:
+    """Share of the disturbance torques that raise an accumulated error above that without one."""
+    found = material.runs.accumulated
+    torques = [(seed, rms) for k, seed, rms in found if k == key and rms > 0.0]
+    without = found[key, 0, 0.0]
+    return {name: float(np.mean([found[key, *t][name] > without[name] for t in torques])) for name in ERRORS}
+
+
+def disturbance_raises(material: Material) -> Measured:
+    """Share of the disturbance torques under which the accumulated error of a proposed control is larger."""
+    values = {
+        f"{name}, mu/nu = {c.key}": share
+        for c in material.runs.proposed
+        for name, share in _raised(material, c.key).items()
+    }
+    return Measured(values, note=f"{np.mean(list(values.values())):.0%} of all cases; a coin would give 50 %")
+
+
+def disturbance_raises_pd(material: Material) -> Measured:
+    """Share of the disturbance torques under which the accumulated error of PD is larger."""
+    values = _raised(material, "pd")
+    return Measured(values, note=f"{np.mean(list(values.values())):.0%} of all cases")
+
+
+def regularity_beyond_pd(material: Material) -> Measured:
+    """Share of the disturbance torques that raise the accumulated error, less that of PD."""
+    pd = _raised(material, "pd")
+    return Measured(
+        {
+            f"{name}, mu/nu = {c.key}": share - pd[name]
+            for c in material.runs.proposed
+            for name, share in _raised(material, c.key).items()
+        }
+    )
+
+
+def better_in_all(material: Material) -> Measured:
+    """The largest of a proposed control's ratios to PD, in accuracy, response and robustness."""
+    kinds = {
+        "accuracy": steady_against_pd(material).values,
+        "response": response_time(material).values,
+        "robustness": disturbance_rejection(material).values,
+    }
+    return Measured(
+        {
+            f"{kind}, mu/nu = {c.key}": max(v for label, v in values.items() if label.endswith(f"mu/nu = {c.key}"))
+            for kind, values in kinds.items()
+            for c in material.runs.proposed
+        }
+    )

@@ -1,0 +1,102 @@
+"""What is not known in the study: factors of the scenario `tracking-noise`, and how they are distributed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from controller_fmu.membership import Membership, Sine
+from cosim.sweep.factors import Levels, Range
+from cosim.sweep.sensitivity import Uncertain
+from parallel_robot.scenario import Scenario
+from parallel_robot.sweep import SEED, STEP
+from plant_fmu.model import PARAMETERS
+
+#: Scenario of the Monte Carlo runs.
+SCENARIO = "tracking-noise"
+
+#: Sizes of disturbance and noise go from nothing to so many times what the scenario has.
+_LARGEST = 2.0
+
+#: Start of the end effector: that of the paper, give or take this (m), in x and in y.
+_START_RANGE = 0.01
+
+_SEEDS = 10_000
+
+#: Communication steps (s); all divide the period of the noise, so that all see the same noise.
+_STEPS = (0.5e-3, 1e-3, 2e-3, 4e-3)
+
+#: Factors of which more or less means nothing.
+NO_ORDER = (SEED, "plant.dm.phase")
+
+#: Intervals in which a membership function is taken as constant to draw from it.
+_INTERVALS = 4096
+
+
+@dataclass(frozen=True)
+class Source:
+    """An uncertain factor, and what people should know of it.
+
+    Attributes
+    ----------
+    uncertain : Uncertain
+    unit : str
+    distribution : str
+        In words.
+    """
+
+    uncertain: Uncertain
+    unit: str
+    distribution: str
+
+
+def drawn_by_membership(membership: Membership) -> Callable[[np.ndarray], np.ndarray]:
+    """Values of a fuzzy number at probabilities (n,), with a density in proportion to its membership.
+
+    The mean of any function over such values is its D-operation (77).
+    """
+    from scipy.stats import rv_histogram  # takes a while to import
+
+    edges = np.linspace(*membership.support, _INTERVALS + 1)
+    weights = membership((edges[1:] + edges[:-1]) / 2.0)
+    return rv_histogram((weights, edges), density=True).ppf
+
+
+def sources(scenario: Scenario) -> tuple[Source, ...]:
+    """Everything that is varied, around a scenario with noise."""
+    mass = Sine()  # (88): close to 0.25, which is what the paper simulates with
+    span = mass.support
+    start, plant = scenario.start.get("plant", {}), PARAMETERS.unpack(PARAMETERS.starts)
+
+    def from_nothing(name: str) -> Range:
+        target, _, number = name.rpartition(".")
+        return Range(name, 0.0, _LARGEST * getattr(scenario.shape(target), number))
+
+    def around(name: str) -> Range:
+        centre = start.get(name, getattr(plant, name))
+        return Range(f"plant.{name}", centre - _START_RANGE, centre + _START_RANGE)
+
+    dm = Uncertain(Range("plant.dm.amplitude", *span), "amplitude of the mass change", drawn_by_membership(mass))
+    steps = ", ".join(f"{1e3 * h:g}" for h in _STEPS)
+    return (
+        Source(dm, "kg", f"fuzzy number (88) on [{span[0]:g}, {span[1]:g}], density in proportion to its membership"),
+        _plain(Range("plant.dm.phase", 0.0, 2.0 * math.pi), "phase of the mass change", "rad"),
+        _plain(around("x_E_start"), "start point", "m"),
+        _plain(around("y_E_start"), "start point", "m"),
+        _plain(from_nothing("plant.tau_d.rms"), "size of the disturbance torque", "N m"),
+        Source(
+            Uncertain(Levels(SEED, tuple(range(1, _SEEDS + 1))), "seed of disturbance and noise"),
+            "1",
+            f"one of {_SEEDS:,}",
+        ),
+        _plain(from_nothing("controller.theta_a.rms"), "noise of the angles", "rad"),
+        _plain(from_nothing("controller.omega_a.rms"), "noise of the velocities", "rad/s"),
+        Source(Uncertain(Levels(STEP, _STEPS), "communication step"), "s", f"{steps} ms, equally likely"),
+    )
+
+
+def _plain(factor: Range, group: str, unit: str) -> Source:
+    return Source(Uncertain(factor, group), unit, f"uniform on [{factor.low:.4g}, {factor.high:.4g}]")

@@ -1,0 +1,325 @@
+"""FMI 3.0 FMUs (arrays, integers, booleans) alone and together with FMI 2.0 FMUs, by a small FMU in C."""
+
+from __future__ import annotations
+
+import itertools
+import shutil
+import subprocess
+import zipfile
+from pathlib import Path
+
+import fmpy
+import numpy as np
+import pytest
+from fmpy.validation import validate_fmu
+
+from cosim import SetupError, SimulationError, System, simulate
+from tests.support.tiny_models import GAIN, GAIN3, build
+
+DESCRIPTION = """<?xml version="1.0" encoding="UTF-8"?>
+<fmiModelDescription fmiVersion="3.0" modelName="Gain" instantiationToken="{fmi3-gain}">
+  <CoSimulation modelIdentifier="gain" canHandleVariableCommunicationStepSize="true"/>
+  <ModelVariables>
+    <Float64 name="time" valueReference="0" causality="independent" variability="continuous"/>
+    <Float64 name="u" valueReference="1" causality="input" start="1 10 100"><Dimension start="3"/></Float64>
+    <Float64 name="y" valueReference="2" causality="output"><Dimension start="3"/></Float64>
+    <Float64 name="K" valueReference="3" causality="parameter" variability="fixed" start="2"/>
+    <Float64 name="v" valueReference="4" causality="input" start="0"/>
+    <Float64 name="x" valueReference="5" causality="output" initial="exact" start="0"/>
+    <Int32 name="n" valueReference="6" causality="input" start="0" min="-2147483648" max="2147483647"/>
+    <Int32 name="n_out" valueReference="7" causality="output"/>
+    <Boolean name="b" valueReference="8" causality="input" start="false"/>
+    <Boolean name="b_out" valueReference="9" causality="output"/>
+    <Float32 name="f" valueReference="10" causality="input" start="0"/>
+    <Float32 name="f_out" valueReference="11" causality="output"/>
+    <Float64 name="fail_at" valueReference="12" causality="parameter" variability="fixed" start="1e9"/>
+    <Int32 name="failure" valueReference="13" causality="parameter" variability="fixed" start="0" min="0" max="3"/>
+    <String name="journal" valueReference="14" causality="parameter" variability="fixed"><Start value=""/></String>
+  </ModelVariables>
+  <ModelStructure>
+    <Output valueReference="2" dependencies="1"/>
+    <Output valueReference="5" dependencies=""/>
+    <Output valueReference="7" dependencies="6"/>
+    <Output valueReference="9" dependencies="8"/>
+    <Output valueReference="11" dependencies="10"/>
+    <InitialUnknown valueReference="2"/>
+    <InitialUnknown valueReference="7"/>
+    <InitialUnknown valueReference="9"/>
+    <InitialUnknown valueReference="11"/>
+  </ModelStructure>
+</fmiModelDescription>
+"""
+
+#: Start values of all inputs of the C FMU, so that a test feeds only those it is about.
+HELD = {"u": [1, 10, 100], "v": 0, "n": 0, "b": False, "f": 0}
+
+
+@pytest.fixture(scope="module")
+def gain3c(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The C FMU."""
+    compiler = next((c for c in ("cc", "gcc", "clang") if shutil.which(c)), None)
+    if compiler is None:
+        pytest.skip("no C compiler (cc, gcc, clang) on the path to build the FMI 3.0 test FMU with")
+    folder = tmp_path_factory.mktemp("fmi3")
+    library = folder / f"gain{fmpy.sharedLibraryExtension}"
+    headers = Path(fmpy.__file__).parent / "c-code"
+    source = Path(__file__).parents[1] / "support" / "fmi3_gain.c"
+    flags = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC"]
+    subprocess.run([compiler, *flags, f"-I{headers}", source, "-o", library], check=True)
+    return zipped(folder / "gain.fmu", library)
+
+
+def zipped(path: Path, library: Path, description: str = DESCRIPTION) -> Path:
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("modelDescription.xml", description)
+        archive.write(library, f"binaries/{fmpy.platform_tuple}/gain{library.suffix}")
+    return path
+
+
+@pytest.fixture(scope="module")
+def tiny(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return build(tmp_path_factory.mktemp("tiny"), GAIN, GAIN3)
+
+
+def start(*fed: str, **others: object) -> dict:
+    """Start values that hold all inputs but those that a test feeds."""
+    return {**{k: v for k, v in HELD.items() if k not in fed}, **others}
+
+
+def ramp(t: float) -> list[float]:
+    return [t, -2.0 * t, 1.0]
+
+
+def test_the_fmu_is_valid(gain3c):
+    assert validate_fmu(str(gain3c)) == []
+
+
+def test_vectors_pass_between_both_versions_in_both_directions(gain3c, tiny):
+    system = System()
+    system.add("last", tiny / "Gain3.fmu", start={"K": 0.5})
+    system.add("c", gain3c, start=start("u", K=-4.0))
+    system.add("d", gain3c, start=start("u"))
+    system.add("first", tiny / "Gain3.fmu", start={"K": 8.0})
+    system.connect("c.y", "d.u")  # FMI 3 to 3
+    system.connect("d.y", "last.u")  # FMI 3 to 2
+    system.connect("first.y", "c.u")  # FMI 2 to 3
+    system.drive("first.u", ramp)
+    r = simulate(system, 1.0, 0.125)
+    u = np.array([ramp(t) for t in r.time])
+    for name, factor in (("first.y", 8), ("c.u", 8), ("c.y", -32), ("d.u", -32), ("d.y", -64), ("last.y", -32)):
+        assert (r[name] == factor * u).all(), name
+
+
+def test_elements_pass_between_both_versions(gain3c, tiny):
+    system = System()
+    system.add("g", tiny / "Gain.fmu", start={"K": 1.0})
+    system.add("c", gain3c, start=start(u=[3.0, 5.0, 7.0]))
+    system.connect("c.y[3]", "g.u[1]")
+    system.connect("g.y[1]", "c.u[2]")  # no loop: but in the standard's eyes y depends on all of u
+    system.connect("c.y[1]", "g.u[2]")
+    with pytest.raises(SetupError, match=r"algebraic loop .*c\.y.*parallel"):
+        simulate(system, 1.0, 0.5)
+    r = simulate(system, 2.0, 0.5, order="parallel")
+    assert (r["c.u"][-1] == [3.0, 14.0, 7.0]).all()
+    assert (r["c.y"][-1] == [6.0, 28.0, 14.0]).all()
+
+
+def test_closed_loop_across_versions_is_the_exact_recurrence(gain3c, tiny):
+    h, K = 0.1, -1.5
+    system = System()
+    system.add("c", gain3c, start=start("v", x=1.0))  # an output with initial="exact" has a start value to set
+    system.add("g", tiny / "Gain.fmu", start={"K": K, "u[2]": 0.0})
+    system.connect("c.x", "g.u[1]")
+    system.connect("g.y[1]", "c.v")
+    r = simulate(system, 2.0, h)
+    x = 1.0
+    for measured, fed_back in zip(r["c.x"], r["g.y[1]"], strict=True):
+        assert measured == x
+        assert fed_back == K * x
+        x += h * (K * x)
+
+
+def test_one_driven_element_leaves_the_others_at_their_start_values(gain3c):
+    system = System()
+    system.add("c", gain3c, start=start(u=[3.0, 5.0, 7.0]))
+    system.drive("c.u[2]", lambda t: t)
+    r = simulate(system, 1.0, 0.5)
+    assert r["c.u"].tolist() == [[3.0, t, 7.0] for t in (0.0, 0.5, 1.0)]
+    assert r["c.y"].tolist() == [[6.0, 2 * t, 14.0] for t in (0.0, 0.5, 1.0)]
+
+
+def test_start_value_of_one_element_leaves_the_others_as_the_fmu_declares_them(gain3c):
+    # no value may be read from an FMU before its initialisation mode (FMI 3.0, state Instantiated)
+    system = System()
+    system.add("c", gain3c, start={**start("u"), "u[3]": -7.0, "u[1]": 3.0})
+    system.drive("c.u[2]", lambda t: t)
+    r = simulate(system, 1.0, 0.5)
+    assert r["c.u"].tolist() == [[3.0, t, -7.0] for t in (0.0, 0.5, 1.0)]
+
+
+def test_integers_and_booleans_pass_exactly(gain3c):
+    wanted = [0, 1, -1, 2**31 - 1, -(2**31), 7]
+    system = System()
+    for name in ("a", "b"):
+        system.add(name, gain3c, start=start("n", "b", "f"))
+    system.drive("a.n", lambda t: wanted[round(t)])
+    system.drive("a.b", lambda t: round(t) % 2 == 1)
+    system.drive("a.f", lambda t: t / 10)
+    for variable in "nbf":
+        system.connect(f"a.{variable}_out", f"b.{variable}")
+    r = simulate(system, 5.0, 1.0)
+    assert r["b.n_out"].tolist() == wanted
+    assert r["b.b_out"].tolist() == [0, 1, 0, 1, 0, 1]
+    assert r["b.f_out"].tolist() == [float(np.float32(t / 10)) for t in range(6)]  # FMI Float32 rounds, once
+    assert r["b.f_out"].tolist() != [t / 10 for t in range(6)]
+
+
+@pytest.mark.parametrize(
+    ("source", "target", "message"),
+    [
+        ("a.n_out", "b.v", "integer and real"),
+        ("a.b_out", "b.n", "boolean and integer"),
+        ("a.x", "b.b", "real and boolean"),
+        ("a.y", "b.v", "3 values can't feed 1"),
+        ("a.x", "b.u", "1 values can't feed 3"),
+        ("a.y", "b.journal", "'b.journal' is a parameter"),
+        ("a.time", "b.v", "'a.time' is an independent"),
+    ],
+)
+def test_types_and_sizes_that_do_not_match_are_refused(gain3c, source, target, message):
+    system = System()
+    for name in ("a", "b"):
+        system.add(name, gain3c, start=HELD)
+    system.connect(source, target)
+    with pytest.raises(SetupError, match=message):
+        simulate(system, 1.0, 0.5)
+
+
+def test_float32_and_float64_may_be_connected(gain3c):
+    system = System()
+    system.add("a", gain3c, start=start("v", "f"))
+    system.add("b", gain3c, start=start("f", "v"))
+    system.drive("a.v", lambda t: 0.1)
+    system.drive("a.f", lambda t: 0.1)
+    system.connect("a.x", "b.f")
+    system.connect("a.f_out", "b.v")
+    r = simulate(system, 0.3, 0.1)
+    assert (r["b.f_out"] == r["a.x"].astype(np.float32)).all()
+    assert (r["b.v"] == float(np.float32(0.1))).all()
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("n", 0.5), ("n", 2**31), ("n", -(2**31) - 1), ("b", 2), ("b", 0.5), ("failure", 4)]
+)
+def test_start_values_outside_a_type_or_its_bounds_are_refused(gain3c, name, value):
+    system = System()
+    system.add("c", gain3c, start={**HELD, name: value})
+    with pytest.raises(SetupError, match=rf"'c\.{name}'"):
+        simulate(system, 1.0, 0.5)
+
+
+@pytest.mark.parametrize(("name", "value"), [("n", 0.5), ("n", 2.0**31), ("b", 2)])
+def test_signal_values_outside_a_type_are_refused(gain3c, name, value):
+    system = System()
+    system.add("c", gain3c, start=start(name))
+    system.drive(f"c.{name}", lambda t: value)
+    with pytest.raises(SetupError, match=rf"signal that feeds 'c\.{name}'"):
+        simulate(system, 1.0, 0.5)
+    system.signals.clear()
+    system.drive(f"c.{name}", lambda t: value if t == 0.5 else 0)
+    with pytest.raises(SimulationError, match=rf"c failed at t = 0\.5 s: the signal that feeds 'c\.{name}'"):
+        simulate(system, 1.0, 0.5)
+
+
+def test_independent_variable_and_local_elements_can_be_recorded(gain3c):
+    system = System()
+    system.add("c", gain3c, start=HELD)
+    r = simulate(system, 3.0, 0.5, start_time=1.0, record=["c.time", "c.y[2]", "c.K", "c.failure"])
+    assert r.names == ["c.time", "c.y[2]", "c.K", "c.failure"]
+    assert (r["c.time"] == r.time).all()
+    assert (r["c.y[2]"] == 20.0).all()
+    assert (r["c.K"] == 2.0).all()
+    with pytest.raises(SetupError, match=r"'c.journal' is of type String"):
+        simulate(system, 1.0, 0.5, record=["c.journal"])
+
+
+@pytest.mark.parametrize(
+    ("failure", "message"),
+    [
+        (0, "c failed at t = 0.5 s: fmi3DoStep returned error: the gain is 100% worn out"),
+        (1, "c failed at t = 0.5 s: fmi3DoStep asked to end the simulation"),
+        (2, "c failed at t = 0.5 s: fmi3DoStep returned early, at t = 0.625 s"),
+    ],
+)
+def test_a_step_that_fails_ends_the_run_with_name_time_and_log(gain3c, failure, message):
+    system = System()
+    system.add("other", gain3c, start=HELD)
+    system.add("c", gain3c, start=start("u", fail_at=0.5, failure=failure))
+    system.drive("c.u", ramp)
+    with pytest.raises(SimulationError) as failed:
+        simulate(system, 1.0, 0.25)
+    error = failed.value
+    assert str(error) == message
+    assert (error.component, error.time) == ("c", 0.5)
+    assert error.log == ("the gain is 100% worn out" if failure == 0 else "")
+    assert error.results.time.tolist() == [0.0, 0.25, 0.5]
+    assert error.results["c.y"].tolist() == [[2.0 * v for v in ramp(t)] for t in (0.0, 0.25, 0.5)]
+
+
+def test_an_initialisation_that_fails_has_no_results(gain3c):
+    system = System()
+    system.add("c", gain3c, start=start(failure=3))
+    message = r"c failed at t = 2 s: fmi3ExitInitializationMode returned error: the start is 100% wrong"
+    with pytest.raises(SimulationError, match=message) as failed:
+        simulate(system, 3.0, 0.25, start_time=2.0)
+    assert failed.value.results is None
+
+
+def test_an_fmu_that_refuses_to_be_instantiated_is_named_with_its_log(gain3c, tmp_path):
+    with zipfile.ZipFile(gain3c) as archive:
+        library = Path(archive.extract(next(n for n in archive.namelist() if "binaries" in n), tmp_path))
+    other = zipped(tmp_path / "other.fmu", library, DESCRIPTION.replace("{fmi3-gain}", "{other}"))
+    system = System()
+    system.add("c", other, start=HELD)
+    with pytest.raises(SetupError, match=r"component 'c': .*other\.fmu .*the instantiation token is wrong"):
+        simulate(system, 1.0, 0.25)
+
+
+def test_instances_are_terminated_and_freed_once(gain3c, tmp_path):
+    # FMI 3.0, 2.2.4: fmi3Terminate tells the FMU that the run is over, for example to close its files
+    system = System()
+    system.add("c", gain3c, start=start(journal=str(tmp_path / "journal")))
+    simulate(system, 1.0, 0.25)
+    assert (tmp_path / "journal").read_text().split() == ["initialize", "terminate", "free"]
+
+
+def test_instances_are_freed_when_another_fails(gain3c, tmp_path):
+    system = System()
+    for name, fail_at in (("a", 1e9), ("b", 0.5), ("c", 1e9)):
+        system.add(name, gain3c, start=start(fail_at=fail_at, journal=str(tmp_path / name)))
+    with pytest.raises(SimulationError, match="b failed"):
+        simulate(system, 1.0, 0.25)
+    for name in "abc":
+        calls = (tmp_path / name).read_text().split()
+        assert calls[0] == "initialize"
+        assert calls[-1] == "free"
+        assert calls.count("free") == 1
+
+
+@pytest.mark.parametrize("order", ["sequential", "parallel"])
+def test_runs_are_repeated_bit_for_bit_whatever_the_order_of_components(gain3c, tiny, order):
+    runs = []
+    for names in itertools.permutations(("c", "g", "d")):
+        system = System()
+        for name in names:
+            own = {"K": 0.3, "u[2]": 0.0} if name == "g" else start("v" if name == "d" else "f", "u")
+            if name != "g":
+                own["u"] = HELD["u"]
+            system.add(name, tiny / "Gain.fmu" if name == "g" else gain3c, start=own)
+        system.drive("c.f", lambda t: t)
+        system.connect("c.y[2]", "g.u[1]")
+        system.connect("g.y[1]", "d.v")
+        runs.append(simulate(system, 1.0, 0.1, order=order))
+    for run in runs[1:]:
+        for name in runs[0].names:
+            assert (run[name] == runs[0][name]).all(), name

@@ -1,0 +1,522 @@
+"""Claims: every row's verdict is computed, and is what a separate formulation gives.
+
+The separate formulations use no measure: the continuous closed loop under DOP853 in place of the coupled FMUs where
+steady errors are judged, printed numbers where the paper has them, sums and differences written out anew elsewhere.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterable
+from functools import cached_property
+from itertools import pairwise
+from pathlib import Path
+from unittest.mock import patch
+
+import numpy as np
+import pytest
+from scipy.integrate import simpson
+from scipy.optimize import minimize
+
+from controller_fmu.model import MODEL, PARAMETERS
+from controller_fmu.optimal_gains import PerformanceIndex, optimal_gains
+from cosim.results.results import Results
+from fmu_export.modelling.model import Layout
+from parallel_robot import models
+from parallel_robot.paper.reproduce.claims import RELATIONS, Row, judge, rows, verdict
+from parallel_robot.paper.reproduce.content import Verdict
+from parallel_robot.paper.reproduce.draw_model import ends
+from parallel_robot.paper.reproduce.material import Material
+from parallel_robot.paper.reproduce.measure_gains import OTHER_INDICES
+from parallel_robot.paper.reproduce.measures import MEASURES
+from parallel_robot.paper.reproduce.table import PRINTED, table1
+from parallel_robot.scenario import load_scenario
+from plant_fmu.kinematics import constraint_matrix, inverse_kinematics
+from plant_fmu.model import PARAMETERS as PLANT
+from plant_fmu.reduced import passive_velocity_map
+from tests.models.test_optimal_gains import stationary_points
+from tests.paper.test_reproduce import material  # noqa: F401 -- a fixture
+from tests.support import continuous_loop
+from trajectory_fmu.model import MODEL as TRAJECTORY
+
+ROWS = rows()
+TIMES = np.arange(0, 15001, 5) * 1e-3
+STEADY = TIMES >= 8.0
+PROPOSED = ("0.1", "0.2", "1", "5", "10")
+BETA_PRINTED = {f"{mu / nu:g}": float(beta) for mu, nu, _, beta, _ in PRINTED}
+ALPHA_PRINTED = {f"{mu / nu:g}": float(alpha) for mu, nu, alpha, _, _ in PRINTED}
+P = PLANT.unpack(PLANT.starts)
+
+
+def outcome(met: Iterable[bool]) -> Verdict:
+    found = [bool(m) for m in met]
+    return "holds" if all(found) else "holds in part" if any(found) else "does not hold"
+
+
+class Oracle:
+    """What the verdicts are held against: runs as raw columns, and the continuous loop."""
+
+    def __init__(self, material: Material) -> None:  # noqa: F811
+        self.runs = material.runs
+        self.material = material
+        self._continuous: dict[tuple[float, float], np.ndarray] = {}
+
+    def raw(self, key: str, condition: str = "disturbed") -> Results:
+        return self.runs.closed_loop[key, condition]  # type: ignore[index]
+
+    def raw_errors(self, key: str, condition: str = "disturbed") -> np.ndarray:
+        r = self.raw(key, condition)
+        actual = ["plant.x_E", "plant.y_E", *(f"plant.theta_a[{i}]" for i in (1, 2, 3))]
+        wanted = ["trajectory.x_ref", "trajectory.y_ref", *(f"trajectory.theta_ref[{i}]" for i in (1, 2, 3))]
+        return np.column_stack([r[a] - r[w] for a, w in zip(actual, wanted, strict=True)])
+
+    @cached_property
+    def reference(self) -> np.ndarray:
+        """x, y and the active joints' desired angles (n, 5)."""
+        p = TRAJECTORY.parameters.starts
+        rows = [TRAJECTORY.outputs.unpack(TRAJECTORY.output_values(t, p[:0], p[:0], p)) for t in TIMES]
+        return np.array([[o.x_ref, o.y_ref, *o.theta_ref] for o in rows])
+
+    def states(self, alpha: float, beta: float) -> np.ndarray:
+        """Continuous loop with gains of one's own, with mass change and disturbance torque."""
+        if (alpha, beta) not in self._continuous:
+            scenario = load_scenario("tracking")
+            parts = [
+                scenario.signals[n].function(size, scenario.seed, n)
+                for n, size in (("plant.tau_d", 3), ("plant.dm", 1))
+            ]
+            gains = {"alpha": alpha, "beta": beta}
+            variables = [dataclasses.replace(v, start=gains.get(v.name, v.start)) for v in PARAMETERS.variables]
+            tuned = dataclasses.replace(MODEL, parameters=Layout(variables))
+            with patch.object(continuous_loop, "MODELS", {**models.MODELS, "controller": tuned}):
+                self._continuous[alpha, beta] = continuous_loop.solve(
+                    TIMES, lambda t: np.concatenate([f(t) for f in parts]), [4.0], rtol=1e-7
+                )
+        return self._continuous[alpha, beta]
+
+    def errors(self, key: str, alpha: float | None = None) -> np.ndarray:
+        """Errors (n, 5) of the continuous loop."""
+        c = self.runs.controller(key)
+        states = self.states(c.alpha if alpha is None else alpha, c.beta)
+        return np.column_stack([continuous_loop.end_effector(states), states[:, :3]]) - self.reference
+
+    def steady(self, key: str, alpha: float | None = None) -> np.ndarray:
+        return np.abs(self.errors(key, alpha)[STEADY]).max(axis=0)
+
+    def Z_parts(self, key: str) -> tuple[np.ndarray, np.ndarray]:
+        """theta_e and theta_e' stacked (n, 6), and psi (n, 2), of the continuous loop."""
+        c = self.runs.controller(key)
+        states = self.states(c.alpha, c.beta)
+        rate = states[:, 6:9] - np.gradient(self.reference[:, 2:], TIMES, axis=0, edge_order=2)
+        return np.column_stack([states[:, :3] - self.reference[:, 2:], rate]), states[:, 12:]
+
+
+@pytest.fixture(scope="module")
+def oracle(material: Material) -> Oracle:  # noqa: F811
+    return Oracle(material)
+
+
+# --- model ---
+
+
+def closure_force(o: Oracle) -> Verdict:
+    """d'Alembert: the closure force does no work on any motion that keeps the loop closed."""
+    r = o.runs.open_loop.thinned(500)
+    work = []
+    for a, b, F_c in zip(r["plant.theta_a"], r["plant.theta_b"], r["plant.F_c"], strict=True):
+        _, sizes, directions = np.linalg.svd(constraint_matrix(np.concatenate([a, b]), P.l))
+        assert (sizes > 1e-3).all()
+        work.append(np.abs(directions[4:] @ F_c).max() < 1e-12)
+    return outcome(work)
+
+
+def active_joint_space(o: Oracle) -> Verdict:
+    """The kinetic energy in the active joint space is that of all links."""
+    r = o.runs.open_loop.thinned(500)
+    equal = []
+    for i in range(len(r.time)):
+        theta = np.concatenate([r["plant.theta_a"][i], r["plant.theta_b"][i]])
+        omega_a = r["plant.omega_a"][i]
+        N, _ = passive_velocity_map(theta, np.zeros(6), P.l)
+        omega = np.concatenate([omega_a, N @ omega_a])
+        a, b = theta[:3], theta[3:]
+        cross = P.Z * np.cos(a - b) * omega[:3] * omega[3:]
+        energy = (P.X * omega[:3] ** 2 / 2 + P.Y * omega[3:] ** 2 / 2 + cross).sum()
+        equal.append(abs(energy - r["plant.kinetic_energy"][i]) < 1e-14)
+    return outcome(equal)
+
+
+def ends_coincide(o: Oracle) -> Verdict:
+    every = [o.runs.open_loop, *o.runs.closed_loop.values()]
+    return outcome(np.ptp(np.stack(ends(r)), axis=2).max() < 1e-11 for r in every)
+
+
+def model_effective(o: Oracle) -> Verdict:
+    r = o.runs.open_loop
+    power = (r["plant.tau_a"] * r["plant.omega_a"]).sum(axis=1)
+    energy = r["plant.kinetic_energy"]
+    return outcome([abs(simpson(power, x=r.time) - energy[-1]) < 1e-5 * energy.max()])
+
+
+# --- proof ---
+
+
+def bound_exists(o: Oracle) -> Verdict:
+    """With psi_bar = (0.5, 0.5), the far end of (91), by forward differences."""
+    met = []
+    for key, m in o.material.motions.items():
+        s_rate, M_rate = (np.diff(v, axis=0) / np.diff(m.time)[0] for v in (m.s, m.M))
+        tau = o.raw(key)["controller.tau_a"][::2][:-1]
+        g = np.einsum("nij,nj->ni", m.M[:-1], s_rate) + np.einsum("nij,nj->ni", M_rate, m.s[:-1]) / 2 - tau
+        theta, omega = (o.raw(key)[f"plant.{n}"][::2][:-1] for n in ("theta_a", "omega_a"))
+        met.append((np.linalg.norm(g, axis=1) <= 0.5 * ((theta**2).sum(axis=1) + (omega**2).sum(axis=1))).all())
+    return outcome(met)
+
+
+def estimate_near_quarter(o: Oracle) -> Verdict:
+    return outcome(np.sin(2 * np.pi * o.Z_parts(key)[1].max()) >= 0.5 for key in PROPOSED)
+
+
+def lyapunov_falls(o: Oracle) -> Verdict:
+    """By the integral over each quarter of a second."""
+    met = []
+    for t in o.material.theorem1:
+        m, bar = o.material.motions[t.controller], np.array(t.psi_bar)
+        step = m.time[1]
+        beta, alpha = o.runs.controller(t.controller).beta, o.runs.controller(t.controller).alpha
+        right = np.cumsum(-beta * m.Z(bar) ** 2 + beta * bar @ bar + 1 / (4 * alpha)) * step
+        V, span = m.V(bar), round(0.25 / step)
+        met.append((np.diff(V[::span]) <= np.diff(right[::span])).all())
+    return outcome(met)
+
+
+def radius(o: Oracle, key: str, bar: np.ndarray) -> float:
+    """chi_min with printed gains; the least eigenvalue of M on the path is above 0.06."""
+    return float(np.sqrt(bar @ bar + 1 / (4 * ALPHA_PRINTED[key] * BETA_PRINTED[key])) * np.sqrt(6 / 0.0606))
+
+
+def uniformly_bounded(o: Oracle) -> Verdict:
+    met = []
+    for t in o.material.theorem1:
+        X, psi = o.Z_parts(t.controller)
+        Z = np.sqrt((X**2).sum(axis=1) + ((psi - np.array(t.psi_bar)) ** 2).sum(axis=1))
+        met.append(Z.max() <= max(Z[0] * np.sqrt(6 / 0.0606), radius(o, t.controller, np.array(t.psi_bar))))
+    return outcome(met)
+
+
+def ultimately_bounded(o: Oracle) -> Verdict:
+    met = []
+    for t in o.material.theorem1:
+        X, psi = o.Z_parts(t.controller)
+        Z = np.sqrt((X**2).sum(axis=1) + ((psi - np.array(t.psi_bar)) ** 2).sum(axis=1))
+        met.append(Z[STEADY].max() <= radius(o, t.controller, np.array(t.psi_bar)))
+    return outcome(met)
+
+
+def errors_vanish(o: Oracle) -> Verdict:
+    sizes = (np.linalg.norm(o.Z_parts(key)[0], axis=1) for key in PROPOSED)
+    return outcome(size[STEADY].max() < 0.01 * size[0] for size in sizes)
+
+
+# --- gains: from the printed numbers where there are any ---
+
+
+def rises(values: list[float]) -> list[bool]:
+    return [high > low for low, high in pairwise(values)]
+
+
+def all_indices() -> list[PerformanceIndex]:
+    return [*(PerformanceIndex(mu, nu) for mu, nu, *_ in PRINTED), *OTHER_INDICES.values()]
+
+
+def minimum_of_index(o: Oracle) -> Verdict:
+    """J is larger on every side."""
+    met = []
+    for mu, nu, *_ in PRINTED:
+        index = PerformanceIndex(mu, nu)
+        g = optimal_gains(index)
+        around = [(g.alpha + 1e-4 * np.cos(u), g.beta + 1e-4 * np.sin(u)) for u in np.linspace(0, 6, 12)]
+        met.append(all(index(*point) > g.J for point in around))
+    return outcome(met)
+
+
+def positive_hessian(o: Oracle) -> Verdict:
+    """J along straight lines: convex in every direction at random points, or not."""
+    rng = np.random.default_rng(3)
+    met = []
+    for index in all_indices():
+        p = np.exp(rng.uniform(np.log(0.05), np.log(50), (40000, 2)))
+        angle = rng.uniform(0, np.pi, 40000)
+        step = 1e-3 * p.min(axis=1)[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+        mid, low, high = index(*p.T), index(*(p - step).T), index(*(p + step).T)
+        met.append((high + low - 2 * mid > -1e-9 * mid).all())
+    return outcome(met)
+
+
+def globally_concave(o: Oracle) -> Verdict:
+    """A concave function lies nowhere above ... below its chords: for each row one chord that it lies below."""
+    chord = [(PerformanceIndex(mu, nu), np.array([1.0, 1.0]), np.array([2.0, 3.0])) for mu, nu, *_ in PRINTED]
+    return outcome(index(*((p + q) / 2)) >= (index(*p) + index(*q)) / 2 for index, p, q in chord)
+
+
+def unique_optimum(o: Oracle) -> Verdict:
+    return outcome(len(stationary_points(index.rho)) == 1 for index in all_indices())
+
+
+def table_1(o: Oracle) -> Verdict:
+    met = []
+    for row in table1():
+        rounded = [f"{v:.4f}" for v in (row.alpha, row.beta, row.J)]
+        cut = [f"{np.floor(v * 1e4) / 1e4:.4f}" for v in (row.alpha, row.beta, row.J)]
+        printed = [row.printed_alpha, row.printed_beta, row.printed_J]
+        met.append(all(p in (r, c) for p, r, c in zip(printed, rounded, cut, strict=True)))
+    return outcome(met)
+
+
+def ratio_alone(o: Oracle) -> Verdict:
+    """By minimising over the logarithms of the gains without derivatives."""
+    met = []
+    for mu, nu, *_ in PRINTED:
+        alphas = []
+        for scale in (1.0, 10.0):
+            index = PerformanceIndex(scale * mu, scale * nu)
+            options = {"xatol": 1e-10, "fatol": 1e-13}
+            found = minimize(lambda x, i=index: float(i(*np.exp(x))), [0.0, 0.0], method="Nelder-Mead", options=options)
+            alphas.append(np.exp(found.x[0]))
+        met.append(abs(alphas[1] / alphas[0] - 1) < 0.01)
+    return outcome(met)
+
+
+def gains_cost_effort(o: Oracle) -> Verdict:
+    return outcome(rises([float((o.raw(key)["plant.tau_a"] ** 2).sum() * 1e-3) for key in PROPOSED]))
+
+
+# --- tracking: the continuous loop ---
+
+
+def below_pd(o: Oracle, keys: Iterable[str] = PROPOSED) -> Verdict:
+    pd = o.steady("pd")
+    return outcome(met for key in keys for met in o.steady(key) < pd)
+
+
+def below_pd_same_beta(o: Oracle) -> Verdict:
+    return outcome(met for key in PROPOSED for met in o.steady(key) < o.steady(key, alpha=0.0))
+
+
+def smaller_error_mass_change(o: Oracle) -> Verdict:
+    def steady(key: str) -> np.ndarray:
+        return np.abs(o.raw_errors(key, "mass change")[8000:]).max(axis=0)
+
+    return outcome(met for key in PROPOSED for met in steady(key) < steady("pd"))
+
+
+def sums(o: Oracle, power: int, limit: float = 1.0) -> Verdict:
+    """Sums of |error|^power over the continuous loop, against those of PD."""
+    pd = (np.abs(o.errors("pd")) ** power).sum(axis=0)
+    return outcome(m for key in PROPOSED for m in (np.abs(o.errors(key)) ** power).sum(axis=0) < limit**power * pd)
+
+
+def printed_steady_errors(o: Oracle) -> Verdict:
+    limits = np.array([6e-6, 12e-6, 4e-5, 6e-5, 8e-5])
+    return outcome(met for key in PROPOSED for met in o.steady(key) <= limits)
+
+
+def zone(o: Oracle, keys: Iterable[str], narrow: bool) -> Verdict:
+    """The start error follows from (0.22, 0.30) m and the desired start (0.225, 0.295) m by inverse kinematics."""
+    start, desired = (inverse_kinematics(x, y, P.l, P.x_A, P.y_A)[:3] for x, y in ((0.22, 0.3), (0.225, 0.295)))
+    initial = np.abs(np.concatenate([[0.005, 0.005], start - desired]))
+    ratios = [np.abs(o.raw_errors(key, "mass change")[8000:]).max(axis=0) / initial for key in keys]
+    return outcome((r <= 0.1) == narrow for r in np.concatenate(ratios))
+
+
+def faster_response(o: Oracle) -> Verdict:
+    def half_time(key: str) -> float:
+        distance = np.hypot(*o.errors(key)[:, :2].T)
+        return float(np.interp(-distance[0] / 2, -distance[40:200], TIMES[40:200]))
+
+    return outcome(half_time(key) < half_time("pd") for key in PROPOSED)
+
+
+def disturbance_rejection(o: Oracle) -> Verdict:
+    def added(key: str) -> np.ndarray:
+        return ((o.raw_errors(key) - o.raw_errors(key, "mass change"))[4000:] ** 2).sum(axis=0)
+
+    return outcome(met for key in PROPOSED for met in added(key) < added("pd"))
+
+
+def pd_not_settling(o: Oracle) -> Verdict:
+    with_torque, without = ((o.raw_errors("pd", c)[8000:] ** 2).sum(axis=0) for c in ("disturbed", "mass change"))
+    return outcome(np.sqrt(with_torque / without) >= 1.1)
+
+
+def error_falls_with_ratio(o: Oracle) -> Verdict:
+    return outcome(met for low, high in pairwise(PROPOSED) for met in o.steady(high) < o.steady(low))
+
+
+# --- other torques ---
+
+
+def table_of(o: Oracle, key: str) -> np.ndarray:
+    """Accumulated errors (torques, 5), the first without torque."""
+    found = {(rms, seed): list(v.values()) for (k, seed, rms), v in o.runs.accumulated.items() if k == key}
+    return np.array([found[which] for which in sorted(found)])
+
+
+def accumulated_any(o: Oracle) -> Verdict:
+    return outcome(met for key in PROPOSED for met in (table_of(o, key) < table_of(o, "pd")).all(axis=0))
+
+
+def raised(o: Oracle, key: str) -> np.ndarray:
+    table = table_of(o, key)
+    return (table[1:] > table[0]).sum(axis=0)
+
+
+def better_in_all(o: Oracle) -> Verdict:
+    def every(key: str) -> list[bool]:
+        others = {"accuracy": below_pd(o, [key])}
+        distance = {k: np.hypot(*o.errors(k)[:, :2].T) for k in (key, "pd")}
+        halved = {k: TIMES[np.argmax(d < d[0] / 2)] for k, d in distance.items()}
+        added = {k: ((o.raw_errors(k) - o.raw_errors(k, "mass change"))[4000:] ** 2).sum(axis=0) for k in (key, "pd")}
+        return [others["accuracy"] == "holds", halved[key] < halved["pd"], bool((added[key] < added["pd"]).all())]
+
+    return outcome(met for key in PROPOSED for met in every(key))
+
+
+INDEPENDENT: dict[str, Callable[[Oracle], Verdict]] = {
+    "closure-force": closure_force,
+    "active-joint-space": active_joint_space,
+    "ends-coincide": ends_coincide,
+    "model-effective": model_effective,
+    "bound-exists": bound_exists,
+    "estimate-near-quarter": estimate_near_quarter,
+    "adaptation-constant": lambda o: outcome(2 * beta * 2 <= 12 for beta in BETA_PRINTED.values()),
+    "lyapunov-falls": lyapunov_falls,
+    "uniformly-bounded": uniformly_bounded,
+    "ultimately-bounded": ultimately_bounded,
+    "errors-vanish": errors_vanish,
+    "gains-shrink-ball": lambda o: outcome(rises([ALPHA_PRINTED[k] * BETA_PRINTED[k] for k in PROPOSED])),
+    "gains-cost-effort": gains_cost_effort,
+    "minimum-of-index": minimum_of_index,
+    "positive-hessian": positive_hessian,
+    "globally-concave": globally_concave,
+    "unique-optimum": unique_optimum,
+    "table-1": table_1,
+    "gains-rise": lambda o: outcome(
+        rises([ALPHA_PRINTED[k] for k in PROPOSED]) + rises([BETA_PRINTED[k] for k in PROPOSED])
+    ),
+    "ratio-alone": ratio_alone,
+    "smaller-steady-error": lambda o: below_pd(o, ["1"]),
+    "all-smaller-steady-error": below_pd,
+    "all-smaller-steady-error-same-beta": below_pd_same_beta,
+    "smaller-error-mass-change": smaller_error_mass_change,
+    "smaller-error-throughout": lambda o: sums(o, 2),
+    "printed-steady-errors": printed_steady_errors,
+    "narrow-zone": lambda o: zone(o, PROPOSED, narrow=True),
+    "pd-no-narrow-zone": lambda o: zone(o, ["pd"], narrow=False),
+    "faster-response": faster_response,
+    "disturbance-rejection": disturbance_rejection,
+    "pd-not-settling": pd_not_settling,
+    "error-falls-with-ratio": error_falls_with_ratio,
+    "accumulated-smaller": lambda o: sums(o, 1),
+    "accumulated-much-smaller": lambda o: sums(o, 1, 0.5),
+    "accumulated-any-disturbance": accumulated_any,
+    "smaller-without-disturbance": lambda o: outcome(n == 20 for key in PROPOSED for n in raised(o, key)),
+    "pd-no-regularity": lambda o: outcome(n < 20 for n in raised(o, "pd")),
+    "more-regular-than-pd": lambda o: outcome(m for key in PROPOSED for m in raised(o, key) > raised(o, "pd")),
+    "better-in-all": better_in_all,
+}
+
+
+@pytest.mark.parametrize("row", [row for row in ROWS if row.metric], ids=lambda row: row.id)
+def test_verdict_is_that_of_a_separate_formulation(material: Material, oracle: Oracle, row: Row) -> None:  # noqa: F811
+    claim = judge(row, material)
+    print(f"{claim.verdict}: {claim.why}")
+    assert claim.verdict == INDEPENDENT[row.id](oracle)
+    assert 0 <= claim.met <= claim.total == len(claim.values) > 0
+    assert all(np.isfinite(value) for value in claim.values.values())
+
+
+@pytest.mark.parametrize("row", [row for row in ROWS if not row.metric], ids=lambda row: row.id)
+def test_what_cannot_be_judged_says_why(material: Material, row: Row) -> None:  # noqa: F811
+    claim = judge(row, material)
+    assert claim.verdict == "cannot be judged"
+    assert len(claim.why) > 40
+    assert not claim.values
+
+
+def test_every_judged_row_has_its_separate_formulation() -> None:
+    assert set(INDEPENDENT) == {row.id for row in ROWS if row.metric}
+
+
+def test_every_measure_is_used() -> None:
+    assert set(MEASURES) == {row.metric for row in ROWS if row.metric}
+
+
+# --- verdicts can be otherwise ---
+
+
+@pytest.mark.parametrize("row", [row for row in ROWS if row.metric], ids=lambda row: row.id)
+def test_a_threshold_beyond_all_values_turns_the_verdict(material: Material, row: Row) -> None:  # noqa: F811
+    rising = row.relation in (">", ">=")
+    never, always = (1e300, -1e300) if rising else (-1e300, 1e300)
+    assert judge(dataclasses.replace(row, threshold=never), material).verdict == "does not hold"
+    assert judge(dataclasses.replace(row, threshold=always), material).verdict == "holds"
+
+
+@pytest.mark.parametrize(
+    ("ids", "before", "after"),
+    [
+        (("smaller-steady-error",), "holds", "does not hold"),
+        (("error-falls-with-ratio",), "holds", "holds in part"),
+        (("gains-cost-effort",), "holds", "holds in part"),
+    ],
+)
+def test_other_runs_give_another_verdict(
+    material: Material,  # noqa: F811
+    ids: tuple[str, ...],
+    before: Verdict,
+    after: Verdict,
+) -> None:
+    """With the runs of PD and of mu/nu = 1 exchanged, and those of 0.1 and 10."""
+    exchanged = {"pd": "1", "1": "pd", "0.1": "10", "10": "0.1"}
+    closed = {(exchanged.get(key, key), c): r for (key, c), r in material.runs.closed_loop.items()}
+    other = Material(dataclasses.replace(material.runs, closed_loop=closed))
+    for row in (row for row in ROWS if row.id in ids):
+        assert judge(row, material).verdict == before
+        assert judge(row, other).verdict in (after, "does not hold")
+
+
+@pytest.mark.parametrize(
+    ("met", "total", "expected"),
+    [(3, 3, "holds"), (1, 3, "holds in part"), (0, 3, "does not hold"), (0, 0, "does not hold")],
+)
+def test_verdict_by_count(met: int, total: int, expected: Verdict) -> None:
+    assert verdict(met, total) == expected
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {},
+        {"metric": "closure_error", "reason": "both"},
+        {"metric": "no_such", "relation": "<", "threshold": 1.0},
+        {"metric": "closure_error", "relation": "about", "threshold": 1.0},
+        {"metric": "closure_error", "relation": "<"},
+    ],
+)
+def test_malformed_rows_are_refused(fields: dict) -> None:
+    with pytest.raises(ValueError, match="claim 'x'"):
+        Row(id="x", where="here", claim="this", **fields)
+
+
+def test_an_id_twice_is_refused(tmp_path: Path) -> None:
+    row = '[[claim]]\nid = "x"\nwhere = "a"\nclaim = "b"\nreason = "c"\n'
+    (tmp_path / "claims.toml").write_text(row * 2)
+    with pytest.raises(ValueError, match="twice"):
+        rows(tmp_path / "claims.toml")
+
+
+def test_rows_name_runs_that_there_are() -> None:
+    known = {"disturbed", "mass change", "nominal", "open loop", "other torques"}
+    assert {run for row in ROWS for run in row.runs} <= known
+    assert set(RELATIONS) == {"<", "<=", ">", ">="}

@@ -1,0 +1,264 @@
+"""The reproduction as a whole: its runs, its files, the command."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import dataclasses
+import hashlib
+import json
+import xml.etree.ElementTree as ET
+from contextlib import nullcontext
+from functools import cache
+from pathlib import Path
+
+import matplotlib.image
+import numpy as np
+import pytest
+
+from cosim.errors import CosimError
+from parallel_robot.commands import reproduce as command
+from parallel_robot.fmus import build
+from parallel_robot.paper.reproduce import figures, run, table
+from parallel_robot.paper.reproduce.content import CONDITIONS, Reproduction, Runs
+from parallel_robot.paper.reproduce.material import Material
+from parallel_robot.paper.reproduce.runs import run_all
+from parallel_robot.paper.reproduce.style import CONTROLLER_LINES
+from tests.support.native_fmus import require_compiler
+
+
+@cache
+def fmu_folder(base: Path) -> Path:
+    build(base / "reproduction_fmus", "fmi2")
+    return base / "reproduction_fmus"
+
+
+@cache
+def material_from(base: Path) -> Material:
+    """All runs, made once for each worker."""
+    return Material(run_all(fmu_folder(base)))
+
+
+@pytest.fixture(scope="session")
+def material(tmp_path_factory: pytest.TempPathFactory) -> Material:
+    require_compiler()
+    return material_from(tmp_path_factory.getbasetemp())
+
+
+@pytest.fixture(scope="session")
+def runs(material: Material) -> Runs:
+    return material.runs
+
+
+@pytest.fixture(scope="module")
+def content(runs: Runs, tmp_path_factory: pytest.TempPathFactory) -> tuple[Reproduction, Path]:
+    folder = tmp_path_factory.mktemp("reproduction")
+    return run.reproduce(runs, folder), folder
+
+
+# --- runs ---
+
+
+def test_all_six_controllers_run_under_all_conditions(runs: Runs) -> None:
+    keys = [c.key for c in runs.controllers]
+    assert keys == ["pd", "0.1", "0.2", "1", "5", "10"]
+    assert set(runs.closed_loop) == {(key, condition) for key in keys for condition in CONDITIONS}
+    assert {len(r.time) for r in runs.closed_loop.values()} == {15001}
+
+
+def test_conditions_are_what_they_say(runs: Runs) -> None:
+    disturbed, mass, nominal = (runs.closed_loop["1", condition] for condition in CONDITIONS)
+    before = disturbed.time < runs.disturbed_from
+    assert np.abs(disturbed["plant.tau_d"][before]).max() == 0.0
+    assert 0.005 < np.sqrt(np.mean(disturbed["plant.tau_d"][~before] ** 2)) < 0.02
+    for quiet in (mass, nominal):
+        assert np.abs(quiet["plant.tau_d"]).max() == 0.0
+    for changing in (disturbed, mass):
+        np.testing.assert_allclose(changing["plant.dm"], 0.25 * np.sin(np.pi * changing.time), atol=1e-12)
+    assert np.abs(nominal["plant.dm"]).max() == 0.0
+
+
+def test_pd_is_the_control_without_its_robust_part(runs: Runs) -> None:
+    """The torque of PD is -beta s, to rounding."""
+    r = runs.closed_loop["pd", "disturbed"]
+    error = r["plant.theta_a"] - r["trajectory.theta_ref"]
+    s = r["plant.omega_a"] - r["trajectory.omega_ref"] + 2.0 * error
+    np.testing.assert_allclose(r["controller.tau_a"], -runs.controller("pd").beta * s, atol=1e-12)
+
+
+def test_accumulated_errors_of_the_scenario_s_torque_are_those_of_its_run(material: Material) -> None:
+    found = material.runs.accumulated["1", material.runs.info["seed"], 0.01]
+    for name, value in found.items():
+        assert value == material.metric("1", name, "accumulated")
+
+
+def test_readings_start_from_the_printed_law(material: Material) -> None:
+    """The first two are runs of the figures; the third and the others differ from them."""
+    printed, pd, *others = material.runs.readings
+    for reading, key in ((printed, "1"), (pd, "pd")):
+        for name, error in (("x", reading.steady_x), ("y", reading.steady_y)):
+            assert error == material.metric(key, name, "steady_max")
+        assert not reading.reaches_printed
+    assert len({(r.steady_x, r.torque_rms) for r in (printed, pd, *others)}) == len(others) + 2
+
+
+def test_only_perfect_knowledge_or_extreme_stiffness_gives_the_printed_steady_error(runs: Runs) -> None:
+    reaching = [r for r in runs.readings if r.reaches_printed]
+    assert {r.condition for r in reaching if "feedforward" in r.assumption} == {"nominal"}
+    stiff, strong = (r for r in reaching if r.condition == "disturbed")
+    assert stiff.torque_max > 1e3
+    assert strong.torque_max == 0.5
+    assert max(r.torque_steady for r in reaching) < 0.2
+
+
+def test_readings_with_limits_stay_within_them(runs: Runs) -> None:
+    limited = {r.assumption: r.torque_max for r in runs.readings[-2:]}
+    assert set(limited.values()) == {0.1}
+
+
+# --- Table 1 ---
+
+
+@pytest.mark.parametrize(
+    ("value", "printed", "expected"),
+    [(1.35976, "1.3597", True), (1.35976, "1.3598", True), (1.3596, "1.3597", False), (1.3599, "1.3597", False)],
+)
+def test_agreement_allows_rounding_and_cutting(value: float, printed: str, expected: bool) -> None:
+    assert table.agrees(value, printed) is expected
+
+
+def test_table_1_is_the_paper_s() -> None:
+    rows = table.table1()
+    assert [(f"{r.mu:g}", f"{r.nu:g}", f"{r.beta:.4f}", f"{r.J:.4f}") for r in rows] == [
+        ("1", "1", "1.6620", "9.1329"),
+        ("5", "1", "1.9337", "18.9766"),
+        ("10", "1", "2.1671", "29.3006"),
+        ("1", "10", "1.1195", "34.1584"),
+        ("1", "5", "1.2535", "22.3282"),
+    ]
+    assert all(r.agrees for r in rows)
+
+
+# --- figures ---
+
+
+def test_every_figure_is_there_as_vectors_and_pixels(content: tuple[Reproduction, Path]) -> None:
+    found = content[0].figures
+    assert [f.number for f in found] == list(range(4, 18)) == list(figures.NUMBERS)
+    for figure in found:
+        assert ET.parse(figure.svg).getroot().tag.endswith("svg")
+        height, width, _ = matplotlib.image.imread(figure.png).shape
+        assert width > 800
+        assert height > 400
+
+
+def test_every_figure_says_what_it_shows_in_words(content: tuple[Reproduction, Path]) -> None:
+    for figure in content[0].figures:
+        for text in (figure.title, figure.caption, figure.alt):
+            assert text
+            assert not any(sign in text for sign in "$\\{}")
+        assert len(figure.alt) > 60
+
+
+def test_controllers_are_told_apart_by_colour_by_dashes_and_by_marker() -> None:
+    for what in ("color", "linestyle", "marker"):
+        assert len({str(line[what]) for line in CONTROLLER_LINES.values()}) == len(CONTROLLER_LINES)
+
+
+def test_no_text_is_cut_and_every_axis_has_its_unit(runs: Runs) -> None:
+    """Everything that is drawn lies inside the page."""
+    from matplotlib import style as mpl_style
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    from parallel_robot.paper.reproduce.style import STYLE
+
+    for drawing in figures.drawings(runs):
+        with mpl_style.context(STYLE):
+            figure = Figure(figsize=drawing.size, layout="constrained")
+            drawing.draw(figure)
+            canvas = FigureCanvasAgg(figure)
+            canvas.draw()
+            page = figure.bbox
+            for axes in figure.axes:
+                box = axes.get_tightbbox(canvas.get_renderer())
+                assert box is not None
+                assert box.x0 > -2, drawing.number
+                assert box.y0 > -2, drawing.number
+                assert box.x1 < page.x1 + 2, drawing.number
+                assert box.y1 < page.y1 + 2, drawing.number
+                if axes.get_label() != "<colorbar>":
+                    for label in (axes.get_xlabel(), axes.get_ylabel()):
+                        assert label.endswith(")"), (drawing.number, label)
+
+
+# --- files ---
+
+
+def test_tables_hold_everything(content: tuple[Reproduction, Path]) -> None:
+    found, folder = content
+    rows = list(csv.DictReader((folder / "table1.csv").read_text(encoding="utf-8").splitlines()))
+    assert [float(r["alpha"]) for r in rows] == [r.alpha for r in found.table1]
+    claims = json.loads((folder / "claims.json").read_text())["claims"]
+    assert [c["verdict"] for c in claims] == [c.verdict for c in found.claims]
+    errata = json.loads((folder / "errata.json").read_text())
+    assert [e["id"] for e in errata["errata"]] == [e.id for e in found.errata]
+    assert len(errata["theorem1"]) == 5
+    summary = json.loads((folder / "summary.json").read_text())
+    assert sum(summary["verdicts"].values()) == len(found.claims)
+    assert summary["table1_agrees"] is True
+
+
+def digests(folder: Path) -> dict[str, str]:
+    files = [p for p in folder.rglob("*") if p.is_file() and p.suffix != ".html"]
+    return {str(p.relative_to(folder)): hashlib.sha256(p.read_bytes()).hexdigest() for p in files}
+
+
+# --- the command ---
+
+
+def parsed(*arguments: str) -> argparse.Namespace:
+    parser = argparse.ArgumentParser()
+    command.register(parser.add_subparsers())
+    return parser.parse_args(["reproduce", *arguments])
+
+
+def test_the_command_writes_one_folder_with_the_same_bytes_each_time(
+    content: tuple[Reproduction, Path],
+    tmp_path: Path,
+    tmp_path_factory: pytest.TempPathFactory,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """From new runs on: every file but the page, which has its own tests."""
+    said: list[str] = []
+    monkeypatch.setattr(command, "_progress", lambda total: nullcontext(said.append))
+    monkeypatch.setattr(
+        command, "_write_report", lambda content, folder, study: (folder / "report.html").write_text("")
+    )
+    folder = fmu_folder(tmp_path_factory.getbasetemp())
+    assert command.run(parsed("--out", str(tmp_path / "out"), "--fmus", str(folder))) == 0
+    names = {p.name for p in (tmp_path / "out").iterdir()}
+    assert names == {"figures", "table1.csv", "claims.json", "errata.json", "summary.json", "report.html"}
+    assert digests(tmp_path / "out") == digests(content[1])
+    assert len(said) == run.number_of_steps()
+    output = capsys.readouterr().out
+    assert "Table 1: 5 of 5 rows" in output
+    assert "claims:" in output
+
+
+def test_the_command_refuses_a_folder_it_cannot_write(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(CosimError, match="can't write into"):
+        command.run(parsed("--out", str(tmp_path / "file" / "out")))
+
+
+def test_the_command_fails_when_table_1_differs(content: tuple[Reproduction, Path]) -> None:
+    found = content[0]
+    wrong = dataclasses.replace(found.table1[0], agrees=False)
+    with pytest.raises(command.ReproductionError, match=r"row \(1, 1\)"):
+        command._check(dataclasses.replace(found, table1=(wrong, *found.table1[1:])))
+    hidden = dataclasses.replace(found.errata[0], shown=False)
+    with pytest.raises(command.ReproductionError, match=hidden.id):
+        command._check(dataclasses.replace(found, errata=(hidden, *found.errata[1:])))
+    command._check(found)

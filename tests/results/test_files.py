@@ -1,0 +1,115 @@
+"""Files of results: every format gives back the same bits, and long runs go to the disk as they come."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pyarrow import parquet
+from scipy.io import loadmat
+
+from cosim import CosimError, Results
+from cosim.choices import FORMATS
+from cosim.results.files import TableWriter
+from cosim.results.stored import StoredResults
+
+SPECIAL = [0.1 + 0.2, 5e-324, 1.7976931348623157e308, -0.0, np.pi, 1e-300]
+
+
+def made(rows: int = 7) -> Results:
+    time = 0.1 * np.arange(rows)
+    names = ["a.v[10]", "a.v[2]", "a.x", "b.y"]
+    values = np.column_stack([np.resize(SPECIAL, rows), time**2, -time, np.full(rows, 3.0)])
+    return Results(time, names, values, {"step_size": 0.1})
+
+
+def read(path: Path) -> tuple[list[str], np.ndarray]:
+    """Names and table, the time included, by readers that are not ours."""
+    if path.suffix == ".csv":
+        header, *rows = path.read_text(encoding="utf-8").splitlines()
+        return [n.strip('"') for n in header.split(",")], np.array([[float(v) for v in r.split(",")] for r in rows])
+    if path.suffix == ".parquet":
+        table = parquet.read_table(path)
+        return table.schema.names, np.column_stack([c.to_numpy() for c in table.columns])
+    if path.suffix == ".npz":
+        archive = np.load(path)
+        return ["time", *archive["names"]], np.column_stack([archive["time"], archive["values"]])
+    data = loadmat(path, chars_as_strings=False)
+    names = ["".join(column).rstrip() for column in data["name"].T]
+    return names, data["data_2"].T
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_every_format_gives_back_the_same_bits(tmp_path, name):
+    results = made()
+    path = tmp_path / f"r.{name}"
+    results.save(path)
+    names, table = read(path)
+    assert names == ["time", *results.names]
+    assert table.tobytes() == np.column_stack([results.time, results.values]).tobytes()
+    assert [p.name for p in tmp_path.iterdir()] == [path.name]
+
+
+def test_mat_files_are_trajectories_of_dymola(tmp_path):
+    made().save(tmp_path / "r.mat")
+    data = loadmat(tmp_path / "r.mat")
+    assert [text.rstrip() for text in data["Aclass"]] == ["Atrajectory", "1.1", "", "binTrans"]
+    matrix, column, interpolation, outside = data["dataInfo"]
+    assert matrix.tolist() == [0, 2, 2, 2, 2]
+    assert column.tolist() == [1, 2, 3, 4, 5]
+    assert set(interpolation) == {0}
+    assert set(outside) == {-1}
+
+
+def test_an_unknown_format_is_refused_by_name(tmp_path):
+    with pytest.raises(CosimError, match=r"unknown format '\.xls'; use \.csv, \.parquet, \.npz, \.mat"):
+        made().save(tmp_path / "r.xls")
+    with pytest.raises(CosimError, match=r"can't be written as it grows; use \.csv or \.parquet"):
+        TableWriter([tmp_path / "r.mat"], ["a"])
+    assert list(tmp_path.iterdir()) == []
+
+
+def written_in_chunks(folder: Path, results: Results, size: int) -> list[Path]:
+    paths = [folder / "r.csv", folder / "r.parquet"]
+    with TableWriter(paths, results.names) as writer:
+        for i in range(0, len(results.time), size):
+            writer(results.time[i : i + size], results.values[i : i + size])
+            assert not any(path.exists() for path in paths)  # none that looks finished
+    return paths
+
+
+def test_chunks_make_the_same_table(tmp_path):
+    results = made(20)
+    for path in written_in_chunks(tmp_path, results, 6):
+        names, table = read(path)
+        assert names == ["time", *results.names]
+        assert table.tobytes() == np.column_stack([results.time, results.values]).tobytes()
+
+
+def test_stored_results_answer_as_those_in_memory(tmp_path):
+    results = made(20)
+    _, path = written_in_chunks(tmp_path, results, 6)
+    stored = StoredResults(path, results.info)
+    assert stored.names == results.names
+    assert stored.info == results.info
+    for name in ("time", "a.x", "a.v", "b.y", "a.v[10]"):
+        assert name in stored
+        assert (stored[name] == results[name]).all()
+    assert "a.z" not in stored
+    with pytest.raises(CosimError, match=r"nothing was recorded as 'a\.z'; did you mean"):
+        _ = stored["a.z"]
+    for every in (1, 3, 7, 50):
+        assert (stored.thinned(every).values == results.thinned(every).values).all()
+        assert (stored.thinned(every).time == results.time[::every]).all()
+
+
+def test_rows_before_a_failure_are_kept(tmp_path):
+    results = made(6)
+    path = tmp_path / "r.parquet"
+    writer = TableWriter([path], results.names)
+    with suppress(RuntimeError), writer:
+        writer(results.time[:4], results.values[:4])
+        raise RuntimeError("the run failed")
+    assert (StoredResults(path, {})["a.x"] == results["a.x"][:4]).all()

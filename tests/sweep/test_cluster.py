@@ -1,0 +1,254 @@
+"""Sweeps on a real scheduler and workers, each a process of its own; some of them die."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import dask
+import pytest
+from distributed import Client
+
+import cosim.sweep.cluster
+from cosim import Simulation
+from cosim.sweep.design import Points, design
+from cosim.sweep.engine import sweep
+from cosim.sweep.errors import SweepError
+from cosim.sweep.factors import Levels, Range
+from cosim.sweep.store import read
+from cosim.versions import versions
+from parallel_robot.scenario import load_scenario
+from parallel_robot.sweep import METRICS, robot_study
+from tests.conftest import DEFAULT_FLAVOUR
+from tests.support.sweep_study import CounterStudy, arrivals, build_counter, process, sha256
+
+ROOT = Path(__file__).parents[2]
+
+#: Simulated time (s) of a run, disturbed at its end; less where only slow FMUs can be built.
+STOP_TIME = 0.2 if DEFAULT_FLAVOUR == "pythonfmu" else 5.0
+
+
+class Cluster:
+    """A scheduler and workers on this machine, each started as on any cluster."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.processes: list[subprocess.Popen[bytes]] = []
+        file = folder / "scheduler.json"
+        self.scheduler = self._start("scheduler", "--host", "127.0.0.1", "--port", "0", "--scheduler-file", str(file))
+        self.address: str = wait_for(lambda: file.is_file() and json.loads(file.read_text() or "{}").get("address"))
+
+    def worker(self) -> subprocess.Popen[bytes]:
+        """Start a worker with one thread that nobody restarts when it dies."""
+        local = str(self.folder / "local")
+        options = ("--nthreads", "1", "--no-nanny", "--local-directory", local)
+        return self._start("worker", self.address, *options)
+
+    def _start(self, kind: str, *arguments: str) -> subprocess.Popen[bytes]:
+        command = [sys.executable, "-m", f"distributed.cli.dask_{kind}", *arguments, "--no-dashboard"]
+        log = (self.folder / f"{kind}{len(self.processes)}.log").open("wb")
+        with log:
+            started = subprocess.Popen(
+                command,
+                stdout=log,
+                stderr=log,
+                cwd=self.folder,
+                env={**os.environ, "PYTHONPATH": str(ROOT)},  # the workers import the study of these tests
+            )
+        self.processes.append(started)
+        return started
+
+    def ask(self, question) -> dict[str, object]:
+        """Answers of a function on all workers."""
+        with Client(self.address, set_as_default=False) as client:
+            return client.run(question)
+
+    def close(self) -> None:
+        for started in self.processes:
+            started.kill()
+            started.wait()
+
+
+def wait_for(condition, seconds: float = 30.0):
+    end = time.monotonic() + seconds
+    while not (found := condition()):
+        assert time.monotonic() < end, "nothing has happened"
+        time.sleep(0.02)
+    return found
+
+
+@pytest.fixture
+def cluster(tmp_path: Path) -> Iterator[Cluster]:
+    started = Cluster(tmp_path)
+    try:
+        yield started
+    finally:
+        started.close()
+
+
+@pytest.fixture(scope="module")
+def counter(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return build_counter(tmp_path_factory.mktemp("counter"))
+
+
+def counter_points(n: int, deadly: tuple[int, ...] = ()) -> Points:
+    """Rates 0, 1, 2, ..., some of which take the process down."""
+    levels = [1 if i in deadly else 0 for i in range(n)]
+    rates = design("grid", [Levels("counter.rate", tuple(map(float, range(n))))]).columns[0]
+    factors = (Levels("counter.rate", tuple(map(float, range(n)))), Levels("counter.deadly", (0.0, 1.0)))
+    return Points(factors, (rates, rates * 0 + levels))
+
+
+def test_a_worker_is_killed_half_way_and_all_rows_are_those_of_a_plain_loop(cluster, robot_fmus, tmp_path):
+    """On top: FMUs travel once to each worker, also to one that comes later, and not again for the next sweep."""
+    scenario = dataclasses.replace(load_scenario("tracking"), stop_time=STOP_TIME)
+    study, files = robot_study({"tracking": scenario}, robot_fmus, [DEFAULT_FLAVOUR], {}, "auto")
+    factors = [Range("controller.alpha", 0.5, 3.0), Range("controller.beta", 1.0, 2.0)]
+    points = design("sobol", factors, 48, seed=1)
+    first, _ = cluster.worker(), cluster.worker()
+    wait_for(lambda: len(cluster.ask(process)) == 2)
+    address = next(address for address, number in cluster.ask(process).items() if number == first.pid)
+    died_at: list[int] = []
+
+    def kill_half_way(done: int, workers: int) -> None:
+        if not died_at and done >= 16:
+            with Client(cluster.address, set_as_default=False) as client:
+                assert client.processing()[address], "it dies in the middle of a batch"
+            first.send_signal(signal.SIGKILL)
+            first.wait()
+            died_at.append(done)
+            cluster.worker()
+
+    outcome = sweep(study, files, points, tmp_path / "out", scheduler=cluster.address, progress=kill_half_way)
+    assert 16 <= died_at[0] < 48
+    assert first.returncode == -signal.SIGKILL
+    assert (outcome.summary.done, outcome.summary.failed, outcome.runs) == (48, 0, 48)
+
+    table = read(tmp_path / "out")
+    assert table["index"].to_pylist() == list(range(48))
+    with Simulation(scenario.system(robot_fmus, DEFAULT_FLAVOUR)) as simulation:
+        for row in table.to_pylist():
+            start = {f.name: row[f.name] for f in factors}
+            results = simulation.run(scenario.stop_time, scenario.step_size, start=start)
+            expected = study.row(study.case(start), results)
+            assert {n: row[n] for n in METRICS[:-1]} == {n: expected[n] for n in METRICS[:-1]}
+
+    wait_for(lambda: len(cluster.ask(process)) == 2)
+    for counts in cluster.ask(arrivals).values():
+        assert set(counts) >= set(files)
+        assert len(counts) == len(files) + 1  # and the study
+        assert set(counts.values()) == {1}
+    other, _ = robot_study({"tracking": scenario}, robot_fmus, [DEFAULT_FLAVOUR], {}, "hold")
+    sweep(other, files, design("sobol", factors, 2), tmp_path / "other", scheduler=cluster.address)
+    for counts in cluster.ask(arrivals).values():
+        assert len(counts) == len(files) + 2
+        assert set(counts.values()) == {1}
+
+
+def test_a_deadly_point_is_a_row_and_the_others_have_theirs(counter, tmp_path):
+    """On this machine's own workers, which Dask starts again."""
+    study = CounterStudy(sha256(counter))
+    files = {study.fmu: counter}
+    outcome = sweep(study, files, counter_points(12, deadly=(5,)), tmp_path / "out", workers=2)
+    table = read(tmp_path / "out")
+    assert table["y"].to_pylist() == [float(i) if i != 5 else None for i in range(12)]
+    errors = table["error"].to_pylist()
+    assert errors.pop(5) == "ended the process, 2 times: SIGSEGV"
+    assert errors == [None] * 11
+    assert outcome.summary.first_error == "point 5: ended the process, 2 times: SIGSEGV"
+    assert (outcome.summary.done, outcome.summary.failed, outcome.workers) == (12, 1, 2)
+
+
+def test_a_sweep_that_was_interrupted_runs_only_what_is_missing(cluster, counter, tmp_path):
+    study = CounterStudy(sha256(counter), stop_time=200.0)
+    files, points, folder = {study.fmu: counter}, counter_points(40), tmp_path / "out"
+    cluster.worker()
+
+    def interrupt(done: int, workers: int) -> None:
+        if done >= 3:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    first = sweep(study, files, points, folder, scheduler=cluster.address, progress=interrupt)
+    assert first.interrupted
+    assert 3 <= first.runs == first.summary.done < 40
+    parts = {path: path.read_bytes() for path in (folder / "results").iterdir()}
+    second = sweep(study, files, points, folder, scheduler=cluster.address)
+    assert not second.interrupted
+    assert (second.runs, second.summary.done) == (40 - first.runs, 40)
+    assert {path: path.read_bytes() for path in parts} == parts
+    assert read(folder)["y"].to_pylist() == [200.0 * i for i in range(40)]
+    third = sweep(study, files, points, folder, scheduler="tcp://127.0.0.1:1")  # nothing is missing: nobody is asked
+    assert (third.runs, third.summary.done) == (0, 40)
+    with Client(cluster.address, set_as_default=False) as client:  # nothing was left behind
+        wait_for(lambda: not any(client.processing().values()))
+    with pytest.raises(SweepError, match=r"holds another sweep \(other stop_time\)"):
+        sweep(CounterStudy(study.fmu, stop_time=1.0), files, points, folder)
+
+
+def test_another_version_on_a_worker_is_one_line(cluster, counter, tmp_path, monkeypatch):
+    cluster.worker()
+    study = CounterStudy(sha256(counter))
+    own = versions()["closed-chain-cosim"]
+    monkeypatch.setattr(cosim.sweep.cluster, "versions", lambda: {"closed-chain-cosim": "0.0.1"})
+    with pytest.raises(SweepError) as error:
+        sweep(study, {study.fmu: counter}, counter_points(4), tmp_path / "out", scheduler=cluster.address)
+    assert f"has closed-chain-cosim {own}, here it is 0.0.1; install the same version there" in str(error.value)
+    assert "worker tcp://127.0.0.1:" in str(error.value)
+    # a worker that joins later is not asked: its first task tells
+    monkeypatch.setattr(cosim.sweep.cluster, "_check_versions", lambda client: None)
+    monkeypatch.setattr("cosim.sweep.engine.versions", lambda: {"closed-chain-cosim": "0.0.1"})
+    with pytest.raises(SweepError) as error:
+        sweep(study, {study.fmu: counter}, counter_points(4), tmp_path / "other", scheduler=cluster.address)
+    assert f"has closed-chain-cosim {own}, the sweep comes from 0.0.1; install the same" in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_a_scheduler_that_does_not_answer_has_no_workers_or_dies_is_one_line(cluster, counter, tmp_path, monkeypatch):
+    monkeypatch.setattr(cosim.sweep.cluster, "_PATIENCE", 0.5)
+    study = CounterStudy(sha256(counter), stop_time=200.0)
+    files, points = {study.fmu: counter}, counter_points(400)
+
+    def refused(scheduler: str, **options) -> str:
+        with pytest.raises(SweepError) as error:
+            sweep(study, files, points, tmp_path / "out", scheduler=scheduler, **options)
+        assert "\n" not in str(error.value)
+        return str(error.value)
+
+    assert refused("tcp://127.0.0.1:1").startswith("--scheduler tcp://127.0.0.1:1: no answer: ")
+    assert refused("nonsense://").startswith("--scheduler nonsense://: no answer: ")
+    assert "leave out --workers or --scheduler" in refused(cluster.address, workers=2)
+    assert refused(cluster.address).endswith(f"has no workers; start some: dask worker {cluster.address} --nthreads 1")
+
+    cluster.worker()
+    with Client(cluster.address, set_as_default=False) as client:
+        client.wait_for_workers(1, timeout=30)
+
+    def kill(done: int, workers: int) -> None:
+        if done >= 3:
+            cluster.scheduler.kill()
+
+    with dask.config.set({"distributed.comm.timeouts.connect": "1s"}):
+        text = refused(cluster.address, progress=kill)
+    assert text.startswith("the scheduler ")
+    assert text.endswith("start the same command again: it goes on where it stopped")
+    assert read(tmp_path / "out").num_rows >= 3
+
+
+def test_no_workers_is_one_line(counter, tmp_path):
+    study = CounterStudy(sha256(counter))
+    with pytest.raises(SweepError, match="0 workers can't run anything"):
+        sweep(study, {study.fmu: counter}, counter_points(4), tmp_path / "out", workers=0)
+
+
+def test_an_fmu_that_changes_under_way_is_one_line(cluster, counter, tmp_path):
+    cluster.worker()
+    study = CounterStudy("0" * 64)
+    with pytest.raises(SweepError, match=r"Counter\.fmu has changed in between"):
+        sweep(study, {study.fmu: counter}, counter_points(4), tmp_path / "out", scheduler=cluster.address)

@@ -1,0 +1,210 @@
+"""What a worker does with a batch: failures are rows, simulations stay open, and deadly points are found."""
+
+from __future__ import annotations
+
+import errno
+import os
+import pickle
+import subprocess
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from cosim.loop.binding import LoopLibraryError
+from cosim.master.simulation import Simulation
+from cosim.sweep import isolated, stock, worker
+from cosim.sweep.batch import Batch, Rows
+from cosim.sweep.errors import WorkerTrouble
+from cosim.sweep.isolated import run_isolated
+from cosim.sweep.worker import run_batch
+from cosim.versions import versions
+from tests.support.sweep_study import CounterStudy, build_counter, sha256
+
+OWN = versions()["closed-chain-cosim"]
+
+
+@pytest.fixture(scope="module")
+def counter(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return build_counter(tmp_path_factory.mktemp("counter"))
+
+
+@pytest.fixture
+def study(counter: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Makes this process a worker that has received the study and its FMU."""
+    monkeypatch.setattr(stock, "_paths", {})
+    monkeypatch.setattr(worker, "_studies", {})
+    monkeypatch.setattr(tempfile, "tempdir", None)
+    folder = tmp_path / "stock"
+    stock.put(sha256(counter), counter.read_bytes(), folder)
+    study = CounterStudy(sha256(counter))
+    stock.put("the study", pickle.dumps(study), folder)
+    yield study
+    while worker._open:
+        worker._open.popitem()[1].close()
+    assert {p.name for p in folder.iterdir()} == {sha256(counter), "the study"}
+
+
+def batch(**columns: list[float]) -> Batch:
+    indices = list(range(100, 100 + len(next(iter(columns.values())))))
+    return Batch("the study", OWN, indices, {f"counter.{name}": values for name, values in columns.items()})
+
+
+def test_each_point_is_a_row(study):
+    rows = run_batch(batch(rate=[1.0, 0.1, 0.3]))
+    assert rows.indices == [100, 101, 102]
+    assert rows.metrics == {"y": [1.0, pytest.approx(0.1), pytest.approx(0.3)]}
+    assert rows.errors == [None, None, None]
+    assert 0.0 < rows.seconds < 10.0
+
+
+def test_a_run_that_fails_is_a_row_and_the_next_run_is_as_ever(study):
+    alone = run_batch(batch(rate=[0.1])).metrics["y"]
+    rows = run_batch(batch(rate=[4.0, 0.1, 4.0], limit=[1.0, 1.0, 1e9]))
+    assert rows.metrics["y"] == [None, *alone, 4.0]
+    assert rows.errors[0].startswith("counter failed at t = 0.25 s: ")
+    assert "over the limit" in rows.errors[0]
+    assert "\n" not in rows.errors[0]
+    assert rows.errors[1:] == [None, None]
+
+
+def test_a_point_that_can_not_be_set_is_a_row(study):
+    rows = run_batch(batch(rate=[1.0], speed=[2.0]))
+    assert rows.errors[0].startswith("component 'counter' has no variable 'speed'; ")
+
+
+def test_a_bug_in_the_study_is_a_row_that_names_its_type(study, monkeypatch):
+    monkeypatch.setattr(CounterStudy, "row", lambda self, case, results: {"y": 1.0 / 0.0})
+    assert run_batch(batch(rate=[1.0])).errors == ["ZeroDivisionError: float division by zero"]
+
+
+def test_the_simulation_stays_open_for_all_batches_of_a_variant(study, monkeypatch):
+    opened = []
+    enter = Simulation.__enter__
+    monkeypatch.setattr(Simulation, "__enter__", lambda self: opened.append(self) or enter(self))
+    for _ in range(3):
+        run_batch(batch(rate=[1.0, 2.0]))
+    assert len(opened) == 1
+
+
+def test_the_simulation_used_longest_ago_is_closed_when_there_are_too_many(study, monkeypatch):
+    monkeypatch.setattr(worker, "_MOST_OPEN", 2)
+    closed = []
+    close = Simulation.close
+    monkeypatch.setattr(Simulation, "close", lambda self: closed.append(self) or close(self))
+    plain = CounterStudy.case
+    for number in (1.0, 2.0, 1.0, 3.0, 1.0):
+        monkeypatch.setattr(CounterStudy, "case", lambda s, p, n=number: replace(plain(s, p), variant=n))
+        assert run_batch(batch(rate=[number])).metrics["y"] == [number]
+    assert [key[1] for key in worker._open] == [3.0, 1.0]
+    assert len(closed) == 1
+
+
+# Workers that can't run anything
+
+
+@pytest.mark.parametrize("run", [run_batch, run_isolated])
+def test_another_version_is_trouble_of_the_worker(study, run):
+    other = Batch("the study", "0.0.1", [1], {"counter.rate": [1.0]})
+    with pytest.raises(WorkerTrouble, match=rf"has closed-chain-cosim {OWN}, the sweep comes from 0\.0\.1; install"):
+        run(other)
+
+
+def test_an_fmu_that_has_not_arrived_is_trouble_of_the_worker(study, monkeypatch):
+    del stock._paths[study.fmu]
+    with pytest.raises(WorkerTrouble, match=rf"file {study.fmu[:12]} has not arrived"):
+        run_batch(batch(rate=[1.0]))
+
+
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EMFILE])
+def test_a_full_disk_is_trouble_of_the_worker(study, monkeypatch, number):
+    def full(self, folder):
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr("fmpy.extract", full)
+    with pytest.raises(WorkerTrouble, match=os.strerror(number)):
+        run_batch(batch(rate=[1.0]))
+
+
+def test_a_missing_stepping_loop_is_trouble_of_the_worker(study, monkeypatch):
+    def missing() -> None:
+        raise LoopLibraryError("the compiled loop is gone")
+
+    monkeypatch.setattr("cosim.master.simulation.loop_library", missing)
+    with pytest.raises(WorkerTrouble, match="the compiled loop is gone"):
+        run_batch(batch(rate=[1.0]))
+
+
+def test_an_archive_that_can_not_be_unpacked_is_a_row(study, monkeypatch):
+    def damaged(self, folder):
+        raise ValueError("bad archive")
+
+    monkeypatch.setattr("fmpy.extract", damaged)
+    assert "bad archive" in run_batch(batch(rate=[1.0])).errors[0]
+
+
+# Batches in which workers have died
+
+
+def test_a_deadly_point_is_found_and_the_others_have_their_rows(study):
+    rows = run_isolated(batch(rate=[1.0, 2.0, 3.0, 4.0], deadly=[0.0, 1.0, 0.0, 0.0], limit=[9.0, 9.0, 9.0, 0.5]))
+    assert rows.indices == [100, 101, 102, 103]
+    assert rows.metrics["y"] == [1.0, None, 3.0, None]
+    assert [rows.errors[0], rows.errors[2]] == [None, None]
+    assert rows.errors[1] == "ended the process, 2 times: SIGSEGV"
+    assert "over the limit" in rows.errors[3]
+
+
+def test_rows_are_the_same_in_a_process_of_their_own(study):
+    points = batch(rate=[0.1, 0.7, 4.0], limit=[1.0, 1.0, 1.0])
+    here, there = run_batch(points), run_isolated(points)
+    assert (here.indices, here.metrics, here.errors) == (there.indices, there.metrics, there.errors)
+    assert there.seconds > 0.0
+
+
+def test_a_process_that_something_else_ended_is_started_again(study, monkeypatch):
+    """As the kernel does that is short of memory: the point is not to blame."""
+    real, killed = subprocess.run, []
+
+    def killing(command, **options):
+        done = real(command, **options)
+        if not killed:
+            killed.append(command)
+            rows = Path(command[-1]) / "rows"
+            whole = rows.read_bytes()
+            rows.write_bytes(whole[: len(whole) // 2])
+            done.returncode = -9
+        return done
+
+    monkeypatch.setattr(isolated.subprocess, "run", killing)
+    rows = run_isolated(batch(rate=[1.0, 2.0, 3.0, 4.0]))
+    assert killed
+    assert rows.metrics["y"] == [1.0, 2.0, 3.0, 4.0]
+    assert rows.errors == [None] * 4
+
+
+def test_a_process_that_can_not_start_is_trouble_of_the_worker(study, monkeypatch):
+    monkeypatch.setattr(isolated.sys, "executable", "/bin/false")
+    with pytest.raises(WorkerTrouble, match="a child process could not start: exit code 1"):
+        run_isolated(batch(rate=[1.0]))
+
+
+@pytest.mark.parametrize(("code", "text"), [(0, ""), (3, "exit code 3"), (-11, "SIGSEGV"), (-999, "signal 999")])
+def test_how_a_process_ended_has_a_name(code, text):
+    assert isolated._death(code) == text
+
+
+# What travels
+
+
+def test_a_task_is_small_and_rows_too(study):
+    """No FMU is in a task; 40 runs of the robot have about this many factors and metrics."""
+    columns = {f"component.parameter{i}": [0.1 * k for k in range(40)] for i in range(3)}
+    assert len(pickle.dumps(Batch("a" * 64, OWN, list(range(40)), columns))) < 3_000
+    metrics: dict[str, list[float | None]] = {f"tracking.{i}": [0.3 * k for k in range(40)] for i in range(29)}
+    assert len(pickle.dumps(Rows(list(range(40)), metrics, [None] * 40, 1.0))) < 15_000
+
+
+def test_fmus_are_unpacked_where_dask_cleans_up(study):
+    assert tempfile.gettempdir() == str(stock.path(study.fmu).parent)

@@ -1,0 +1,1 @@
+"""The desired path and its joint angles, in numpy, free of FMI."""
