@@ -118,6 +118,32 @@ class Loop(ctypes.Structure):
     )
 
 
+class _Field(ctypes.Structure):
+    """Where a field lies in its struct, as the loop says; a struct as a whole too."""
+
+    _fields_ = (("name", c_char_p), ("offset", c_size_t), ("size", c_size_t))
+
+
+def _layout_here() -> dict[str, tuple[int, int]]:
+    """Offset and size of each struct and field, as declared above."""
+    layout = {}
+    for struct in (Rates, Operation, Loop):
+        layout[struct.__name__] = (0, ctypes.sizeof(struct))
+        for name, _ in struct._fields_:
+            field = getattr(struct, name)
+            layout[f"{struct.__name__}.{name}"] = (field.offset, field.size)
+    return layout
+
+
+def _layout_of(library: ctypes.CDLL) -> dict[str, tuple[int, int]]:
+    """Offset and size of each struct and field, as the C compiler laid them out."""
+    layout: dict[str, tuple[int, int]] = {}
+    fields = library.loop_layout()
+    while (field := fields[len(layout)]).name:
+        layout[field.name.decode()] = (field.offset, field.size)
+    return layout
+
+
 @cache
 def loop_library() -> ctypes.CDLL:
     """The loaded library.
@@ -132,11 +158,14 @@ def loop_library() -> ctypes.CDLL:
     except OSError as error:
         raise LoopLibraryError(f"the compiled loop {LIBRARY} can't be loaded: {error}; {_REMEDY}") from error
     library.loop_hash.restype = c_char_p
-    library.loop_sizes.restype = c_size_t
+    library.loop_layout.restype = POINTER(_Field)
     if library.loop_hash().decode() != source_hash():
         raise LoopLibraryError(f"the compiled loop {LIBRARY} belongs to another version of its source; {_REMEDY}")
-    if [library.loop_sizes(i) for i in range(3)] != [ctypes.sizeof(kind) for kind in (Operation, Loop, Rates)]:
-        raise LoopLibraryError(f"the compiled loop {LIBRARY} lays out its data in another way than binding.py")
+    differing = sorted(name for name, _ in set(_layout_of(library).items()) ^ set(_layout_here().items()))
+    if differing:
+        raise LoopLibraryError(
+            f"the compiled loop {LIBRARY} lays out its data in another way than binding.py: {differing[0]}"
+        )
     library.loop_perform.argtypes = [POINTER(Loop), POINTER(Operation), c_int64]
     library.loop_run.argtypes = [POINTER(Loop), c_int64, c_int64]
     library.loop_perform.restype = library.loop_run.restype = c_bool

@@ -261,7 +261,66 @@ static bool perform_all(Loop *loop, const Operation operations[], int64_t n, int
 
 EXPORT const char *loop_hash(void) { return LOOP_HASH; }
 
-EXPORT size_t loop_sizes(int which) { return which == 0 ? sizeof(Operation) : which == 1 ? sizeof(Loop) : sizeof(Rates); }
+/* Where each field of the structs lies that binding.py lays out once more; the structs themselves, without a field, too. */
+typedef struct {
+    const char *name;
+    size_t offset, size;
+} Field;
+
+#define STRUCT(type) {#type, 0, sizeof(type)}
+#define FIELD(type, field) {#type "." #field, offsetof(type, field), sizeof(((type *)0)->field)}
+
+static const Field layout[] = {
+    STRUCT(Rates),
+    FIELD(Rates, values),
+    FIELD(Rates, per_second),
+    FIELD(Rates, buffer),
+    FIELD(Rates, orders),
+    FIELD(Rates, time),
+    STRUCT(Operation),
+    FIELD(Operation, kind),
+    FIELD(Operation, type),
+    FIELD(Operation, version),
+    FIELD(Operation, more),
+    FIELD(Operation, every),
+    FIELD(Operation, function),
+    FIELD(Operation, instance),
+    FIELD(Operation, references),
+    FIELD(Operation, data),
+    FIELD(Operation, targets),
+    FIELD(Operation, n_references),
+    FIELD(Operation, first),
+    FIELD(Operation, n),
+    FIELD(Operation, n_targets),
+    STRUCT(Loop),
+    FIELD(Loop, start_time),
+    FIELD(Loop, step_size),
+    FIELD(Loop, per_second),
+    FIELD(Loop, last_point),
+    FIELD(Loop, values),
+    FIELD(Loop, samples),
+    FIELD(Loop, jumps),
+    FIELD(Loop, n_samples),
+    FIELD(Loop, first_sample),
+    FIELD(Loop, n_rows),
+    FIELD(Loop, records),
+    FIELD(Loop, runs),
+    FIELD(Loop, n_runs),
+    FIELD(Loop, n_recorded),
+    FIELD(Loop, record_every),
+    FIELD(Loop, first_record),
+    FIELD(Loop, at_point),
+    FIELD(Loop, at_step),
+    FIELD(Loop, n_at_point),
+    FIELD(Loop, n_at_step),
+    FIELD(Loop, point),
+    FIELD(Loop, failed),
+    FIELD(Loop, status),
+    FIELD(Loop, failed_at_step),
+    {NULL, 0, 0},
+};
+
+EXPORT const Field *loop_layout(void) { return layout; }
 
 /* Perform operations once, before the first communication point. */
 EXPORT bool loop_perform(Loop *loop, const Operation operations[], int64_t n) { return perform_all(loop, operations, n, 0, false); }

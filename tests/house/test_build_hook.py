@@ -70,7 +70,7 @@ def test_the_library_can_be_loaded_and_carries_the_hash_of_its_source(hook: Modu
     assert hook.compile_loop() == elsewhere
     library = load(elsewhere)
     assert library.loop_hash().decode() == source_hash()
-    for function in ("loop_perform", "loop_run", "loop_sizes", "intermediate_update"):
+    for function in ("loop_perform", "loop_run", "loop_layout", "intermediate_update"):
         assert getattr(library, function)
     assert [p.name for p in elsewhere.parent.iterdir()] == [LIBRARY.name]
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import ctypes
 import itertools
 import math
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -94,12 +96,32 @@ def test_a_file_that_is_no_library_is_one_line_with_the_remedy(
         Simulation(integrator(fmus))
 
 
-def test_a_library_with_another_layout_is_refused(reloaded: None, fmus: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    class Longer(cosim.loop.binding.Operation):
-        _fields_ = (("more", cosim.loop.binding.c_double),)
+def swapped(fields: list[tuple[str, Any]], first: str, second: str) -> list[tuple[str, Any]]:
+    names = [name for name, _ in fields]
+    i, k = names.index(first), names.index(second)
+    fields[i], fields[k] = fields[k], fields[i]
+    return fields
 
-    monkeypatch.setattr(cosim.loop.binding, "Operation", Longer)
-    with pytest.raises(LoopLibraryError, match=r"lays out its data in another way than binding\.py"):
+
+@pytest.mark.parametrize(
+    ("struct", "change", "named"),
+    [
+        ("Operation", lambda fields: [*fields, ("further", ctypes.c_double)], "Operation"),
+        ("Operation", lambda fields: swapped(fields, "function", "instance"), r"Operation\.function"),
+        ("Operation", lambda fields: swapped(fields, "first", "n"), r"Operation\.first"),
+        ("Rates", lambda fields: swapped(fields, "per_second", "values"), r"Rates\.per_second"),
+        ("Loop", lambda fields: swapped(fields, "n_samples", "first_sample"), r"Loop\.first_sample"),
+        ("Loop", lambda fields: [(f"{n}s" if n == "point" else n, c) for n, c in fields], r"Loop\.point"),
+    ],
+    ids=["longer", "pointers", "integers", "rates", "loop", "renamed"],
+)
+def test_a_library_with_another_layout_is_refused(
+    reloaded: None, fmus: Path, monkeypatch: pytest.MonkeyPatch, struct: str, change: Any, named: str
+) -> None:
+    fields = change(list(getattr(cosim.loop.binding, struct)._fields_))
+    other = type(struct, (ctypes.Structure,), {"_fields_": fields})
+    monkeypatch.setattr(cosim.loop.binding, struct, other)
+    with pytest.raises(LoopLibraryError, match=rf"lays out its data in another way than binding\.py: {named}$"):
         Simulation(integrator(fmus))
 
 
