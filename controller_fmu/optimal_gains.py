@@ -95,7 +95,9 @@ class PerformanceIndex:
             ]
         )
 
-    def terms(self, alpha: ArrayLike, beta: ArrayLike, order_alpha: int = 0, order_beta: int = 0) -> NDArray:
+    def terms(
+        self, alpha: ArrayLike, beta: ArrayLike, order_alpha: int = 0, order_beta: int = 0
+    ) -> NDArray[np.float64]:
         """Terms of (80), each differentiated `order_alpha` times by alpha and `order_beta` times by beta.
 
         Returns
@@ -110,13 +112,15 @@ class PerformanceIndex:
             for i in range(order):
                 coefficient = coefficient * (power - i)
         a, b = (POWER_OF_ALPHA - order_alpha).reshape(column), (POWER_OF_BETA - order_beta).reshape(column)
-        return coefficient.reshape(column) * (1.0 * alpha) ** a * (1.0 * beta) ** b
+        terms: NDArray[np.float64] = coefficient.reshape(column) * (1.0 * alpha) ** a * (1.0 * beta) ** b
+        return terms
 
-    def __call__(self, alpha: ArrayLike, beta: ArrayLike) -> NDArray:
+    def __call__(self, alpha: ArrayLike, beta: ArrayLike) -> NDArray[np.float64]:
         """J(alpha, beta) of (80), of the common shape of alpha and beta, both positive."""
-        return self.terms(alpha, beta).sum(axis=0)
+        values: NDArray[np.float64] = self.terms(alpha, beta).sum(axis=0)
+        return values
 
-    def gradient(self, alpha: ArrayLike, beta: ArrayLike) -> NDArray:
+    def gradient(self, alpha: ArrayLike, beta: ArrayLike) -> NDArray[np.float64]:
         """First derivatives [dJ/dalpha, dJ/dbeta], shape (2, ...).
 
         They are those of the first lines of (83); its factored dJ/dbeta prints 3 rho_3 alpha beta where the
@@ -124,7 +128,7 @@ class PerformanceIndex:
         """
         return np.stack([self.terms(alpha, beta, *order).sum(axis=0) for order in ((1, 0), (0, 1))])
 
-    def hessian(self, alpha: ArrayLike, beta: ArrayLike) -> NDArray:
+    def hessian(self, alpha: ArrayLike, beta: ArrayLike) -> NDArray[np.float64]:
         """Second derivatives (84) by [alpha, beta], shape (2, 2, ...)."""
         aa, ab, bb = (self.terms(alpha, beta, *order).sum(axis=0) for order in ((2, 0), (1, 1), (0, 2)))
         return np.stack([np.stack([aa, ab]), np.stack([ab, bb])])
@@ -249,32 +253,37 @@ def _certificate(index: PerformanceIndex, alpha: float, beta: float) -> OptimalG
     )
 
 
-def _log_derivatives(index: PerformanceIndex, x: NDArray) -> tuple[float, NDArray, NDArray]:
+def _log_derivatives(
+    index: PerformanceIndex, x: NDArray[np.float64]
+) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
     """J, gradient (2,) and Hessian (2, 2) by x = (log alpha, log beta), which keeps the gains positive."""
     terms = index.terms(*np.exp(x))
     powers = np.stack([POWER_OF_ALPHA, POWER_OF_BETA])
     return float(terms.sum()), powers @ terms, (powers * terms) @ powers.T
 
 
-def _descend(index: PerformanceIndex, start: NDArray) -> NDArray:
+def _descend(index: PerformanceIndex, start: NDArray[np.float64]) -> NDArray[np.float64]:
     """Point near the minimum, from any start: log J, which is flat enough for a trust region, by x = log gains."""
 
-    def log_J(x: NDArray) -> float:
+    def log_J(x: NDArray[np.float64]) -> float:
         return float(np.log(_log_derivatives(index, x)[0]))
 
-    def gradient(x: NDArray) -> NDArray:
+    def gradient(x: NDArray[np.float64]) -> NDArray[np.float64]:
         J, first, _ = _log_derivatives(index, x)
         return first / J
 
-    def hessian(x: NDArray) -> NDArray:
+    def hessian(x: NDArray[np.float64]) -> NDArray[np.float64]:
         J, first, second = _log_derivatives(index, x)
         return second / J - np.outer(first, first) / J**2
 
     options = {"gtol": 1e-8, "maxiter": 1000}
-    return minimize(log_J, start, jac=gradient, hess=hessian, method="trust-ncg", options=options).x
+    found: NDArray[np.float64] = minimize(
+        log_J, start, jac=gradient, hess=hessian, method="trust-ncg", options=options
+    ).x
+    return found
 
 
-def _newton(index: PerformanceIndex, x: NDArray) -> NDArray:
+def _newton(index: PerformanceIndex, x: NDArray[np.float64]) -> NDArray[np.float64]:
     """Polish a point near the minimum until rounding stops the steps from shrinking."""
     last = np.inf
     while True:

@@ -55,10 +55,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _asked_for(arguments: Sequence[str]) -> dict[str, str] | None:
     """The command that is named, if one is: importing all takes a while."""
     first = next((a for a in arguments if not a.startswith("-")), None)
-    for known in (lambda: _OWN, commands):
-        if first in (found := known()):
-            return {first: found[first]}
-    return None
+    if first is None:
+        return None
+    known = _OWN if first in _OWN else commands()
+    return {first: known[first]} if first in known else None
 
 
 def _run(options: argparse.Namespace) -> int:

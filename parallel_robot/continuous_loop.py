@@ -120,7 +120,8 @@ def solve(
         before_end = np.nextafter(end, begin)  # at a jump, the piece before it needs the limit from the left
 
         def rate(t: float, state: np.ndarray, latest: float = before_end) -> np.ndarray:
-            return system.dynamics(t, state, disturbance(min(t, latest)))
+            derivative: np.ndarray = system.dynamics(t, state, disturbance(min(t, latest)))
+            return derivative
 
         wanted = (times > begin) & (times <= end)
         t_eval = np.unique(np.append(times[wanted], end))

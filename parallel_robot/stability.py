@@ -114,7 +114,8 @@ def _free_directions(x: np.ndarray, given: Parameters) -> np.ndarray:
     A_rate = np.imag(constraint_matrix(theta + 1e-30j * omega, l)) / 1e-30  # exact: complex step
     closure = block_diag(A, A)
     closure[4:, :6] = A_rate
-    return null_space(closure)
+    basis: np.ndarray = null_space(closure)
+    return basis
 
 
 def closed_loop_poles(

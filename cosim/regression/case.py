@@ -105,7 +105,7 @@ class Case:
     @property
     def between(self) -> Between:
         """What inputs do between two rows."""
-        between = self._tables.get("inputs", "linear")
+        between: Between = self._tables.get("inputs", "linear")
         if between not in ("linear", "hold"):
             hint = nearest(str(between), ("linear", "hold"))
             raise CaseError(f"{self.tolerances_path}: inputs = {between!r} is unknown; {hint}")

@@ -23,7 +23,8 @@ def input_function(time: np.ndarray, values: np.ndarray, between: Between) -> Ca
         right = np.minimum(left + 1, len(time) - 1)
         span = time[right] - time[left]
         share = np.divide(t - time[left], span, out=np.zeros_like(t), where=span > 0.0)
-        return values[left] + np.clip(share, 0.0, 1.0) * (values[right] - values[left])
+        between: np.ndarray = values[left] + np.clip(share, 0.0, 1.0) * (values[right] - values[left])
+        return between
 
     return held if between == "hold" else linear
 

@@ -119,14 +119,16 @@ def record_batch(times: np.ndarray, values: np.ndarray, wanted: pa.Schema) -> pa
 def _csv_writer(path: Path, schema: pa.Schema) -> _Writer:
     from pyarrow import csv
 
-    return csv.CSVWriter(str(path), schema)  # the shortest digits that read back to the same number
+    writer: _Writer = csv.CSVWriter(str(path), schema)  # the shortest digits that read back to the same number
+    return writer
 
 
 def _parquet_writer(path: Path, schema: pa.Schema) -> _Writer:
     from pyarrow import parquet
 
     # numbers of a simulation hardly repeat: dictionaries and compression cost more than they save
-    return parquet.ParquetWriter(str(path), schema, use_dictionary=False, compression="none")
+    writer: _Writer = parquet.ParquetWriter(str(path), schema, use_dictionary=False, compression="none")
+    return writer
 
 
 #: Formats that are written as they grow.

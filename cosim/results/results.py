@@ -67,7 +67,8 @@ class Results(Recorded):
         yield record_batch(self.time, self.values, schema(self.names))
 
     def _row(self, position: int) -> np.ndarray:
-        return self.values[position]
+        row: np.ndarray = self.values[position]
+        return row
 
     def thinned(self, every: int) -> Results:
         """Every so many-th row."""

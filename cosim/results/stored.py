@@ -60,7 +60,7 @@ class StoredResults(Recorded):
         return np.column_stack(columns) if columns else np.empty((len(self.time[::every]), 0))
 
     def _batches(self) -> Iterator[pa.RecordBatch]:
-        return self._file.iter_batches()
+        yield from self._file.iter_batches()
 
     def _row(self, position: int) -> np.ndarray:
         group = 0 if position == 0 else self._file.num_row_groups - 1

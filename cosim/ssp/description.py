@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 from xml.etree import ElementTree
 from xml.etree.ElementTree import SubElement
@@ -16,7 +16,7 @@ from cosim.system.variables import Element, Ports
 from cosim.versions import versions
 
 #: How libcosim and OMSimulator note the communication step, for which SSP has no word.
-_ANNOTATIONS = {
+_ANNOTATIONS: dict[str, tuple[str, tuple[str, ...], Callable[[str], dict[str, str]]]] = {
     "com.opensimulationplatform": (
         "http://opensimulationplatform.com/SSP/OSPAnnotations",
         ("Algorithm", "FixedStepAlgorithm"),
@@ -247,4 +247,5 @@ def _text(root: ElementTree.Element) -> bytes:
     ElementTree.register_namespace("osp", _ANNOTATIONS["com.opensimulationplatform"][0])
     ElementTree.register_namespace("oms", _ANNOTATIONS["org.openmodelica"][0])
     ElementTree.indent(root)
-    return ElementTree.tostring(root, encoding="utf-8", xml_declaration=True) + b"\n"
+    text: bytes = ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
+    return text + b"\n"

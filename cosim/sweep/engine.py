@@ -133,8 +133,8 @@ class _Flight:
         self._next = 0
         self._suspects: deque[Batch] = deque()
         self._deaths: Counter[int] = Counter()
-        self._flying: dict[Key, tuple[Future, Batch]] = {}
-        self._landed: SimpleQueue[Future] = SimpleQueue()
+        self._flying: dict[Key, tuple[Future[Rows], Batch]] = {}
+        self._landed: SimpleQueue[Future[Rows]] = SimpleQueue()
         self._sizes = BatchSize()
         self._name = f"cosim-sweep-{uuid4().hex[:12]}"  # equal keys of two clients would share their results
         self._sent = 0
@@ -217,7 +217,7 @@ class _Flight:
                 found.append((batch, results[future.key]))
         return found
 
-    def _failed(self, future: Future, batch: Batch) -> None:
+    def _failed(self, future: Future[Rows], batch: Batch) -> None:
         """Give a batch in which workers died another chance; nothing else may fail."""
         error = future.exception() if future.status == "error" else None
         if error is None:

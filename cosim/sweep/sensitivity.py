@@ -42,7 +42,8 @@ class Uncertain:
         """Column of `Points` at probabilities (n,)."""
         if self.quantile is None or not isinstance(self.factor, Range):
             return scaled(self.factor, unit)
-        return np.clip(self.quantile(unit), self.factor.low, self.factor.high)
+        values: np.ndarray = np.clip(self.quantile(unit), self.factor.low, self.factor.high)
+        return values
 
 
 @dataclass(frozen=True)

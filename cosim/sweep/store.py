@@ -268,7 +268,7 @@ def _write_table(table: pa.Table, path: Path) -> None:
 
 
 def _is_floating(kind: pa.DataType) -> bool:
-    return pa.types.is_floating(kind.value_type if pa.types.is_list(kind) else kind)
+    return bool(pa.types.is_floating(kind.value_type if pa.types.is_list(kind) else kind))
 
 
 def _write_whole(path: Path, write: Callable[[Path], object]) -> None:

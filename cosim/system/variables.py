@@ -50,7 +50,7 @@ class Element:
     @property
     def kind(self) -> str:
         """Kind of the value: real, integer, boolean, or the FMI type of what can't be exchanged."""
-        return KINDS.get(self.variable.type, self.variable.type)
+        return KINDS.get(self.variable.type, str(self.variable.type))
 
 
 class Ports:

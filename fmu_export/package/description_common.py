@@ -66,4 +66,5 @@ def type_attributes(v: ScalarVariable) -> dict[str, str]:
 def to_bytes(root: ET.Element) -> bytes:
     """The finished document, UTF-8, indented."""
     ET.indent(root)
-    return ET.tostring(root, encoding="utf-8", xml_declaration=True) + b"\n"
+    text: bytes = ET.tostring(root, encoding="utf-8", xml_declaration=True)
+    return text + b"\n"

@@ -175,7 +175,7 @@ def _markdown(page: str) -> str:
     converter = Markdown(extensions=["tables", "fenced_code", "sane_lists", TocExtension(baselevel=2)])
     converter.preprocessors.deregister("html_block")
     converter.inlinePatterns.deregister("html")
-    return converter.convert(page)
+    return str(converter.convert(page))
 
 
 def _variable_table(interface: Interface) -> str:

@@ -58,7 +58,7 @@ def build_script(
         with zipfile.ZipFile(made) as archive:
             names = [n for n in archive.namelist() if not n.endswith("/") and not n.startswith("binaries/")]
             members = {n: archive.read(n) for n in names}
-    target = Path(folder) / made.name
+    target = Path(folder) / str(made.name)
     write_archive(target, members | binaries(made.stem))
     return target
 

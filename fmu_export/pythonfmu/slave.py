@@ -166,7 +166,7 @@ class Fmi2Slave:
     def _internal_steps(self, h: float) -> int:
         if not self._x:
             return 1
-        max_step = self._values[self._n_p - 1]
+        max_step: float = self._values[self._n_p - 1]
         n = h / max_step
         if n > MOST_INTERNAL_STEPS:
             raise SlaveError(

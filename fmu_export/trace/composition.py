@@ -215,7 +215,8 @@ def _sources(
 
 
 def _positions(layout: Layout, name: str) -> list[int]:
-    return np.ravel(vars(layout.unpack(np.arange(len(layout))))[name]).tolist()
+    positions = vars(layout.unpack(np.arange(len(layout))))[name]
+    return [int(i) for i in np.ravel(positions)]
 
 
 def _prefixed(part: str, layout: Layout) -> list[Variable]:

@@ -36,7 +36,8 @@ def _open_loop_states(material: Material) -> list[tuple[np.ndarray, np.ndarray, 
 def square_root(M: np.ndarray, power: float = 0.5) -> np.ndarray:
     """M^(power) of a symmetric positive definite matrix."""
     values, vectors = np.linalg.eigh(M)
-    return (vectors * values**power) @ vectors.T
+    root: np.ndarray = (vectors * values**power) @ vectors.T
+    return root
 
 
 def closure_force(

@@ -60,16 +60,19 @@ class Motion:
     def tracking_part(self) -> np.ndarray:
         """V_theta_e of (42), (n,)."""
         kinetic = 0.5 * np.einsum("ni,nij,nj->n", self.s, self.M, self.s)
-        return kinetic + self.beta * (self.error**2 @ self.S)
+        V: np.ndarray = kinetic + self.beta * (self.error**2 @ self.S)
+        return V
 
     def V(self, psi_bar: np.ndarray) -> np.ndarray:
         """V of (40), (42), (n,), for a parameter psi_bar (2,) of the bound."""
-        return self.tracking_part + 0.5 * self.k * ((self.psi - psi_bar) ** 2).sum(axis=1)
+        V: np.ndarray = self.tracking_part + 0.5 * self.k * ((self.psi - psi_bar) ** 2).sum(axis=1)
+        return V
 
     def Z(self, psi_bar: np.ndarray) -> np.ndarray:
         """|Z| (n,), with Z = [theta_e; theta_e'; psi - psi_bar]."""
         parts = np.column_stack([self.error, self.rate, self.psi - psi_bar])
-        return np.linalg.norm(parts, axis=1)
+        norms: np.ndarray = np.linalg.norm(parts, axis=1)
+        return norms
 
     @property
     def least_psi_bar(self) -> np.ndarray:
@@ -82,7 +85,8 @@ def reduced_mass(theta: np.ndarray, X: float, Y: float, Z: float, l: float) -> n
     """M of (27), (3, 3), at joint angles theta (6,); it doesn't depend on velocities."""
     N, _ = passive_velocity_map(theta, np.zeros(6), l)
     P = np.concatenate([np.eye(3), N])
-    return P.T @ mass_matrix(theta, X, Y, Z) @ P
+    M: np.ndarray = P.T @ mass_matrix(theta, X, Y, Z) @ P
+    return M
 
 
 def motion(results: Results, controller: Controller) -> Motion:

@@ -29,7 +29,8 @@ def in_condition(rows: Rows, condition: str) -> tuple[np.ndarray, np.ndarray]:
 def gain_of_others(own: np.ndarray, grid: np.ndarray) -> np.ndarray:
     """Factors (k, 2) by which others (n, 2) lower the error of points (k, 2) at no more effort, and the other way."""
     least = [least_within(grid[:, i], grid[:, 1 - i], own[:, 1 - i]) for i in (0, 1)]
-    return own / np.minimum(own, np.stack(least, axis=1))
+    factors: np.ndarray = own / np.minimum(own, np.stack(least, axis=1))
+    return factors
 
 
 def fronts(rows: Rows) -> tuple[Front, ...]:

@@ -62,7 +62,8 @@ def drawn_by_membership(membership: Membership) -> Callable[[np.ndarray], np.nda
 
     edges = np.linspace(*membership.support, _INTERVALS + 1)
     weights = membership((edges[1:] + edges[:-1]) / 2.0)
-    return rv_histogram((weights, edges), density=True).ppf
+    quantile: Callable[[np.ndarray], np.ndarray] = rv_histogram((weights, edges), density=True).ppf
+    return quantile
 
 
 def sources(scenario: Scenario) -> tuple[Source, ...]:
