@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).resolve().parents[2]
-PACKAGES = ("plant_fmu", "controller_fmu", "trajectory_fmu", "fmu_export", "cosim", "parallel_robot")
+from tests.support import CHECKOUT
+from tests.support.sources import sources
 
 #: Offline tools beside the controller's model; they are no models and may use scipy.
 TOOLS = ("controller_fmu.membership", "controller_fmu.optimal_gains", "controller_fmu.uniqueness")
@@ -27,16 +27,6 @@ ROOMS = (
 #: Modules that stand lower than the rest of their room: the table of FMI types is below the loop, and the loop's
 #: build needs no more than where its source is.
 LOWER = ("cosim.fmi.types",)
-
-
-def module_name(path: Path, root: Path) -> str:
-    parts = path.relative_to(root).with_suffix("").parts
-    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
-
-
-def sources(root: Path = ROOT) -> dict[str, Path]:
-    """Module name -> file, of all packages."""
-    return {module_name(p, root): p for package in PACKAGES for p in sorted((root / package).rglob("*.py"))}
 
 
 class NoTypeChecking(ast.NodeTransformer):
@@ -110,7 +100,7 @@ def allowed(module: str, imported: str) -> bool:
     return True
 
 
-def violations(root: Path = ROOT) -> list[str]:
+def violations(root: Path = CHECKOUT) -> list[str]:
     modules = sources(root)
     return [
         f"{module} imports {imported}"
@@ -150,7 +140,7 @@ def room(module: str) -> str:
     return ".".join(module.split(".")[:2]) if inside(module, "cosim", "fmu_export") else module.partition(".")[0]
 
 
-def module_graph(root: Path = ROOT) -> dict[str, set[str]]:
+def module_graph(root: Path = CHECKOUT) -> dict[str, set[str]]:
     """What runs when a module is imported or used; imports for a type checker do not."""
     modules = sources(root)
     return {m: (imports(p, m, set(modules), for_types=False) & set(modules)) - {m} for m, p in modules.items()}

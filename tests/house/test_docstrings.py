@@ -10,7 +10,7 @@ import pytest
 
 from parallel_robot.scenario import load_scenario
 from tests.conftest import DEFAULT_FLAVOUR
-from tests.house.test_architecture import sources
+from tests.support.sources import sources
 
 MODULES = [name for name, path in sources().items() if ">>> " in path.read_text(encoding="utf-8")]
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cosim import System, simulate
-from tests.fmu_export.test_isolation import fresh
+from tests.support.bare_host import fresh
 
 STEP = 1e-3
 N_STEPS = 2000

@@ -15,7 +15,7 @@ import cosim.master.run
 import cosim.master.sampling
 from cosim import Results, SetupError, Signal, Simulation, System, simulate
 from cosim.master.extrapolation import Coupling
-from tests.fmi.test_fmi3 import DESCRIPTION, HELD, gain3c, zipped  # noqa: F401 -- gain3c is a fixture
+from tests.support.fmi3_gain import DESCRIPTION, HELD, zipped
 from tests.support.small_fmus import TANK, build, redescribed
 from tests.support.tiny_models import GAIN, INTEGRATOR, TWO_LEVELS
 
@@ -109,7 +109,7 @@ def test_intermediate_update_may_be_written_as_1(fmus: Path, tmp_path: Path) -> 
     assert coupled(ramp(fmu), "linear")["linear"] == ["i.u"]
 
 
-def test_only_reals_of_64_bits_are_linear(gain3c: Path, tmp_path: Path) -> None:  # noqa: F811
+def test_only_reals_of_64_bits_are_linear(gain3c: Path, tmp_path: Path) -> None:
     description = DESCRIPTION.replace("<CoSimulation ", '<CoSimulation providesIntermediateUpdate="true" ').replace(
         'causality="input"', 'causality="input" intermediateUpdate="true"'
     )

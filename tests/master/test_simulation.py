@@ -29,7 +29,7 @@ from cosim import (
 from cosim.fmi.instance import CallFailed, Instance
 from cosim.master.extrapolation import Coupling
 from cosim.master.operations import Order
-from tests.fmi.test_fmi3 import HELD, gain3c  # noqa: F401 -- a fixture
+from tests.support.fmi3_gain import HELD
 from tests.support.small_fmus import FLAVOURS, build, compiled
 from tests.support.tiny_models import GAIN, INTEGRATOR, ROOT
 
@@ -216,7 +216,7 @@ def test_fmus_whose_reset_fails_are_made_anew(
     assert sorted(freed) == ["g", *["i"] * 5, "root"]
 
 
-def test_an_fmu_without_reset_is_made_anew_and_terminated_each_time(gain3c: Path, tmp_path: Path) -> None:  # noqa: F811
+def test_an_fmu_without_reset_is_made_anew_and_terminated_each_time(gain3c: Path, tmp_path: Path) -> None:
     """FMI 3.0; its fmi3Reset returns an error."""
     start = {**HELD, "v": 2.0}
     system = System()
@@ -373,7 +373,7 @@ def test_start_values_of_a_run_go_before_those_of_the_system_and_hold_for_it_alo
     assert_equal(other, simulate(system, STOP, STEP))
 
 
-def test_start_values_of_vectors_and_of_elements_go_before_those_of_the_system(gain3c: Path) -> None:  # noqa: F811
+def test_start_values_of_vectors_and_of_elements_go_before_those_of_the_system(gain3c: Path) -> None:
     """FMI 3.0, where elements of arrays are set in the initialisation mode, after whole arrays."""
     elements, whole = {"u[1]": 1.0, "u[2]": 5.0, "u[3]": 3.0}, {"u": [1.0, 5.0, 3.0]}
     for given in (elements, whole):

@@ -13,24 +13,14 @@ from plant_fmu.dynamics import (
     mass_matrix,
     uncertain_inertia,
 )
-from plant_fmu.kinematics import constraint_bias, constraint_matrix, inverse_kinematics, velocity_jacobians
+from plant_fmu.kinematics import constraint_bias, constraint_matrix, inverse_kinematics
 from plant_fmu.model import PARAMETERS
 from plant_fmu.reduced import passive_velocity_map, reduced_form
+from tests.support.closed_states import closed_states
 
 P = PARAMETERS.unpack(PARAMETERS.starts)
 XYZ = (P.X, P.Y, P.Z)
 GEOMETRY = (P.l, P.x_A, P.y_A)
-
-
-def closed_states(n: int = 100) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Random closed states with random torques: theta (6,), omega (6,), tau_a (3,)."""
-    random = np.random.default_rng(20)
-    states = []
-    for _ in range(n):
-        theta = inverse_kinematics(random.uniform(0.18, 0.27), random.uniform(0.27, 0.38), *GEOMETRY)
-        omega = np.concatenate(velocity_jacobians(theta, P.l)) @ random.uniform(-1, 1, 2)
-        states.append((theta, omega, random.uniform(-1, 1, 3)))
-    return states
 
 
 def applied_forces(theta: np.ndarray, omega: np.ndarray, tau_a: np.ndarray) -> np.ndarray:

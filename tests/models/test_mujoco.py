@@ -9,7 +9,7 @@ import pytest
 
 from fmu_export.trace.trace import trace
 from plant_fmu.model import MODEL, PARAMETERS
-from tests.models.test_dynamics import closed_states
+from tests.support.closed_states import closed_states
 from tests.support.continuous_loop import control_law, end_effector, integrate
 from tests.support.oracles.links import Links
 

@@ -16,6 +16,7 @@ from controller_fmu.optimal_gains import (
     optimal_gains,
 )
 from controller_fmu.uniqueness import convexity_margin
+from tests.support.oracles.stationary import stationary_points
 
 TABLE_1 = [  # mu, nu, alpha, beta, J_min as printed
     (1, 1, "1.3597", "1.6620", "9.1329"),
@@ -35,37 +36,6 @@ def random_indices(count, seed=5):
         mu, nu, k, s_a, s_b = 10 ** rng.uniform([-3, -3, -0.5, -2, -2], [2, 1, 2, 1, 1])
         D4 = D2**2 * (1 + 10 ** rng.uniform(-3, 1))
         yield PerformanceIndex(mu * (rng.random() < 0.8), nu, k, rng.uniform(0.2, 1), s_a, s_b, D2, D4)
-
-
-def stationary_points(rho):
-    """All zeros of the gradient (83) with 1e-4 < beta < 1e4, by elimination of alpha; needs rho_7 > 0.
-
-    dJ/dalpha = 0 reads 2 rho_7 beta^3 alpha^4 - (rho_4 beta^2 + rho_3 beta) alpha - 2 rho_2 beta - 2 rho_1
-    = 0, which has one positive root (one change of sign). dJ/dbeta along it is scanned for changes of sign.
-    """
-
-    def alpha_of(beta):
-        quartic = [
-            2 * rho[7] * beta**3,
-            0,
-            0,
-            -rho[4] * beta**2 - rho[3] * beta,
-            -2 * rho[2] * beta - 2 * rho[1],
-        ]
-        roots = np.roots(quartic)
-        (positive,) = roots.real[(np.abs(roots.imag) < 1e-9 * np.abs(roots)) & (roots.real > 0)]
-        return positive
-
-    def slope(log_beta):
-        b = np.exp(log_beta)
-        a = alpha_of(b)
-        steady = -3 * rho[1] / (a**2 * b**4) - 2 * rho[2] / (a**2 * b**3) - 2 * rho[3] / (a * b**3)
-        return steady - rho[4] / (a * b**2) - rho[5] / b**2 + rho[6] + 2 * rho[7] * b
-
-    grid = np.linspace(np.log(1e-4), np.log(1e4), 801)
-    signs = np.sign([slope(x) for x in grid])
-    betas = [np.exp(brentq(slope, grid[i], grid[i + 1], xtol=1e-13)) for i in np.flatnonzero(np.diff(signs))]
-    return [(alpha_of(beta), beta) for beta in betas]
 
 
 # --- the index ---

@@ -15,7 +15,7 @@ from parallel_robot.scenario import load_scenario
 from plant_fmu.dynamics import coriolis_matrix, mass_matrix
 from plant_fmu.kinematics import constraint_bias, constraint_matrix
 from plant_fmu.model import MODEL, OUTPUTS, PARAMETERS
-from tests.models.test_dynamics import closed_states
+from tests.support.closed_states import closed_states
 from tests.support.continuous_loop import control_law, end_effector, integrate, solve
 from tests.support.oracles.links import Links, to_angles, to_joints
 from trajectory_fmu.model import PARAMETERS as TRAJECTORY

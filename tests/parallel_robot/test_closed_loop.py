@@ -17,7 +17,6 @@ from parallel_robot.metrics import metrics
 from parallel_robot.scenario import load_scenario
 from tests.conftest import DEFAULT_FLAVOUR
 from tests.support.continuous_loop import end_effector, solve
-from tests.support.native_fmus import native_fmus  # noqa: F401 -- a fixture
 
 TRACKING = load_scenario("tracking")
 
@@ -81,7 +80,7 @@ CASES = [
 
 @pytest.mark.parametrize(("coupling", "order", "flavour", "bound", "expected"), CASES)
 def test_coupled_fmus_approach_the_continuous_loop_at_their_order(
-    native_fmus: Path,  # noqa: F811
+    native_fmus: Path,
     path: np.ndarray,
     coupling: Coupling,
     order: Order,
@@ -98,11 +97,11 @@ def test_coupled_fmus_approach_the_continuous_loop_at_their_order(
     assert slope == pytest.approx(expected, abs=0.05)
 
 
-def test_the_gains_of_row_1_1_are_stable_at_20_ms(native_fmus: Path, path: np.ndarray) -> None:  # noqa: F811
+def test_the_gains_of_row_1_1_are_stable_at_20_ms(native_fmus: Path, path: np.ndarray) -> None:
     assert distance(run(native_fmus, 20e-3, "linear", flavour="fmi2"), path) < 2e-4
 
 
-def test_both_versions_of_fmi_get_the_same_linear_inputs(native_fmus: Path) -> None:  # noqa: F811
+def test_both_versions_of_fmi_get_the_same_linear_inputs(native_fmus: Path) -> None:
     """By input derivatives and by intermediate update: equal but for the rounding of the rates."""
     a, b = (run(native_fmus, 2e-3, "linear", flavour=flavour) for flavour in ("fmi2", "fmi3"))
     spans = np.ptp(a.values, axis=0)

@@ -20,8 +20,8 @@ from parallel_robot import continuous_loop as closed_loop
 from parallel_robot.fmus import CLOSED_LOOP, fmu_path
 from parallel_robot.models import MODELS, closed_loop_model
 from parallel_robot.wiring import CONNECTIONS
-from tests.fmu_export.test_documentation import members_of, parsed, terminals
 from tests.support.continuous_loop import end_effector, solve
+from tests.support.fmu_documentation import members_of, parsed, terminals
 from tests.support.native_fmus import require_compiler
 
 ENDS = ["plant.x_E", "plant.y_E"]

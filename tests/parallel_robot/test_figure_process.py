@@ -15,7 +15,7 @@ from cosim.output import OutputError
 from cosim.results.results import Results
 from parallel_robot.figure_process import FigureProcess, as_drawn
 from parallel_robot.figures import write_figures
-from tests.parallel_robot.test_figures import made
+from tests.support.robot_results import made
 
 PLANT = ("plant",)
 

@@ -10,6 +10,7 @@ import pytest
 
 from cosim import CosimError, SetupError, System, simulate
 from cosim.ssp import package
+from tests.support.changed_fmus import in_millimetres
 from tests.support.small_fmus import compiled
 from tests.support.ssp_files import (
     archive,
@@ -31,7 +32,6 @@ from tests.support.ssp_files import (
 from tests.support.tiny_models import CLOCK, GAIN, INTEGRATOR
 from tests.support.tiny_models import UNITS as LENGTHS
 from tests.support.tiny_models import build as build_tiny
-from tests.system.test_connections import in_millimetres
 
 
 @pytest.fixture(scope="module")

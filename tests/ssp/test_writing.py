@@ -27,7 +27,7 @@ from parallel_robot.paper.reproduce.table import table1
 from parallel_robot.scenario import load_scenario
 from parallel_robot.ssp import write_robot_ssp
 from tests.conftest import DEFAULT_FLAVOUR
-from tests.fmu_export.test_isolation import fresh
+from tests.support.bare_host import fresh
 from tests.support.small_fmus import FLAVOURS, build, compiled
 from tests.support.ssp_files import (
     archive,

@@ -1,4 +1,4 @@
-"""Native FMUs for tests: built once for each worker, and an importer of both FMI versions that lets calls fail.
+"""Native FMUs for tests: an importer of both FMI versions that lets calls fail.
 
 `Host` calls the C functions by ctypes alone and returns their status, so that misuse can be tried too; what the FMU
 logs is kept in `messages`.
@@ -19,9 +19,7 @@ import fmpy
 import pytest
 from fmpy import fmi2, fmi3
 
-from fmu_export.native.backend import build_native
 from fmu_export.native.toolchain import ToolchainError, find_compiler, host_target
-from parallel_robot.models import MODELS
 
 FLAVOURS = ("fmi2", "fmi3")
 OK, DISCARD, ERROR = 0, 2, 3
@@ -125,27 +123,6 @@ def require_compiler() -> None:
         find_compiler()
     except ToolchainError as error:
         pytest.skip(str(error))
-
-
-@pytest.fixture(scope="session")
-def native_fmus(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Folder with fmi2/*.fmu and fmi3/*.fmu."""
-    require_compiler()
-    folder = tmp_path_factory.mktemp("native")
-    for flavour in FLAVOURS:
-        for model in MODELS.values():
-            build_native(model, folder / flavour, flavour)
-    return folder
-
-
-@pytest.fixture(scope="session")
-def unpacked(native_fmus: Path) -> Path:
-    """The same, unpacked: <folder>/<flavour>/<model name>/modelDescription.xml and so on."""
-    folder = native_fmus / "unpacked"
-    for flavour in FLAVOURS:
-        for fmu in sorted((native_fmus / flavour).glob("*.fmu")):
-            unpack(fmu, folder / flavour / fmu.stem)
-    return folder
 
 
 def unpack(fmu: Path, folder: Path) -> Path:

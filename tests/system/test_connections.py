@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import re
-import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -15,10 +13,10 @@ from hypothesis import strategies as st
 
 from cosim import Results, SetupError, Signal, Simulation, SimulationError, System, simulate
 from cosim.system.units import conversion
+from tests.support.changed_fmus import in_millimetres, rewritten
 from tests.support.small_fmus import FLAVOURS, build
 from tests.support.tiny_models import CLOCK, FRAGILE, GAIN, INTEGRATOR, UNITS
 from tests.support.tiny_models import build as build_tiny
-from tests.system.test_system_checks import rewritten
 
 NATIVE = ("fmi2", "fmi3")
 
@@ -83,20 +81,6 @@ def test_factor_and_offset_must_be_finite(fmus: Path, what: str, value: float) -
 @pytest.fixture(scope="module")
 def tiny(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return build_tiny(tmp_path_factory.mktemp("tiny"), FRAGILE, UNITS)
-
-
-def in_millimetres(fmu: Path, out: Path, *attributes: str, relative: bool = False) -> Path:
-    """The same FMU with its lengths in mm."""
-    with zipfile.ZipFile(fmu) as archive:
-        text = archive.read("modelDescription.xml").decode()
-    unit = re.compile(r'<Unit name="m">\s*<BaseUnit m="1"')
-    assert unit.search(text)
-    text = unit.sub('<Unit name="mm"><BaseUnit m="1" ' + " ".join(attributes), text)
-    text = text.replace('unit="m"', 'declaredType="Difference"' if relative else 'unit="mm"')
-    difference = '<SimpleType name="Difference"><Real unit="mm" relativeQuantity="true"/></SimpleType>'
-    types = f"<TypeDefinitions>{difference}</TypeDefinitions>"
-    text = text.replace("</UnitDefinitions>", "</UnitDefinitions>" + types)
-    return rewritten(fmu, out, **{"modelDescription.xml": text})
 
 
 def lengths(tiny: Path, other: Path, **connection: object) -> System:

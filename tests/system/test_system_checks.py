@@ -14,6 +14,7 @@ import fmpy
 import pytest
 
 from cosim import CosimError, SetupError, SimulationError, System, simulate
+from tests.support.changed_fmus import rewritten
 from tests.support.tiny_models import build
 
 
@@ -43,24 +44,6 @@ def refused(system: System, *parts: str, stop: float = 1.0, step: float = 0.5, *
     assert "\n" not in message
     assert isinstance(error.value, CosimError)
     return message
-
-
-def rewritten(source: Path, target: Path, **new: str | bytes | None) -> Path:
-    """Copy an FMU with `pattern=replacement` in its description, or members changed (None: dropped)."""
-    description = new.pop("description", None)
-    with zipfile.ZipFile(source) as old, zipfile.ZipFile(target, "w") as archive:
-        for name in old.namelist():
-            data: bytes | str | None = old.read(name)
-            if name == "modelDescription.xml" and isinstance(description, str):
-                before, after = description.split(" => ")
-                assert before.encode() in data
-                data = data.replace(before.encode(), after.encode())
-            for part, change in new.items():
-                if part in name:
-                    data = change
-            if data is not None:
-                archive.writestr(name, data)
-    return target
 
 
 def test_the_system_of_these_tests_runs(system):

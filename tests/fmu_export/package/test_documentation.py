@@ -6,7 +6,6 @@ import subprocess
 import sys
 import zlib
 from dataclasses import replace
-from html.parser import HTMLParser
 from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 
@@ -14,35 +13,21 @@ import fmpy
 import numpy as np
 import pytest
 from fmpy.util import read_csv
-from lxml import etree
 from scipy.integrate import solve_ivp
 
 import fmu_export.package.documentation as documentation
 from controller_fmu.model import MODEL as CONTROLLER
 from fmu_export.modelling.model import Layout, Variable
 from fmu_export.package.description_common import package_version
-from fmu_export.package.documentation import DocumentationError, documentation_members
+from fmu_export.package.documentation import DocumentationError
 from fmu_export.package.interface import interface_of
 from fmu_export.trace.trace import trace
-from plant_fmu.model import MODEL as PLANT
+from tests.support.fmu_documentation import MODELS, Page, members_of, page_of, parsed, terminals
 from tests.support.tiny_models import ALL as TINY
 from tests.support.tiny_models import GAIN, ROOT
-from trajectory_fmu.model import MODEL as TRAJECTORY
 
-CHECKOUT = Path(__file__).resolve().parents[2]
-PAGES = {"RobotPlant": "plant_fmu", "RobotController": "controller_fmu", "RobotTrajectory": "trajectory_fmu"}
-MODELS = {m.name: m for m in (PLANT, CONTROLLER, TRAJECTORY)}
+CHECKOUT = Path(__file__).resolve().parents[3]
 ALL = pytest.mark.parametrize("name", MODELS)
-#: Elements of HTML that have no end tag.
-VOID = {"meta", "br", "img", "hr", "link", "input"}
-
-
-def page_of(name):
-    return (CHECKOUT / PAGES[name] / "README.md").read_text(encoding="utf-8")
-
-
-def members_of(model, page="# Title", flavour="fmi3"):
-    return documentation_members(model, interface_of(trace(model)), page, flavour)
 
 
 @pytest.fixture(scope="module")
@@ -53,46 +38,6 @@ def members():
         for name, model in MODELS.items()
         for flavour in ("pythonfmu", "fmi2", "fmi3")
     }
-
-
-class Page(HTMLParser):
-    """Elements of a page; fails on tags that don't match."""
-
-    def __init__(self, html):
-        super().__init__(convert_charrefs=True)
-        self.open, self.elements, self.text = [], [], {}
-        self.rows = []
-        self.feed(html)
-        self.close()
-        assert self.open == []
-
-    def handle_starttag(self, tag, attrs):
-        self.elements.append((tag, dict(attrs)))
-        if tag == "tr":
-            self.rows.append([])
-        if tag in ("td", "th"):
-            self.rows[-1].append("")
-        if tag not in VOID:
-            self.open.append(tag)
-
-    def handle_startendtag(self, tag, attrs):
-        self.elements.append((tag, dict(attrs)))
-
-    def handle_endtag(self, tag):
-        assert self.open.pop() == tag
-
-    def handle_data(self, data):
-        for tag in set(self.open):
-            self.text[tag] = self.text.get(tag, "") + data
-        if {"td", "th"} & set(self.open):
-            self.rows[-1][-1] += data
-
-    def attributes(self, name):
-        return [(tag, attrs[name]) for tag, attrs in self.elements if name in attrs]
-
-
-def parsed(members):
-    return Page(members["documentation/index.html"].decode())
 
 
 @ALL
@@ -189,7 +134,7 @@ def test_members(members, name, flavour):
 def test_bytes_do_not_depend_on_the_process():
     script = (
         "import hashlib\n"
-        "from tests.fmu_export.test_documentation import MODELS, members_of, page_of\n"
+        "from tests.support.fmu_documentation import MODELS, members_of, page_of\n"
         "for name, model in MODELS.items():\n"
         "    for flavour in ('fmi2', 'fmi3'):\n"
         "        for member, data in sorted(members_of(model, page_of(name), flavour).items()):\n"
@@ -243,17 +188,6 @@ def test_icons_are_pictures(members, name):
 
 def test_icons_tell_the_models_apart(members):
     assert len({members[name, "fmi2"]["model.png"] for name in MODELS}) == len(MODELS)
-
-
-def terminals(model, data):
-    schema = etree.XMLSchema(etree.parse(Path(fmpy.__file__).parent / "schema" / "fmi3" / "fmi3TerminalsAndIcons.xsd"))
-    root = etree.fromstring(data["terminalsAndIcons/terminalsAndIcons.xml"])
-    schema.assertValid(root)
-    for terminal in root.iter("Terminal"):
-        icon = terminal.find("TerminalGraphicalRepresentation").get("iconBaseName")
-        assert f"terminalsAndIcons/{icon}.png" in data
-    members = {t.get("name"): t.iter("TerminalMemberVariable") for t in root.iter("Terminal")}
-    return {name: [m.get("variableName") for m in variables] for name, variables in members.items()}
 
 
 @ALL

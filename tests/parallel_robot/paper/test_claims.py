@@ -34,9 +34,8 @@ from parallel_robot.scenario import load_scenario
 from plant_fmu.kinematics import constraint_matrix, inverse_kinematics
 from plant_fmu.model import PARAMETERS as PLANT
 from plant_fmu.reduced import passive_velocity_map
-from tests.models.test_optimal_gains import stationary_points
-from tests.paper.test_reproduce import material  # noqa: F401 -- a fixture
 from tests.support import continuous_loop
+from tests.support.oracles.stationary import stationary_points
 from trajectory_fmu.model import MODEL as TRAJECTORY
 
 ROWS = rows()
@@ -56,7 +55,7 @@ def outcome(met: Iterable[bool]) -> Verdict:
 class Oracle:
     """What the verdicts are held against: runs as raw columns, and the continuous loop."""
 
-    def __init__(self, material: Material) -> None:  # noqa: F811
+    def __init__(self, material: Material) -> None:
         self.runs = material.runs
         self.material = material
         self._continuous: dict[tuple[float, float], np.ndarray] = {}
@@ -112,7 +111,7 @@ class Oracle:
 
 
 @pytest.fixture(scope="module")
-def oracle(material: Material) -> Oracle:  # noqa: F811
+def oracle(material: Material) -> Oracle:
     return Oracle(material)
 
 
@@ -428,7 +427,7 @@ INDEPENDENT: dict[str, Callable[[Oracle], Verdict]] = {
 
 
 @pytest.mark.parametrize("row", [row for row in ROWS if row.metric], ids=lambda row: row.id)
-def test_verdict_is_that_of_a_separate_formulation(material: Material, oracle: Oracle, row: Row) -> None:  # noqa: F811
+def test_verdict_is_that_of_a_separate_formulation(material: Material, oracle: Oracle, row: Row) -> None:
     claim = judge(row, material)
     print(f"{claim.verdict}: {claim.why}")
     assert claim.verdict == INDEPENDENT[row.id](oracle)
@@ -437,7 +436,7 @@ def test_verdict_is_that_of_a_separate_formulation(material: Material, oracle: O
 
 
 @pytest.mark.parametrize("row", [row for row in ROWS if not row.metric], ids=lambda row: row.id)
-def test_what_cannot_be_judged_says_why(material: Material, row: Row) -> None:  # noqa: F811
+def test_what_cannot_be_judged_says_why(material: Material, row: Row) -> None:
     claim = judge(row, material)
     assert claim.verdict == "cannot be judged"
     assert len(claim.why) > 40
@@ -456,7 +455,7 @@ def test_every_measure_is_used() -> None:
 
 
 @pytest.mark.parametrize("row", [row for row in ROWS if row.metric], ids=lambda row: row.id)
-def test_a_threshold_beyond_all_values_turns_the_verdict(material: Material, row: Row) -> None:  # noqa: F811
+def test_a_threshold_beyond_all_values_turns_the_verdict(material: Material, row: Row) -> None:
     rising = row.relation in (">", ">=")
     never, always = (1e300, -1e300) if rising else (-1e300, 1e300)
     assert judge(dataclasses.replace(row, threshold=never), material).verdict == "does not hold"
@@ -472,7 +471,7 @@ def test_a_threshold_beyond_all_values_turns_the_verdict(material: Material, row
     ],
 )
 def test_other_runs_give_another_verdict(
-    material: Material,  # noqa: F811
+    material: Material,
     ids: tuple[str, ...],
     before: Verdict,
     after: Verdict,

@@ -18,7 +18,7 @@ from fmu_export.pythonfmu import backend as pythonfmu_backend
 from fmu_export.pythonfmu import slave as pythonfmu_slave
 from fmu_export.trace.trace import trace
 from plant_fmu.model import MODEL as PLANT
-from tests.fmu_export.test_isolation import close, fresh, oracle, plant_torques
+from tests.support.bare_host import close, fresh, oracle, plant_torques
 from trajectory_fmu.model import MODEL as TRAJECTORY
 
 #: An importer on fmpy's low-level FMU2Slave, with the interface of the plain host.

@@ -9,7 +9,6 @@ import hashlib
 import json
 import xml.etree.ElementTree as ET
 from contextlib import nullcontext
-from functools import cache
 from pathlib import Path
 
 import matplotlib.image
@@ -18,36 +17,10 @@ import pytest
 
 from cosim.errors import CosimError
 from parallel_robot.commands import reproduce as command
-from parallel_robot.fmus import build
 from parallel_robot.paper.reproduce import figures, run, table
 from parallel_robot.paper.reproduce.content import CONDITIONS, Reproduction, Runs
 from parallel_robot.paper.reproduce.material import Material
-from parallel_robot.paper.reproduce.runs import run_all
 from parallel_robot.paper.reproduce.style import CONTROLLER_LINES
-from tests.support.native_fmus import require_compiler
-
-
-@cache
-def fmu_folder(base: Path) -> Path:
-    build(base / "reproduction_fmus", "fmi2")
-    return base / "reproduction_fmus"
-
-
-@cache
-def material_from(base: Path) -> Material:
-    """All runs, made once for each worker."""
-    return Material(run_all(fmu_folder(base)))
-
-
-@pytest.fixture(scope="session")
-def material(tmp_path_factory: pytest.TempPathFactory) -> Material:
-    require_compiler()
-    return material_from(tmp_path_factory.getbasetemp())
-
-
-@pytest.fixture(scope="session")
-def runs(material: Material) -> Runs:
-    return material.runs
 
 
 @pytest.fixture(scope="module")
@@ -226,7 +199,7 @@ def parsed(*arguments: str) -> argparse.Namespace:
 def test_the_command_writes_one_folder_with_the_same_bytes_each_time(
     content: tuple[Reproduction, Path],
     tmp_path: Path,
-    tmp_path_factory: pytest.TempPathFactory,
+    reproduction_fmus: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
@@ -236,8 +209,7 @@ def test_the_command_writes_one_folder_with_the_same_bytes_each_time(
     monkeypatch.setattr(
         command, "_write_report", lambda content, folder, study: (folder / "report.html").write_text("")
     )
-    folder = fmu_folder(tmp_path_factory.getbasetemp())
-    assert command.run(parsed("--out", str(tmp_path / "out"), "--fmus", str(folder))) == 0
+    assert command.run(parsed("--out", str(tmp_path / "out"), "--fmus", str(reproduction_fmus))) == 0
     names = {p.name for p in (tmp_path / "out").iterdir()}
     assert names == {"figures", "table1.csv", "claims.json", "errata.json", "summary.json", "report.html"}
     assert digests(tmp_path / "out") == digests(content[1])

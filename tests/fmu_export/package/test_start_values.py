@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from controller_fmu.model import MODEL as CONTROLLER
 from fmu_export.package import archive as archive_module
 from fmu_export.package.start_values import StartValueError, write_start_values
-from tests.fmu_export.test_isolation import fresh
+from tests.support.bare_host import fresh
 
 DESCRIPTION = "modelDescription.xml"
 TEXT = "resources/start_values.txt"

@@ -21,10 +21,10 @@ from fmu_export.package.interface import interface_of
 from fmu_export.pythonfmu.backend import build_pythonfmu
 from fmu_export.trace.trace import trace
 from plant_fmu.model import MODEL as PLANT
-from tests.fmu_export.test_isolation import fresh
+from tests.support.bare_host import fresh
 from trajectory_fmu.model import MODEL as TRAJECTORY
 
-CHECKOUT = Path(__file__).resolve().parents[2]
+CHECKOUT = Path(__file__).resolve().parents[3]
 MODELS = {m.name: m for m in (PLANT, CONTROLLER, TRAJECTORY)}
 ALL = pytest.mark.parametrize("name", MODELS)
 

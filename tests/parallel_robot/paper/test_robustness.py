@@ -33,9 +33,9 @@ from parallel_robot.paper.robustness.spread import bands, spreads
 from parallel_robot.paper.robustness.study import ALPHA, BETA, CONDITIONS, CURVE_PERIOD, monte_carlo
 from parallel_robot.scenario import load_scenario
 from tests.conftest import DEFAULT_FLAVOUR
-from tests.paper.test_report import Elements
+from tests.support.html import Elements
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 
 # What is uncertain
 

@@ -23,6 +23,7 @@ from fmu_export.package.interface import interface_of
 from fmu_export.package.start_values import start_values_text
 from fmu_export.trace.trace import trace
 from plant_fmu.model import MODEL as PLANT
+from tests.support import SUPPORT
 from trajectory_fmu.model import MODEL as TRAJECTORY
 
 pytestmark = [
@@ -96,7 +97,7 @@ def write_sources(folder: Path, model: Model, flavour: str) -> Sources:
     for name in FOLDERS:
         (resources / name).mkdir(parents=True)
         (resources / name / "start_values.txt").write_bytes(start_values_text(interface))
-    return Sources(folder, Path(__file__).parents[1] / "support" / f"native_host_{flavour}.c", resources)
+    return Sources(folder, SUPPORT / f"native_host_{flavour}.c", resources)
 
 
 @pytest.fixture
@@ -158,6 +159,6 @@ def test_sources_are_strict_c99(name: str, flavour: str, compiler: str, tmp_path
 def test_hosts_call_every_function(flavour: str) -> None:
     header = _adapter_sources(flavour)[f"{flavour}Functions.h"].decode()
     functions = re.findall(rf"_Export\s+\w+TYPE\s+({flavour}\w+);", header)
-    host = (Path(__file__).parents[1] / "support" / f"native_host_{flavour}.c").read_text(encoding="utf-8")
+    host = (SUPPORT / f"native_host_{flavour}.c").read_text(encoding="utf-8")
     assert len(functions) > 40
     assert [f for f in functions if f"{f}(" not in host] == []

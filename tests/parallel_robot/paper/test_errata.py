@@ -16,16 +16,15 @@ from parallel_robot.paper.reproduce.errata import ERRATA, find_errata
 from parallel_robot.paper.reproduce.material import Material
 from parallel_robot.paper.reproduce.motion import motion
 from parallel_robot.paper.reproduce.theorem import check, constants
-from tests.paper.test_reproduce import material  # noqa: F401 -- a fixture
 
 
 @pytest.fixture(scope="module")
-def errata(material: Material) -> dict[str, Erratum]:  # noqa: F811
+def errata(material: Material) -> dict[str, Erratum]:
     return {erratum.id: erratum for erratum in find_errata(material)}
 
 
 @pytest.mark.parametrize("position", range(len(ERRATA)))
-def test_the_computation_shows_the_erratum(material: Material, position: int) -> None:  # noqa: F811
+def test_the_computation_shows_the_erratum(material: Material, position: int) -> None:
     erratum = ERRATA[position](material)
     print(erratum.id, dict(erratum.numbers))
     assert erratum.shown
@@ -68,7 +67,7 @@ def test_the_corrected_bound_holds_where_the_printed_one_fails(errata: dict[str,
     assert numbers["bound as printed (J/s)"] < numbers["V' (J/s)"] < numbers["bound with k/2 (J/s)"]
 
 
-def test_lower_bound_is_undercut_by_a_state(material: Material) -> None:  # noqa: F811
+def test_lower_bound_is_undercut_by_a_state(material: Material) -> None:
     """A theta_e, theta_e' for which V_theta_e of (42) is below lambda_M_min |X|^2, with M = lambda_M_min E."""
     lambda_M, beta, S = 0.0605, material.runs.controller("1").beta, 2.0
     found = minimize(
@@ -129,7 +128,7 @@ def test_start_constants_are_a_tenth_in_s_b_and_far_less_in_s_a(errata: dict[str
 # --- the checks can fail ---
 
 
-def test_an_erratum_is_not_shown_by_runs_without_it(material: Material) -> None:  # noqa: F811
+def test_an_erratum_is_not_shown_by_runs_without_it(material: Material) -> None:
     """A mass change within (88), and errors as small as the printed ones: the computations say so."""
     runs = material.runs
     r = runs.closed_loop["1", "disturbed"]
@@ -147,7 +146,7 @@ def test_an_erratum_is_not_shown_by_runs_without_it(material: Material) -> None:
     assert not errata_model.steady_errors(Material(dataclasses.replace(runs, closed_loop=closed))).shown
 
 
-def test_factored_derivative_is_right_with_2(material: Material) -> None:  # noqa: F811
+def test_factored_derivative_is_right_with_2(material: Material) -> None:
     numbers = errata_gains.factored_derivative(material).numbers
     assert numbers["with 2"] == pytest.approx(numbers["central difference"], abs=1e-6)
 
@@ -155,7 +154,7 @@ def test_factored_derivative_is_right_with_2(material: Material) -> None:  # noq
 # --- Theorem 1 along the runs ---
 
 
-def test_V_falls_as_printed_by_its_integral(material: Material) -> None:  # noqa: F811
+def test_V_falls_as_printed_by_its_integral(material: Material) -> None:
     """Without differentiating: V gains no more over each tenth of a second than -lambda |Z|^2 + h sums up to."""
     for found in material.theorem1:
         m, psi_bar = material.motions[found.controller], np.array(found.psi_bar)
@@ -167,13 +166,13 @@ def test_V_falls_as_printed_by_its_integral(material: Material) -> None:  # noqa
         assert found.share_violated == 0.0
 
 
-def test_radii_hold_and_are_far_off(material: Material) -> None:  # noqa: F811
+def test_radii_hold_and_are_far_off(material: Material) -> None:
     for found in material.theorem1:
         assert found.Z_max <= found.d_chi
         assert 20 < found.chi_min / found.Z_steady < 60
 
 
-def test_uncertainty_is_what_V_needs(material: Material) -> None:  # noqa: F811
+def test_uncertainty_is_what_V_needs(material: Material) -> None:
     """(52): V_theta_e' = s^T (tau_a + g) + 2 beta theta_e^T S theta_e', with V differentiated as a whole."""
     c = material.runs.controller("1")
     m = material.motions["1"]
@@ -184,7 +183,7 @@ def test_uncertainty_is_what_V_needs(material: Material) -> None:  # noqa: F811
     assert np.abs(rate - right)[late].max() < 5e-3 * np.abs(right)[late].max()
 
 
-def test_violated_inequality_would_be_found(material: Material) -> None:  # noqa: F811
+def test_violated_inequality_would_be_found(material: Material) -> None:
     """With a psi_bar that is no bound of the uncertainty, and a motion whose V rises without cause."""
     c = material.runs.controller("1")
     m = motion(material.runs.closed_loop["1", "disturbed"], c)

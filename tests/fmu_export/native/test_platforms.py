@@ -29,12 +29,13 @@ from fmu_export.native import backend as native_backend
 from fmu_export.native.toolchain import find_compiler
 from parallel_robot.fmus import build, fmu_path
 from parallel_robot.models import MODELS
-from tests.fmu_export.test_toolchain import kind_and_exports, text_at
+from tests.support import SUPPORT
+from tests.support.binaries import kind_and_exports, text_at
 from tests.support.native_fmus import FLAVOURS, Host, require_compiler, unpack
 
 pytest.importorskip("ziglang", reason="the ziglang package, which compiles for other platforms, is not installed")
 
-CHECKOUT = Path(__file__).resolve().parents[2]
+CHECKOUT = Path(__file__).resolve().parents[3]
 HEADERS = Path(fmpy.__file__).parent / "c-code"
 
 #: Folders below binaries/, by flavour, and our names of their platforms.
@@ -384,7 +385,7 @@ def wine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..., str
 @pytest.fixture(scope="module")
 def windows_host(wine: Callable[..., str], tmp_path_factory: pytest.TempPathFactory) -> Path:
     program = tmp_path_factory.mktemp("windows host") / "host.exe"
-    source = Path(__file__).parents[1] / "support" / "platform_host.c"
+    source = SUPPORT / "platform_host.c"
     command = [sys.executable, "-m", "ziglang", "cc", "-target", "x86_64-windows-gnu", "-municode", "-std=c99", "-O2"]
     command += ["-g0", "-s", "-Wall", "-Wextra", "-Werror", f"-I{HEADERS}", str(source), "-o", str(program)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)

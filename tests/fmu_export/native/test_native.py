@@ -16,8 +16,8 @@ import sys
 import threading
 import zipfile
 from collections.abc import Callable
-from ctypes import byref, c_double, c_int, c_void_p
-from dataclasses import dataclass, replace
+from ctypes import byref, c_double, c_int
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -43,18 +43,16 @@ from tests.support.native_fmus import (
     Host,
     Refused,
     library_path,
-    native_fmus,  # noqa: F401 -- a fixture
     unpack,
-    unpacked,  # noqa: F401 -- a fixture
 )
+from tests.support.native_misuse import CASES, MISSING, TORQUE, Misuse, advance, good_run, prepared
 
-CHECKOUT = Path(__file__).resolve().parents[2]
+CHECKOUT = Path(__file__).resolve().parents[3]
 NAMES = [model.name for model in MODELS.values()]
 BOTH = pytest.mark.parametrize("flavour", FLAVOURS)
 ALL = pytest.mark.parametrize("name", NAMES)
 
 STATES = list(PLANT.state_layout.names)
-TORQUE = {"tau_a[1]": 0.05, "tau_a[2]": -0.03, "tau_a[3]": 0.04}
 ENDS = ["x_E", "y_E"]
 
 
@@ -91,7 +89,7 @@ def ends_of(states: np.ndarray, inputs: Callable[[float], np.ndarray], times: np
 
 
 @pytest.fixture(scope="module")
-def tracking(robot_fmus: Path, native_fmus: Path) -> dict[str, Results]:  # noqa: F811
+def tracking(robot_fmus: Path, native_fmus: Path) -> dict[str, Results]:
     scenario = load_scenario("tracking")
     folders = {"pythonfmu": robot_fmus} | dict.fromkeys(FLAVOURS, native_fmus)
     return {
@@ -115,7 +113,7 @@ def test_closed_loop_is_that_of_the_pythonfmu_flavour(tracking: dict[str, Result
     assert np.ptp(found["plant.x_E"]) > 0.01
 
 
-def test_flavours_agree_with_feedforward_and_weak_motors(robot_fmus: Path, native_fmus: Path) -> None:  # noqa: F811
+def test_flavours_agree_with_feedforward_and_weak_motors(robot_fmus: Path, native_fmus: Path) -> None:
     scenario = load_scenario("tracking-feedforward").with_start_value("controller", "tau_max", 0.1)
     folders = {"pythonfmu": robot_fmus} | dict.fromkeys(FLAVOURS, native_fmus)
     reference, *others = (
@@ -134,7 +132,7 @@ def test_flavours_agree_with_feedforward_and_weak_motors(robot_fmus: Path, nativ
 
 @BOTH
 @ALL
-def test_fmpy_finds_nothing_to_complain_about(native_fmus: Path, flavour: str, name: str) -> None:  # noqa: F811
+def test_fmpy_finds_nothing_to_complain_about(native_fmus: Path, flavour: str, name: str) -> None:
     assert validate_fmu(str(native_fmus / flavour / f"{name}.fmu")) == []
 
 
@@ -154,7 +152,7 @@ def contract(fmu: Path) -> list[tuple[Any, ...]]:
 @ALL
 def test_variables_are_those_of_the_pythonfmu_flavour(
     fmus: Path,
-    native_fmus: Path,  # noqa: F811
+    native_fmus: Path,
     flavour: str,
     name: str,
 ) -> None:
@@ -168,7 +166,7 @@ def test_variables_are_those_of_the_pythonfmu_flavour(
 
 @BOTH
 @ALL
-def test_derivatives_belong_to_their_states(native_fmus: Path, flavour: str, name: str) -> None:  # noqa: F811
+def test_derivatives_belong_to_their_states(native_fmus: Path, flavour: str, name: str) -> None:
     description = fmpy.read_model_description(str(native_fmus / flavour / f"{name}.fmu"))
     rates = [v for v in description.modelVariables if v.name.startswith("der(")]
     assert [f"der({v.derivative.name})" for v in rates] == [v.name for v in rates]
@@ -180,13 +178,13 @@ def test_derivatives_belong_to_their_states(native_fmus: Path, flavour: str, nam
 
 
 @BOTH
-def test_same_sources_same_bytes(native_fmus: Path, tmp_path: Path, flavour: str) -> None:  # noqa: F811
+def test_same_sources_same_bytes(native_fmus: Path, tmp_path: Path, flavour: str) -> None:
     again = build_native(MODELS["controller"], tmp_path, flavour)
     assert again.read_bytes() == (native_fmus / flavour / again.name).read_bytes()
 
 
 @BOTH
-def test_guid_changes_with_content(native_fmus: Path, tmp_path: Path, flavour: str) -> None:  # noqa: F811
+def test_guid_changes_with_content(native_fmus: Path, tmp_path: Path, flavour: str) -> None:
     controller = MODELS["controller"]
 
     def guid(path: Path) -> str:
@@ -206,7 +204,7 @@ def test_guid_changes_with_content(native_fmus: Path, tmp_path: Path, flavour: s
 
 
 @BOTH
-def test_model_exchange_with_cvode_is_dop853(native_fmus: Path, flavour: str) -> None:  # noqa: F811
+def test_model_exchange_with_cvode_is_dop853(native_fmus: Path, flavour: str) -> None:
     found = fmpy.simulate_fmu(
         str(native_fmus / flavour / "RobotPlant.fmu"),
         fmi_type="ModelExchange",
@@ -232,7 +230,7 @@ def test_model_exchange_with_cvode_is_dop853(native_fmus: Path, flavour: str) ->
 
 @BOTH
 @ALL
-def test_derivatives_are_those_of_the_model(unpacked: Path, flavour: str, name: str) -> None:  # noqa: F811
+def test_derivatives_are_those_of_the_model(unpacked: Path, flavour: str, name: str) -> None:
     """At states and inputs away from the start, also through the variables der(...)."""
     model = next(m for m in MODELS.values() if m.name == name)
     with Host(unpacked / flavour / name, "ModelExchange") as host:
@@ -297,7 +295,7 @@ def assert_jacobian(found: np.ndarray, expected: np.ndarray, unknowns: list[str]
 @BOTH
 @pytest.mark.parametrize("instance", ["plant", "controller"])
 def test_directional_derivatives_in_continuous_time_mode(
-    unpacked: Path,  # noqa: F811
+    unpacked: Path,
     flavour: str,
     instance: str,
 ) -> None:
@@ -329,7 +327,7 @@ def test_directional_derivatives_in_continuous_time_mode(
 
 @BOTH
 @pytest.mark.parametrize("instance", ["plant", "controller"])
-def test_directional_derivatives_in_co_simulation(unpacked: Path, flavour: str, instance: str) -> None:  # noqa: F811
+def test_directional_derivatives_in_co_simulation(unpacked: Path, flavour: str, instance: str) -> None:
     """Outputs with respect to inputs, after some steps."""
     model = MODELS[instance]
     unknowns, inputs = list(model.outputs.names), list(model.inputs.names)
@@ -350,7 +348,7 @@ def test_directional_derivatives_in_co_simulation(unpacked: Path, flavour: str, 
 
 @BOTH
 @pytest.mark.parametrize("instance", ["plant", "controller", "trajectory"])
-def test_directional_derivatives_of_initial_outputs(unpacked: Path, flavour: str, instance: str) -> None:  # noqa: F811
+def test_directional_derivatives_of_initial_outputs(unpacked: Path, flavour: str, instance: str) -> None:
     """With respect to parameters, through the initial state, and to inputs."""
     model = MODELS[instance]
     # the loop is closed whatever the parameters are: the error is rounding, and so is its difference
@@ -380,7 +378,7 @@ def test_directional_derivatives_of_initial_outputs(unpacked: Path, flavour: str
 
 @BOTH
 @pytest.mark.parametrize("instance", ["plant", "controller"])
-def test_directions_at_a_kink_are_those_of_central_differences(unpacked: Path, flavour: str, instance: str) -> None:  # noqa: F811
+def test_directions_at_a_kink_are_those_of_central_differences(unpacked: Path, flavour: str, instance: str) -> None:
     """The closure error of a closed loop and |s| at s = 0 have a kink; central differences give 0 there, not NaN."""
     model = MODELS[instance]
     with Host(unpacked / flavour / model.name) as host:
@@ -420,7 +418,7 @@ def ramp_end(folder: Path, h: float, linear: bool, max_step: float = 1.0) -> np.
 
 
 @pytest.mark.parametrize(("linear", "order"), [(True, 4.0), (False, 1.0)], ids=["linear", "held"])
-def test_order_of_input_ramps(unpacked: Path, linear: bool, order: float) -> None:  # noqa: F811
+def test_order_of_input_ramps(unpacked: Path, linear: bool, order: float) -> None:
     expected = dop853(ramp, np.array([0.0, 0.64]))[-1]
     steps = [0.04, 0.02, 0.01]
     errors = [np.abs(ramp_end(unpacked / "fmi2" / "RobotPlant", h, linear) - expected).max() for h in steps]
@@ -429,7 +427,7 @@ def test_order_of_input_ramps(unpacked: Path, linear: bool, order: float) -> Non
     assert slope == pytest.approx(order, abs=0.15)
 
 
-def test_ramp_is_followed_through_internal_steps(unpacked: Path) -> None:  # noqa: F811
+def test_ramp_is_followed_through_internal_steps(unpacked: Path) -> None:
     """Long communication steps with short internal ones are as exact as short communication steps."""
     folder, expected = unpacked / "fmi2" / "RobotPlant", dop853(ramp, np.array([0.0, 0.64]))[-1]
     short = ramp_end(folder, 5e-3, True)
@@ -439,7 +437,7 @@ def test_ramp_is_followed_through_internal_steps(unpacked: Path) -> None:  # noq
     assert np.abs(ramp_end(folder, 0.32, False, max_step=5e-3) - expected).max() > 1e-3
 
 
-def test_input_arrives_and_is_then_held(unpacked: Path) -> None:  # noqa: F811
+def test_input_arrives_and_is_then_held(unpacked: Path) -> None:
     folder, h, rates = unpacked / "fmi2" / "RobotPlant", 0.01, dict(zip(AXES, RATE, strict=True))
     with Host(folder) as host, Host(folder) as other:
         for one in (host, other):
@@ -459,7 +457,7 @@ def test_input_arrives_and_is_then_held(unpacked: Path) -> None:  # noqa: F811
         assert host.get(list(OUTPUTS.names)) == pytest.approx(expected, rel=1e-12, abs=1e-13)
 
 
-def test_requirements_hold_at_every_internal_step(unpacked: Path) -> None:  # noqa: F811
+def test_requirements_hold_at_every_internal_step(unpacked: Path) -> None:
     """A mass change that only becomes impossible on the way through the step."""
     with Host(unpacked / "fmi2" / "RobotPlant") as host:
         host.run_up()
@@ -472,7 +470,7 @@ def test_requirements_hold_at_every_internal_step(unpacked: Path) -> None:  # no
         assert host.get(STATES) == before
 
 
-def test_setting_an_input_alone_holds_it(unpacked: Path) -> None:  # noqa: F811
+def test_setting_an_input_alone_holds_it(unpacked: Path) -> None:
     """A derivative that was given before the value belongs to the old value."""
     with Host(unpacked / "fmi2" / "RobotPlant") as host:
         host.run_up()
@@ -485,284 +483,17 @@ def test_setting_an_input_alone_holds_it(unpacked: Path) -> None:  # noqa: F811
 # 6. Misuse
 
 
-@dataclass(frozen=True)
-class Misuse:
-    """A call that must fail, on a fresh instance of the plant."""
-
-    name: str
-    call: Callable[[Host], int]
-    words: str  # regular expression that the messages must match
-    status: int = ERROR
-    kind: str = "CoSimulation"
-    flavours: tuple[str, ...] = FLAVOURS
-
-
-ME = {"kind": "ModelExchange"}
-ONLY_2: dict[str, Any] = {"flavours": ("fmi2",)}
-ONLY_3: dict[str, Any] = {"flavours": ("fmi3",)}
-UNREACHABLE = {"x_E_start": 5.0}
-STATE_MACHINE = "can't be called"
-
-
-def twice(h: Host) -> int:
-    h.run_up()
-    h.must(h.call("Terminate"))
-    return h.call("Terminate")
-
-
-def after_terminate(call: Callable[[Host], int]) -> Callable[[Host], int]:
-    def run(h: Host) -> int:
-        h.run_up()
-        h.must(h.call("Terminate"))
-        return call(h)
-
-    return run
-
-
-def typed(h: Host, function: str) -> int:
-    """Get or set variable 0 as of another type."""
-    buffer = (c_double * 1)()
-    sizes = (1,) if h.version == 3 else ()
-    return h.call(function, h.vr([0]), 1, buffer, *sizes)
-
-
-NAN, INF = math.nan, math.inf
-
-CASES = [
-    Misuse("step before init", lambda h: h.step(0.0, 1e-3), STATE_MACHINE),
-    Misuse("step in init", lambda h: h.enter() or h.step(0.0, 1e-3), STATE_MACHINE),
-    Misuse("step in model exchange", lambda h: h.run_up().step(0.0, 1e-3), STATE_MACHINE, **ME),
-    Misuse("step after terminate", after_terminate(lambda h: h.step(0.0, 1e-3)), STATE_MACHINE),
-    Misuse("set after terminate", after_terminate(lambda h: h.set({"dm": 0.1})), STATE_MACHINE),
-    Misuse("enter twice", lambda h: h.enter() or h.call(*INIT[h.version]), STATE_MACHINE),
-    Misuse("exit without enter", lambda h: h.exit(), STATE_MACHINE),
-    Misuse("exit twice", lambda h: h.run_up().exit(), STATE_MACHINE),
-    Misuse("terminate before init", lambda h: h.call("Terminate"), STATE_MACHINE),
-    Misuse("terminate twice", twice, STATE_MACHINE),
-    Misuse("continuous states in co-simulation", lambda h: h.run_up().set_states([0.0] * 12), STATE_MACHINE),
-    Misuse("derivatives in co-simulation", lambda h: h.run_up().try_derivatives(12)[0], STATE_MACHINE),
-    Misuse("set states in event mode", lambda h: h.run_up().set_states([0.0] * 12), STATE_MACHINE, **ME),
-    Misuse("event update in continuous mode", lambda h: h.run_up().continuous().update(), STATE_MACHINE, **ME),
-    Misuse("time in co-simulation", lambda h: h.run_up().call("SetTime", 1.0), STATE_MACHINE),
-    Misuse("direction before init", lambda h: h.direction(["x_E"], {"dm": 1.0})[0], STATE_MACHINE),
-    Misuse("rates before init", lambda h: h.set_rates({"dm": 1.0}), STATE_MACHINE, **ONLY_2),
-    Misuse("rates in model exchange", lambda h: h.run_up().set_rates({"dm": 1.0}), STATE_MACHINE, **ME, **ONLY_2),
-    Misuse(
-        "setup after init", lambda h: h.run_up().call("SetupExperiment", 0, 0.0, 0.0, 0, 0.0), STATE_MACHINE, **ONLY_2
-    ),
-    Misuse("parameter after init", lambda h: h.run_up().set({"X": 0.1}), "parameter 'X' is fixed.*reset"),
-    Misuse("output", lambda h: h.set({"x_E": 0.1}), "'x_E' is computed"),
-    Misuse("derivative", lambda h: h.run_up().set({"der(omega_a[1])": 0.1}), r"'der\(omega_a\[1\]\)' is computed"),
-    Misuse("unknown reference set", lambda h: h.set({9999: 0.1}), "value reference 9999"),
-    Misuse("unknown reference get", lambda h: h.try_get([9999])[0], "value reference 9999"),
-    Misuse("largest reference get", lambda h: h.try_get([2**32 - 1])[0], "value reference 4294967295"),
-    Misuse("set time variable", lambda h: h.run_up().set({"time": 0.1}), "reference|time", **ONLY_3),
-    Misuse("nan input", lambda h: h.run_up().set({"dm": NAN}), "'dm' can't be -?nan"),
-    Misuse("infinite input", lambda h: h.run_up().set({"tau_a[2]": INF}), r"'tau_a\[2\]' can't be inf"),
-    Misuse("nan parameter", lambda h: h.set({"X": NAN}), "'X' can't be -?nan"),
-    Misuse("nan start time", lambda h: h.enter(NAN), "start time -?nan"),
-    Misuse("parameter below its limit", lambda h: h.set({"l": -1.0}) or h.enter() or h.exit(), "parameter 'l' is -1"),
-    Misuse("get with a parameter below its limit", lambda h: h.set({"l": -1.0}) or h.try_get(["x_E"])[0], "'l' is -1"),
-    Misuse("unreachable start", lambda h: h.set(UNREACHABLE) or h.enter() or h.exit(), "out of reach of chain 1"),
-    Misuse(
-        "get before init of an unreachable start", lambda h: h.set(UNREACHABLE) or h.try_get(["x_E"])[0], "out of reach"
-    ),
-    Misuse(
-        "direction of an unreachable start",
-        lambda h: h.set(UNREACHABLE) or h.enter() or h.direction(["x_E"], {"l": 1.0})[0],
-        "out of reach",
-    ),
-    Misuse(
-        "indefinite mass matrix at the start",
-        lambda h: h.set({"dm": -5.0}) or h.enter() or h.exit(),
-        "positive definite",
-    ),
-    Misuse(
-        "indefinite mass matrix in a step",
-        lambda h: h.run_up().set({"dm": -5.0}) or h.step(0.0, 1e-3),
-        "t = 0 s: .*positive definite",
-        DISCARD,
-    ),
-    Misuse(
-        "indefinite mass matrix in model exchange",
-        lambda h: h.run_up().continuous().set({"dm": -5.0}) or h.try_derivatives(12)[0],
-        "positive definite",
-        DISCARD,
-        **ME,
-    ),
-    Misuse("step of zero", lambda h: h.run_up().step(0.0, 0.0), "communication step 0 s"),
-    Misuse("negative step", lambda h: h.run_up().step(0.0, -1e-3), "communication step -0.001 s"),
-    Misuse("nan step", lambda h: h.run_up().step(0.0, NAN), "communication step -?nan"),
-    Misuse("infinite step", lambda h: h.run_up().step(0.0, INF), "communication step inf"),
-    Misuse("nan time", lambda h: h.run_up().step(NAN, 1e-3), "-?nan"),
-    Misuse("huge step", lambda h: h.run_up().step(0.0, 1e9), "1e.12 internal steps.*max_step", DISCARD),
-    Misuse(
-        "huge torque",
-        lambda h: h.run_up().set({"tau_a[1]": 1e300}) or h.step(0.0, 1.0),
-        "no longer finite.*reduce",
-        DISCARD,
-    ),
-    Misuse(
-        "nan continuous state", lambda h: h.run_up().continuous().set_states([NAN] * 12), "states.*not finite", **ME
-    ),
-    Misuse("wrong number of states set", lambda h: h.run_up().continuous().set_states([0.0] * 11), "12 .*not 11", **ME),
-    Misuse("wrong number of derivatives", lambda h: h.run_up().try_derivatives(13)[0], "12 .*not 13", **ME),
-    Misuse(
-        "wrong number of states got",
-        lambda h: h.run_up().call("GetContinuousStates", (c_double * 12)(), 0),
-        "12 .*not 0",
-        **ME,
-    ),
-    Misuse(
-        "wrong number of nominals",
-        lambda h: h.run_up().call("GetNominalsOfContinuousStates", (c_double * 3)(), 3),
-        "12 .*not 3",
-        **ME,
-    ),
-    Misuse(
-        "event indicators",
-        lambda h: h.run_up().call("GetEventIndicators", (c_double * 1)(), 1),
-        "no event indicators",
-        **ME,
-    ),
-    Misuse("nan time in model exchange", lambda h: h.run_up().call("SetTime", NAN), "time -?nan", **ME),
-    Misuse("get integer", lambda h: typed(h, f"Get{h.integer}"), "every variable .* type (Real|Float64)"),
-    Misuse("set integer", lambda h: typed(h, f"Set{h.integer}"), "every variable .* type (Real|Float64)"),
-    Misuse("set boolean", lambda h: typed(h, "SetBoolean"), "every variable .* type (Real|Float64)"),
-    Misuse("get string", lambda h: typed(h, "GetString"), "every variable .* type (Real|Float64)"),
-    Misuse("direction of an input", lambda h: h.run_up().direction(["dm"], {"dm": 1.0})[0], "no unknown"),
-    Misuse(
-        "direction of an unknown reference", lambda h: h.run_up().direction([9999], {"dm": 1.0})[0], "reference 9999"
-    ),
-    Misuse(
-        "direction along an unknown reference",
-        lambda h: h.run_up().direction(["x_E"], {9999: 1.0})[0],
-        "reference 9999",
-    ),
-    Misuse("direction along nan", lambda h: h.run_up().direction(["F_c[1]"], {"dm": NAN})[0], "finite|nan"),
-    Misuse(
-        "rates of order 2", lambda h: h.run_up().set_rates({"dm": 1.0}, order=2), "order 2.*only of order 1", **ONLY_2
-    ),
-    Misuse("rates of order 0", lambda h: h.run_up().set_rates({"dm": 1.0}, order=0), "order 0", **ONLY_2),
-    Misuse("rate of a parameter", lambda h: h.run_up().set_rates({"X": 1.0}), "no input", **ONLY_2),
-    Misuse("rate of an output", lambda h: h.run_up().set_rates({"x_E": 1.0}), "no input", **ONLY_2),
-    Misuse("rate of an unknown reference", lambda h: h.run_up().set_rates({9999: 1.0}), "9999", **ONLY_2),
-    Misuse("nan rate", lambda h: h.run_up().set_rates({"dm": NAN}), "derivative of 'dm' can't be -?nan", **ONLY_2),
-    Misuse("cancel step", lambda h: h.run_up().call("CancelStep"), "none to cancel", **ONLY_2),
-    Misuse(
-        "output derivatives",
-        lambda h: h.run_up().call("GetRealOutputDerivatives", h.vr(["x_E"]), 1, (c_int * 1)(1), (c_double * 1)()),
-        "maxOutputDerivativeOrder",
-        **ONLY_2,
-    ),
-    Misuse(
-        "adjoint derivative",
-        lambda h: h.run_up().call(
-            "GetAdjointDerivative", h.vr(["x_E"]), 1, h.vr(["dm"]), 1, (c_double * 1)(1), 1, (c_double * 1)(), 1
-        ),
-        "no adjoint derivatives",
-        **ONLY_3,
-    ),
-    Misuse("configuration mode", lambda h: h.call("EnterConfigurationMode"), "no structural parameters", **ONLY_3),
-    Misuse("event mode in co-simulation", lambda h: h.run_up().call("EnterEventMode"), STATE_MACHINE),
-    Misuse("step mode", lambda h: h.run_up().call("EnterStepMode"), "no event mode", **ONLY_3),
-    Misuse(
-        "numbers of values",
-        lambda h: h.call("GetFloat64", h.vr(["X"]), 1, (c_double * 2)(), 2),
-        "2 values for 1 variables",
-        **ONLY_3,
-    ),
-    Misuse(
-        "numbers of seeds",
-        lambda h: h.run_up().call(
-            "GetDirectionalDerivative", h.vr(["x_E"]), 1, h.vr(["dm"]), 1, (c_double * 2)(), 2, (c_double * 1)(), 1
-        ),
-        "one value for each",
-        **ONLY_3,
-    ),
-    Misuse("state to set missing", lambda h: h.restore(c_void_p()), "no FMU state"),
-    Misuse("bytes of another length", lambda h: h.restore_bytes(b"abc"), "damaged or belongs to another"),
-    Misuse("values array missing", lambda h: h.call(f"Get{h.real}", h.vr(["X"]), 1, None, *h._extra(1)), "is missing"),
-    Misuse(
-        "references array missing",
-        lambda h: h.call(f"Set{h.real}", None, 1, (c_double * 1)(), *h._extra(1)),
-        "is missing",
-    ),
-]
-
-#: Entering the initialisation mode once more, without SetupExperiment.
-INIT: dict[int, tuple[Any, ...]] = {
-    2: ("EnterInitializationMode",),
-    3: ("EnterInitializationMode", False, 0.0, 0.0, False, 0.0),
-}
-
-#: Missing pointers that only a broken importer passes; tried in a process of their own.
-MISSING = [
-    Misuse("states to set", lambda h: h.run_up().continuous().call("SetContinuousStates", None, 12), "missing", **ME),
-    Misuse("states to get", lambda h: h.run_up().call("GetContinuousStates", None, 12), "missing", **ME),
-    Misuse(
-        "state derivatives",
-        lambda h: h.run_up().call({2: "GetDerivatives", 3: "GetContinuousStateDerivatives"}[h.version], None, 12),
-        "missing",
-        **ME,
-    ),
-    Misuse(
-        "rates", lambda h: h.run_up().call("SetRealInputDerivatives", h.vr(["dm"]), 1, None, None), "missing", **ONLY_2
-    ),
-    Misuse(
-        "seeds",
-        lambda h: h.run_up().call(
-            "GetDirectionalDerivative", h.vr(["x_E"]), 1, h.vr(["dm"]), 1, None, (c_double * 1)()
-        ),
-        "missing",
-        **ONLY_2,
-    ),
-    Misuse(
-        "seeds 3",
-        lambda h: h.run_up().call(
-            "GetDirectionalDerivative", h.vr(["x_E"]), 1, h.vr(["dm"]), 1, None, 1, (c_double * 1)(), 1
-        ),
-        "missing",
-        **ONLY_3,
-    ),
-    Misuse("event info", lambda h: h.run_up().call("NewDiscreteStates", None), "missing", **ME, **ONLY_2),
-    Misuse(
-        "step results",
-        lambda h: h.run_up().call("DoStep", 0.0, 1e-3, True, None, None, None, None),
-        "missing",
-        **ONLY_3,
-    ),
-    Misuse("place of the state", lambda h: h.call(h._state_function("GetFMUState"), None), ""),
-    Misuse(
-        "place of the deserialised state",
-        lambda h: h.call(h._state_function("DeserializeFMUState"), h.save_bytes(), len(h.save_bytes()), None),
-        "",
-    ),
-]
-
-
 def pairs(cases: list[Misuse]) -> list[Any]:
     return [pytest.param(f, c, id=f"{f}-{c.name}".replace(" ", "_")) for c in cases for f in c.flavours]
 
 
 @pytest.mark.parametrize(("flavour", "case"), pairs(CASES))
-def test_misuse_is_refused_with_a_message(unpacked: Path, flavour: str, case: Misuse) -> None:  # noqa: F811
+def test_misuse_is_refused_with_a_message(unpacked: Path, flavour: str, case: Misuse) -> None:
     with Host(unpacked / flavour / "RobotPlant", case.kind) as host:
         assert case.call(host) == case.status
         assert re.search(case.words, "\n".join(host.messages)), host.messages
         # the last message belongs to the failure and carries its status
         assert host.log[-1] == (case.status, {DISCARD: "logStatusDiscard", ERROR: "logStatusError"}[case.status])
-
-
-def good_run(folder: Path) -> list[float]:
-    with Host(folder) as host:
-        host.run_up(TORQUE)
-        for i in range(50):
-            host.must(host.step(i * 1e-3, 1e-3))
-        values = host.get(list(OUTPUTS.names))
-        host.must(host.call("Terminate"))
-        assert host.messages == []
-        return values
 
 
 def child(script: str, *arguments: str) -> Any:
@@ -782,13 +513,13 @@ def child(script: str, *arguments: str) -> Any:
 
 
 @BOTH
-def test_a_host_survives_all_misuse_and_a_good_run_follows(unpacked: Path, flavour: str) -> None:  # noqa: F811
+def test_a_host_survives_all_misuse_and_a_good_run_follows(unpacked: Path, flavour: str) -> None:
     """One instance after the other, in one process; the refused instances live on until the good run is over."""
     script = """
 import json, sys
 from pathlib import Path
 from tests.support.native_fmus import Host
-from tests.fmu_export.test_native import CASES, good_run
+from tests.support.native_misuse import CASES, good_run
 folder, hosts = Path(sys.argv[1]), []
 for case in CASES:
     if folder.parent.name in case.flavours:
@@ -806,12 +537,12 @@ print(json.dumps([len(hosts), values]))
 
 
 @pytest.mark.parametrize(("flavour", "case"), pairs(MISSING))
-def test_missing_pointers_do_not_abort_the_host(unpacked: Path, flavour: str, case: Misuse) -> None:  # noqa: F811
+def test_missing_pointers_do_not_abort_the_host(unpacked: Path, flavour: str, case: Misuse) -> None:
     script = """
 import json, sys
 from pathlib import Path
 from tests.support.native_fmus import Host
-from tests.fmu_export.test_native import MISSING
+from tests.support.native_misuse import MISSING
 case = next(c for c in MISSING if c.name == sys.argv[2])
 host = Host(Path(sys.argv[1]), case.kind)
 print(json.dumps([case.call(host), host.messages]))
@@ -822,28 +553,28 @@ print(json.dumps([case.call(host), host.messages]))
 
 
 @BOTH
-def test_an_instance_goes_on_after_refused_calls(unpacked: Path, flavour: str) -> None:  # noqa: F811
+def test_an_instance_goes_on_after_refused_calls(unpacked: Path, flavour: str) -> None:
     """What is refused leaves no trace: the same bits as without it."""
     folder = unpacked / flavour / "RobotPlant"
     with Host(folder) as host:
         host.run_up(TORQUE)
         for i in range(50):
-            host.set({"dm": NAN})
+            host.set({"dm": math.nan})
             host.set({"X": 1.0})
             host.set({"x_E": 1.0})
             host.step(i * 1e-3, -1.0)
             host.step(i * 1e-3, 1e9)
-            host.step(NAN, 1e-3)
+            host.step(math.nan, 1e-3)
             host.direction(["dm"], {"dm": 1.0})
             if flavour == "fmi2":
-                host.set_rates({"dm": NAN})
+                host.set_rates({"dm": math.nan})
                 host.set_rates({"dm": 1.0}, order=2)
             host.must(host.step(i * 1e-3, 1e-3))
         assert host.get(list(OUTPUTS.names)) == good_run(folder)
 
 
 @BOTH
-def test_a_discarded_step_leaves_the_state(unpacked: Path, flavour: str) -> None:  # noqa: F811
+def test_a_discarded_step_leaves_the_state(unpacked: Path, flavour: str) -> None:
     folder = unpacked / flavour / "RobotPlant"
     with Host(folder) as host:
         host.run_up(TORQUE)
@@ -856,7 +587,7 @@ def test_a_discarded_step_leaves_the_state(unpacked: Path, flavour: str) -> None
 
 
 @BOTH
-def test_path_out_of_reach_is_an_error_that_says_so(unpacked: Path, flavour: str) -> None:  # noqa: F811
+def test_path_out_of_reach_is_an_error_that_says_so(unpacked: Path, flavour: str) -> None:
     """As the pythonfmu flavour does: the requirement that does not hold, not just 'not finite'."""
     with Host(unpacked / flavour / "RobotTrajectory") as host:
         host.run_up({"w": 0.5, "R": 0.0, "a": 20.0, "x_c": -0.14, "phase": 0.0})
@@ -867,7 +598,7 @@ def test_path_out_of_reach_is_an_error_that_says_so(unpacked: Path, flavour: str
 
 
 @BOTH
-def test_status_of_steps(unpacked: Path, flavour: str) -> None:  # noqa: F811
+def test_status_of_steps(unpacked: Path, flavour: str) -> None:
     """When a step was discarded, the importer can ask for the time until which all was well."""
     with Host(unpacked / flavour / "RobotPlant") as host:
         host.run_up(start=2.0)
@@ -895,7 +626,7 @@ def test_status_of_steps(unpacked: Path, flavour: str) -> None:  # noqa: F811
 
 @BOTH
 @pytest.mark.parametrize("token", ["", "{00000000000000000000000000000000}", "{"], ids=["empty", "other", "short"])
-def test_wrong_token_is_refused(unpacked: Path, flavour: str, token: str) -> None:  # noqa: F811
+def test_wrong_token_is_refused(unpacked: Path, flavour: str, token: str) -> None:
     with pytest.raises(Refused, match=r"(GUID|instantiation token) is not that of this FMU"):
         Host(unpacked / flavour / "RobotPlant", token=token)
 
@@ -913,7 +644,7 @@ def test_wrong_token_is_refused(unpacked: Path, flavour: str, token: str) -> Non
     ids=["empty-name", "no-name", "no-resources", "missing-folder", "long-path"],
 )
 def test_bad_arguments_of_instantiate(
-    unpacked: Path,  # noqa: F811
+    unpacked: Path,
     flavour: str,
     options: dict[str, Any],
     words: str,
@@ -929,7 +660,7 @@ def test_bad_arguments_of_instantiate(
         ("ScheduledExecution", {}, "no scheduled execution"),
     ],
 )
-def test_what_fmi3_does_not_offer(unpacked: Path, kind: str, options: dict[str, Any], words: str) -> None:  # noqa: F811
+def test_what_fmi3_does_not_offer(unpacked: Path, kind: str, options: dict[str, Any], words: str) -> None:
     with pytest.raises(Refused, match=words):
         Host(unpacked / "fmi3" / "RobotPlant", kind, **options)
 
@@ -956,7 +687,7 @@ def test_what_fmi3_does_not_offer(unpacked: Path, kind: str, options: dict[str, 
          "comma", "rest", "two-values", "long"],
 )  # fmt: skip
 def test_broken_start_values_are_refused(
-    unpacked: Path,  # noqa: F811
+    unpacked: Path,
     tmp_path: Path,
     flavour: str,
     old: str,
@@ -974,7 +705,7 @@ def test_broken_start_values_are_refused(
 @BOTH
 @pytest.mark.parametrize("form", ["uri", "uri with host", "short uri", "trailing slash"])
 def test_resources_in_a_folder_with_a_difficult_name(
-    unpacked: Path,  # noqa: F811
+    unpacked: Path,
     tmp_path: Path,
     flavour: str,
     form: str,
@@ -997,7 +728,7 @@ def test_resources_in_a_folder_with_a_difficult_name(
 
 
 @BOTH
-def test_windows_line_ends_are_read(unpacked: Path, tmp_path: Path, flavour: str) -> None:  # noqa: F811
+def test_windows_line_ends_are_read(unpacked: Path, tmp_path: Path, flavour: str) -> None:
     """People edit the file with what their system has."""
     folder = unpacked / flavour / "RobotPlant"
     text = (folder / "resources" / "start_values.txt").read_bytes()
@@ -1008,7 +739,7 @@ def test_windows_line_ends_are_read(unpacked: Path, tmp_path: Path, flavour: str
 
 
 @BOTH
-def test_hosts_with_a_decimal_comma_read_the_same_start_values(unpacked: Path, tmp_path: Path, flavour: str) -> None:  # noqa: F811
+def test_hosts_with_a_decimal_comma_read_the_same_start_values(unpacked: Path, tmp_path: Path, flavour: str) -> None:
     """Host programs set the user's locale; in a German one strtod reads 0.0932 as 0."""
     localedef = shutil.which("localedef")
     if localedef is None:
@@ -1023,7 +754,7 @@ locale.setlocale(locale.LC_NUMERIC, "de_DE.UTF-8")
 assert locale.localeconv()["decimal_point"] == ","
 from pathlib import Path
 from tests.support.native_fmus import Host
-from tests.fmu_export.test_native import INPUTS, PARAMETERS
+from plant_fmu.model import INPUTS, PARAMETERS
 locale.setlocale(locale.LC_NUMERIC, "de_DE.UTF-8")
 host = Host(Path(sys.argv[1]))
 print(json.dumps(host.get([*PARAMETERS.names, *INPUTS.names])))
@@ -1048,25 +779,9 @@ def _made_locale(localedef: str, folder: Path) -> Any:
 # 7. FMU states
 
 
-def advance(host: Host, first: int, last: int) -> list[float]:
-    for i in range(first, last):
-        host.must(host.set({"tau_a[1]": 0.1 * math.sin(i), "dm": 0.01 * i}))
-        host.must(host.step(i * 1e-3, 1e-3))
-    return host.get([*INPUTS.names, *OUTPUTS.names])
-
-
-def prepared(folder: Path) -> Host:
-    """Some steps on, with an input derivative (FMI 2.0) that is yet to be used."""
-    host = Host(folder).run_up(TORQUE | {"x_E_start": 0.21})
-    advance(host, 0, 10)
-    if host.version == 2:
-        host.must(host.set_rates({"tau_a[2]": 30.0}))
-    return host
-
-
 @BOTH
 @pytest.mark.parametrize("way", ["same instance", "other instance", "bytes", "bytes of another process"])
-def test_restored_instances_go_on_bit_by_bit(unpacked: Path, flavour: str, way: str) -> None:  # noqa: F811
+def test_restored_instances_go_on_bit_by_bit(unpacked: Path, flavour: str, way: str) -> None:
     folder = unpacked / flavour / "RobotPlant"
     with prepared(folder) as host:
         state, data = host.save(), host.save_bytes()
@@ -1084,7 +799,7 @@ def test_restored_instances_go_on_bit_by_bit(unpacked: Path, flavour: str, way: 
                     script = """
 import json, sys
 from pathlib import Path
-from tests.fmu_export.test_native import prepared
+from tests.support.native_misuse import prepared
 print(json.dumps(prepared(Path(sys.argv[1])).save_bytes().hex()))
 """
                     assert bytes.fromhex(child(script, str(folder))) == data
@@ -1099,7 +814,7 @@ print(json.dumps(prepared(Path(sys.argv[1])).save_bytes().hex()))
 
 
 @BOTH
-def test_equal_states_have_equal_bytes_and_a_discarded_step_leaves_none_behind(unpacked: Path, flavour: str) -> None:  # noqa: F811
+def test_equal_states_have_equal_bytes_and_a_discarded_step_leaves_none_behind(unpacked: Path, flavour: str) -> None:
     folder = unpacked / flavour / "RobotPlant"
     with prepared(folder) as host, Host(folder, name="other") as other:
         data = host.save_bytes()
@@ -1113,7 +828,7 @@ def test_equal_states_have_equal_bytes_and_a_discarded_step_leaves_none_behind(u
 
 
 @BOTH
-def test_states_keep_the_phase(unpacked: Path, flavour: str) -> None:  # noqa: F811
+def test_states_keep_the_phase(unpacked: Path, flavour: str) -> None:
     """A state from the initialisation mode brings an instance that runs back there, and the other way round."""
     with Host(unpacked / flavour / "RobotPlant") as host:
         host.must(host.enter())
@@ -1129,7 +844,7 @@ def test_states_keep_the_phase(unpacked: Path, flavour: str) -> None:  # noqa: F
 
 
 @BOTH
-def test_every_changed_byte_of_a_state_is_noticed(unpacked: Path, flavour: str) -> None:  # noqa: F811
+def test_every_changed_byte_of_a_state_is_noticed(unpacked: Path, flavour: str) -> None:
     with prepared(unpacked / flavour / "RobotPlant") as host:
         data = host.save_bytes()
         before = host.get(list(OUTPUTS.names))
@@ -1147,7 +862,7 @@ def test_every_changed_byte_of_a_state_is_noticed(unpacked: Path, flavour: str) 
 
 
 @BOTH
-def test_state_of_another_fmu_is_refused(unpacked: Path, flavour: str) -> None:  # noqa: F811
+def test_state_of_another_fmu_is_refused(unpacked: Path, flavour: str) -> None:
     with (
         Host(unpacked / flavour / "RobotController").run_up() as other,
         Host(unpacked / flavour / "RobotPlant") as host,
@@ -1157,7 +872,7 @@ def test_state_of_another_fmu_is_refused(unpacked: Path, flavour: str) -> None: 
 
 
 @BOTH
-def test_state_of_the_other_interface_is_refused(unpacked: Path, flavour: str) -> None:  # noqa: F811
+def test_state_of_the_other_interface_is_refused(unpacked: Path, flavour: str) -> None:
     """In event mode, an instance for co-simulation could neither step nor leave that mode."""
     folder = unpacked / flavour / "RobotPlant"
     with Host(folder, "ModelExchange").run_up() as other, Host(folder).run_up() as host:
@@ -1167,7 +882,7 @@ def test_state_of_the_other_interface_is_refused(unpacked: Path, flavour: str) -
 
 @BOTH
 @pytest.mark.parametrize("kind", ["CoSimulation", "ModelExchange"])
-def test_reset_gives_a_fresh_instance(unpacked: Path, flavour: str, kind: str) -> None:  # noqa: F811
+def test_reset_gives_a_fresh_instance(unpacked: Path, flavour: str, kind: str) -> None:
     folder = unpacked / flavour / "RobotPlant"
     names = [*PARAMETERS.names, *INPUTS.names, *OUTPUTS.names, *(f"der({s})" for s in STATES)]
 
@@ -1196,7 +911,7 @@ def test_reset_gives_a_fresh_instance(unpacked: Path, flavour: str, kind: str) -
         assert run(host) == run(new)
 
 
-def test_restored_state_has_its_last_successful_time(unpacked: Path) -> None:  # noqa: F811
+def test_restored_state_has_its_last_successful_time(unpacked: Path) -> None:
     with Host(unpacked / "fmi2" / "RobotPlant").run_up() as host:
         host.must(host.step(0.0, 1.0))
         state, time = host.save(), c_double()
@@ -1211,7 +926,7 @@ def test_restored_state_has_its_last_successful_time(unpacked: Path) -> None:  #
 
 
 @BOTH
-def test_written_start_values_take_effect(native_fmus: Path, tmp_path: Path, flavour: str) -> None:  # noqa: F811
+def test_written_start_values_take_effect(native_fmus: Path, tmp_path: Path, flavour: str) -> None:
     fmu = Path(shutil.copy(native_fmus / flavour / "RobotPlant.fmu", tmp_path))
     before = contract(fmu)
     new = {"x_E_start": 0.2125, "X": 0.1 / 3.0 + 0.06, "max_step": 5e-4, "y_A[2]": 0.001}
@@ -1234,11 +949,11 @@ def test_written_start_values_take_effect(native_fmus: Path, tmp_path: Path, fla
 @BOTH
 @pytest.mark.parametrize(
     ("name", "value", "words"),
-    [("nobody", 1.0, "no parameter 'nobody'"), ("l", -1.0, "outside"), ("X", NAN, "not a finite"),
+    [("nobody", 1.0, "no parameter 'nobody'"), ("l", -1.0, "outside"), ("X", math.nan, "not a finite"),
      ("dm", 0.1, "no parameter 'dm'"), ("x_E", 0.1, "no parameter 'x_E'")],
 )  # fmt: skip
 def test_bad_start_values_are_not_written(
-    native_fmus: Path,  # noqa: F811
+    native_fmus: Path,
     tmp_path: Path,
     flavour: str,
     name: str,
@@ -1253,7 +968,7 @@ def test_bad_start_values_are_not_written(
 
 
 @BOTH
-def test_start_values_edited_by_hand_take_effect(unpacked: Path, tmp_path: Path, flavour: str) -> None:  # noqa: F811
+def test_start_values_edited_by_hand_take_effect(unpacked: Path, tmp_path: Path, flavour: str) -> None:
     folder = Path(shutil.copytree(unpacked / flavour / "RobotController", tmp_path / "x"))
     text = folder / "resources" / "start_values.txt"
     text.write_text(re.sub(r"(?m)^k = .*", "k = 7.25", text.read_text()))
@@ -1265,7 +980,7 @@ def test_start_values_edited_by_hand_take_effect(unpacked: Path, tmp_path: Path,
 
 
 @BOTH
-def test_instances_leave_no_memory_behind(unpacked: Path, flavour: str) -> None:  # noqa: F811
+def test_instances_leave_no_memory_behind(unpacked: Path, flavour: str) -> None:
     """Also those that were refused, and their FMU states."""
     if not Path("/proc/self/statm").exists():
         pytest.skip("no /proc/self/statm: the resident memory can't be read here")
@@ -1312,7 +1027,7 @@ print(json.dumps(resident() - before))
 
 
 @BOTH
-def test_eight_threads_give_what_one_gives(unpacked: Path, flavour: str) -> None:  # noqa: F811
+def test_eight_threads_give_what_one_gives(unpacked: Path, flavour: str) -> None:
     folder = unpacked / flavour / "RobotPlant"
 
     def run(scale: float, rows: list[list[float]]) -> None:
@@ -1342,7 +1057,7 @@ def test_eight_threads_give_what_one_gives(unpacked: Path, flavour: str) -> None
 
 @BOTH
 @ALL
-def test_exported_symbols_are_those_of_the_standard(unpacked: Path, flavour: str, name: str) -> None:  # noqa: F811
+def test_exported_symbols_are_those_of_the_standard(unpacked: Path, flavour: str, name: str) -> None:
     nm = shutil.which("nm")
     if nm is None:
         pytest.skip("nm is not installed")

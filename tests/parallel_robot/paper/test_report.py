@@ -10,7 +10,6 @@ import os
 import re
 import runpy
 import shutil
-from html.parser import HTMLParser
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -33,6 +32,7 @@ from parallel_robot.paper.reproduce.content import (
 )
 from parallel_robot.scenario import load_scenario
 from tests.conftest import DEFAULT_FLAVOUR
+from tests.support.html import Elements
 
 STOP, ONSET, STEADY = 3.0, 1.0, 2.0
 GAINS = {"pd": (0.0, 1.662), "10": (2.0655, 2.1671)}
@@ -125,30 +125,6 @@ def page(content: Reproduction, tmp_path_factory: pytest.TempPathFactory) -> Pat
 @pytest.fixture(scope="module")
 def html(page: Path) -> str:
     return page.read_text(encoding="utf-8")
-
-
-class Elements(HTMLParser):
-    """All elements of a page with their attributes; whether start and end tags match."""
-
-    VOID = ("meta", "img", "input", "br")
-
-    def __init__(self, text: str):
-        super().__init__()
-        self.all: list[tuple[str, dict[str, str | None], tuple[str, ...]]] = []
-        self.open: list[str] = []
-        self.feed(text)
-        self.close()
-
-    def handle_starttag(self, tag, attrs):
-        self.all.append((tag, dict(attrs), tuple(self.open)))
-        if tag not in self.VOID:
-            self.open.append(tag)
-
-    def handle_startendtag(self, tag, attrs):
-        self.all.append((tag, dict(attrs), tuple(self.open)))
-
-    def handle_endtag(self, tag):
-        assert self.open.pop() == tag
 
 
 @pytest.fixture(scope="module")
@@ -339,7 +315,7 @@ def test_the_animation_of_the_readme(robot_fmus, tmp_path):
     scenario = load_scenario("tracking")
     with Simulation(scenario.system(robot_fmus, DEFAULT_FLAVOUR), order=scenario.order) as simulation:
         simulation.run(12.7, 5e-3).to_csv(tmp_path / "results.csv")
-    script = runpy.run_path(str(Path(__file__).parents[2] / "docs/make_animation.py"))
+    script = runpy.run_path(str(Path(__file__).parents[3] / "docs/make_animation.py"))
     script["main"](str(tmp_path / "results.csv"), str(tmp_path / "robot.svg"))
     text = (tmp_path / "robot.svg").read_text(encoding="utf-8")
     assert len(text) < 200_000
