@@ -73,7 +73,8 @@ static CoreStatus read_start_values(Core *core, double values[]) {
             line[strcspn(line, "\r\n")] = '\0';
             for (char *c = line; *c; c++)
                 if (*c < ' ' || *c > '~') *c = '?'; /* messages are text, whatever the file is */
-            status = core_fail(core, CORE_ERROR, "start values can't be read: '%s' in %s is no 'name = number'", line, path);
+            status =
+                core_fail(core, CORE_ERROR, "start values can't be read: '%s' in %s is no 'name = number'", line, path);
             break;
         }
         *separator = '\0';
@@ -85,7 +86,9 @@ static CoreStatus read_start_values(Core *core, double values[]) {
     }
     fclose(file);
     for (int i = 0; status == CORE_OK && i < N_PU; i++)
-        if (!found[i]) status = core_fail(core, CORE_ERROR, "start values can't be read: '%s' is missing in %s", model_names[i], path);
+        if (!found[i])
+            status =
+                core_fail(core, CORE_ERROR, "start values can't be read: '%s' is missing in %s", model_names[i], path);
     return status;
 }
 
@@ -105,7 +108,8 @@ static CoreStatus check_parameters(Core *core) {
     for (int i = 0; i < N_P; i++) {
         double value = PARAMETERS(core)[i], lower = model_limits[i][0], upper = model_limits[i][1];
         if (!(lower <= value && value <= upper))
-            return core_fail(core, CORE_ERROR, "parameter '%s' is %.17g; it must be between %.17g and %.17g", model_names[i], value, lower, upper);
+            return core_fail(core, CORE_ERROR, "parameter '%s' is %.17g; it must be between %.17g and %.17g",
+                             model_names[i], value, lower, upper);
     }
     model_start_margins(PARAMETERS(core), margins);
     for (int i = 0; i < N_START_REQUIREMENTS; i++)
@@ -135,7 +139,10 @@ static CoreStatus check_now(Core *core, CoreStatus status) {
 static int all_finite(const double v[], size_t n) {
     uint64_t bits = 0;
     for (size_t i = 0; i < n; i++) {
-        union { double value; uint64_t bits; } difference = {v[i] - v[i]};
+        union {
+            double value;
+            uint64_t bits;
+        } difference = {v[i] - v[i]};
         bits |= difference.bits;
     }
     return bits << 1 == 0;
@@ -181,11 +188,15 @@ static const char *name_of(size_t reference) { return model_names[reference]; }
 
 /* Why a variable can't be set to a value; CORE_OK when it can. */
 static CoreStatus refuse_set(Core *core, size_t reference, double value) {
-    if (reference >= N_VALUES) return core_fail(core, CORE_ERROR, "no variable has the value reference %lu", (unsigned long)reference);
+    if (reference >= N_VALUES)
+        return core_fail(core, CORE_ERROR, "no variable has the value reference %lu", (unsigned long)reference);
     if (reference >= N_PU) return core_fail(core, CORE_ERROR, "'%s' is computed and can't be set", name_of(reference));
     if (reference < N_P && !(core->state.phase & (INSTANTIATED | INITIALIZATION)))
-        return core_fail(core, CORE_ERROR, "parameter '%s' is fixed after the initialisation; reset the instance to change it", name_of(reference));
-    if (!isfinite(value)) return core_fail(core, CORE_ERROR, "'%s' can't be %g; set a finite number", name_of(reference), value);
+        return core_fail(core, CORE_ERROR,
+                         "parameter '%s' is fixed after the initialisation; reset the instance to change it",
+                         name_of(reference));
+    if (!isfinite(value))
+        return core_fail(core, CORE_ERROR, "'%s' can't be %g; set a finite number", name_of(reference), value);
     return CORE_OK;
 }
 
@@ -218,8 +229,10 @@ CoreStatus core_set_input_rates(Core *core, const unsigned references[], size_t 
     for (size_t i = 0; i < n; i++) {
         size_t reference = references[i];
         if (!(reference >= N_P && reference < N_PU))
-            return core_fail(core, CORE_ERROR, "value reference %lu is no input and has no derivative to set", (unsigned long)reference);
-        if (!isfinite(rates[i])) return core_fail(core, CORE_ERROR, "the derivative of '%s' can't be %g", name_of(reference), rates[i]);
+            return core_fail(core, CORE_ERROR, "value reference %lu is no input and has no derivative to set",
+                             (unsigned long)reference);
+        if (!isfinite(rates[i]))
+            return core_fail(core, CORE_ERROR, "the derivative of '%s' can't be %g", name_of(reference), rates[i]);
         core->state.u_rate[reference - N_P] = rates[i];
     }
     return CORE_OK;
@@ -232,10 +245,8 @@ static CoreStatus compute(Core *core, int which) {
         CoreStatus status = compute_initial_state(core);
         if (status != CORE_OK) return status;
     }
-    if (which == OUTPUTS_VALID)
-        model_everything(s->time, STATES(core), INPUTS(core), PARAMETERS(core), OUTPUTS(core));
-    else
-        have_rates(core);
+    if (which == OUTPUTS_VALID) model_everything(s->time, STATES(core), INPUTS(core), PARAMETERS(core), OUTPUTS(core));
+    else have_rates(core);
     s->valid |= RATES_VALID;
     if (!all_finite(which == OUTPUTS_VALID ? OUTPUTS(core) : RATES(core), which == OUTPUTS_VALID ? N_Y : N_X)) {
         CoreStatus status = check_now(core, CORE_ERROR); /* a requirement says more than "not finite" */
@@ -281,7 +292,8 @@ CoreStatus core_get(Core *core, const unsigned references[], size_t n, double va
 
 #if N_X > 0
 /* One internal step from `x`, where the inputs are `u` and change at `u_rate`, to `next`. */
-static CoreStatus internal_step(Core *core, double time, double h, const double x[], const double u[], const double u_rate[], const double rates[], double next[]) {
+static CoreStatus internal_step(Core *core, double time, double h, const double x[], const double u[],
+                                const double u_rate[], const double rates[], double next[]) {
     CoreStatus status = check_margins(core, time, rates + N_X, CORE_DISCARD);
     if (status == CORE_OK) model_linear_step(time, x, u, PARAMETERS(core), h, u_rate, rates, next);
     return status;
@@ -293,11 +305,15 @@ static CoreStatus integrate(Core *core, double time, double step, double next[])
     double max_step = PARAMETERS(core)[N_P - 1], exact = 1.0;
     if (step > max_step * (1.0 + 1e-6)) exact = step / max_step; /* longer by rounding only: that stays one step */
     if (exact > MOST_INTERNAL_STEPS)
-        return core_fail(core, CORE_DISCARD, "communication step %g s needs %.4g internal steps; make it shorter, or max_step (%g s) longer", step, exact, max_step);
+        return core_fail(
+            core, CORE_DISCARD,
+            "communication step %g s needs %.4g internal steps; make it shorter, or max_step (%g s) longer", step,
+            exact, max_step);
     if (RATES_DEPEND_ON_TIME && time != s->time) s->valid = 0; /* by rounding: importers count time in their own way */
     s->time = time;
     have_rates(core);
-    if (exact == 1.0 && !core->request_inputs) return internal_step(core, time, step, STATES(core), INPUTS(core), s->u_rate, RATES(core), next);
+    if (exact == 1.0 && !core->request_inputs)
+        return internal_step(core, time, step, STATES(core), INPUTS(core), s->u_rate, RATES(core), next);
     int n = (int)ceil(exact - 1e-6);
     double h = step / n, x[N_X], u[N_U + 1], rate[N_U + 1], rates[N_X + N_STEP_REQUIREMENTS];
     const double *from = STATES(core), *k1 = RATES(core);
@@ -331,7 +347,8 @@ CoreStatus core_do_step(Core *core, double time, double step) {
     CoreStatus status = integrate(core, time, step, next);
     if (status != CORE_OK) return status;
     if (!all_finite(next, N_X))
-        return core_fail(core, CORE_DISCARD, "step from t = %.9g s: the state is no longer finite; reduce the step or the inputs", time);
+        return core_fail(core, CORE_DISCARD,
+                         "step from t = %.9g s: the state is no longer finite; reduce the step or the inputs", time);
     s->which = !s->which;
 #endif
     for (int j = 0; j < N_U; j++) { /* where linear inputs have arrived */
@@ -353,7 +370,8 @@ CoreStatus core_set_time(Core *core, double time) {
 }
 
 CoreStatus core_set_states(Core *core, const double x[]) {
-    if (!all_finite(x, N_X)) return core_fail(core, CORE_ERROR, "continuous states at t = %.9g s are not finite", core->state.time);
+    if (!all_finite(x, N_X))
+        return core_fail(core, CORE_ERROR, "continuous states at t = %.9g s are not finite", core->state.time);
     for (int i = 0; i < N_X; i++) STATES(core)[i] = x[i];
     core->state.valid = 0;
     return CORE_OK;
@@ -383,7 +401,8 @@ CoreStatus core_get_states(Core *core, double x[]) {
 CoreStatus core_direction(Core *core, const unsigned unknowns[], size_t n, const double change[], double result[]) {
     CoreState *s = &core->state;
     double dx[N_X + 1] = {0}, changes[N_Y + N_X + 1];
-    if (!all_finite(change, N_VALUES)) return core_fail(core, CORE_ERROR, "the direction has entries that are not finite");
+    if (!all_finite(change, N_VALUES))
+        return core_fail(core, CORE_ERROR, "the direction has entries that are not finite");
     const double *dp = change, *du = change + N_P;
     if (s->phase & (INSTANTIATED | INITIALIZATION)) {
         CoreStatus status = compute_initial_state(core);
@@ -395,7 +414,8 @@ CoreStatus core_direction(Core *core, const unsigned unknowns[], size_t n, const
     model_direction(s->time, STATES(core), INPUTS(core), PARAMETERS(core), dx, du, dp, changes);
     for (size_t i = 0; i < n; i++) {
         if (unknowns[i] < N_PU || unknowns[i] >= N_VALUES)
-            return core_fail(core, CORE_ERROR, "value reference %lu is no unknown: give outputs or state derivatives", (unsigned long)unknowns[i]);
+            return core_fail(core, CORE_ERROR, "value reference %lu is no unknown: give outputs or state derivatives",
+                             (unsigned long)unknowns[i]);
         result[i] = changes[unknowns[i] - N_PU];
     }
     return CORE_OK;
@@ -434,8 +454,10 @@ CoreStatus core_deserialize(Core *core, const char bytes[], size_t size, CoreSta
     memcpy(state, bytes + sizeof GUID, sizeof *state);
     int phase = state->phase, running = core->model_exchange ? EVENT | CONTINUOUS : STEP;
     if (!(phase & (INSTANTIATED | INITIALIZATION | running | TERMINATED)) || phase & (phase - 1))
-        return core_fail(core, CORE_ERROR, "the FMU state is damaged or belongs to the other interface (model exchange, co-simulation)");
-    if (!all_finite(state->values, N_PU) || state->which & ~1 || !all_finite(state->x[state->which], N_X) || !all_finite(state->u_rate, N_U) || !isfinite(state->time))
+        return core_fail(core, CORE_ERROR,
+                         "the FMU state is damaged or belongs to the other interface (model exchange, co-simulation)");
+    if (!all_finite(state->values, N_PU) || state->which & ~1 || !all_finite(state->x[state->which], N_X) ||
+        !all_finite(state->u_rate, N_U) || !isfinite(state->time))
         return core_fail(core, CORE_ERROR, "the FMU state is damaged: it has values that are not finite");
     state->valid = 0;
     return CORE_OK;

@@ -62,7 +62,8 @@ CoreStatus core_fail(Core *core, CoreStatus status, const char *format, ...);
 /* Whether `function` may be called in the current phase; logs when it may not. */
 static inline int core_allowed(Core *core, int phases, const char *function) {
     if (core->state.phase & phases) return 1;
-    core_fail(core, CORE_ERROR, "%s can't be called in this state; see the state machine of the FMI standard", function);
+    core_fail(core, CORE_ERROR, "%s can't be called in this state; see the state machine of the FMI standard",
+              function);
     return 0;
 }
 

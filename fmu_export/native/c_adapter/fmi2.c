@@ -15,7 +15,10 @@ typedef struct {
     fmi2ComponentEnvironment environment;
 } Instance;
 
-enum { ANY = INSTANTIATED | INITIALIZATION | STEP | EVENT | CONTINUOUS | TERMINATED, RUNNING = STEP | EVENT | CONTINUOUS };
+enum {
+    ANY = INSTANTIATED | INITIALIZATION | STEP | EVENT | CONTINUOUS | TERMINATED,
+    RUNNING = STEP | EVENT | CONTINUOUS
+};
 
 /* Return fmi2Error unless the instance is there and the call is allowed now. */
 #define CHECK(c, phases) \
@@ -45,12 +48,14 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
                               const fmi2CallbackFunctions *functions, fmi2Boolean visible, fmi2Boolean logging) {
     (void)visible, (void)logging;
     if (!functions || !functions->logger) return NULL;
-    const char *problem = !name || !*name                        ? "the instance has no name"
-                          : !guid || strcmp(guid, MODEL_GUID)    ? "the GUID is not that of this FMU; don't mix files of different builds"
-                          : !resources                           ? "the resource location is missing"
-                                                                 : NULL;
+    const char *problem = !name || !*name ? "the instance has no name"
+                          : !guid || strcmp(guid, MODEL_GUID)
+                              ? "the GUID is not that of this FMU; don't mix files of different builds"
+                          : !resources ? "the resource location is missing"
+                                       : NULL;
     if (problem) {
-        functions->logger(functions->componentEnvironment, name ? name : "?", fmi2Error, "logStatusError", "%s", problem);
+        functions->logger(functions->componentEnvironment, name ? name : "?", fmi2Error, "logStatusError", "%s",
+                          problem);
         return NULL;
     }
     Instance *instance = calloc(1, sizeof *instance);
@@ -79,7 +84,8 @@ void fmi2FreeInstance(fmi2Component c) {
     free(instance);
 }
 
-fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean tolerance_defined, fmi2Real tolerance, fmi2Real start, fmi2Boolean stop_defined, fmi2Real stop) {
+fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean tolerance_defined, fmi2Real tolerance, fmi2Real start,
+                               fmi2Boolean stop_defined, fmi2Real stop) {
     (void)tolerance_defined, (void)tolerance, (void)stop_defined, (void)stop;
     CHECK(c, INSTANTIATED);
     return (fmi2Status)core_start_at(&instance->core, start);
@@ -123,7 +129,9 @@ fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n,
 
 static fmi2Status no_such_type(fmi2Component c, size_t n, const char *function) {
     CHECK(c, ANY);
-    return n ? (fmi2Status)core_fail(&instance->core, CORE_ERROR, "%s: every variable of this FMU is of type Real", function) : fmi2OK;
+    return n ? (fmi2Status)core_fail(&instance->core, CORE_ERROR, "%s: every variable of this FMU is of type Real",
+                                     function)
+             : fmi2OK;
 }
 
 #define REFUSE(Type) \
@@ -140,29 +148,37 @@ REFUSE(Integer)
 REFUSE(Boolean)
 REFUSE(String)
 
-fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2Integer order[], const fmi2Real value[]) {
+fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference vr[], size_t n,
+                                       const fmi2Integer order[], const fmi2Real value[]) {
     CHECK(c, INITIALIZATION | STEP);
     if (n && (!vr || !order || !value)) return MISSING;
     int others = 0;
     for (size_t i = 0; i < n; i++) others |= order[i] ^ 1;
     for (size_t i = 0; others && i < n; i++)
-        if (order[i] != 1) return (fmi2Status)core_fail(&instance->core, CORE_ERROR, "input derivatives of order %d are not used, only of order 1", (int)order[i]);
+        if (order[i] != 1)
+            return (fmi2Status)core_fail(&instance->core, CORE_ERROR,
+                                         "input derivatives of order %d are not used, only of order 1", (int)order[i]);
     return (fmi2Status)core_set_input_rates(&instance->core, vr, n, value);
 }
 
-fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2Integer order[], fmi2Real value[]) {
+fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2ValueReference vr[], size_t n,
+                                        const fmi2Integer order[], fmi2Real value[]) {
     (void)vr, (void)n, (void)order, (void)value;
     CHECK(c, ANY);
-    return (fmi2Status)core_fail(&instance->core, CORE_ERROR, "output derivatives are not provided (maxOutputDerivativeOrder is 0)");
+    return (fmi2Status)core_fail(&instance->core, CORE_ERROR,
+                                 "output derivatives are not provided (maxOutputDerivativeOrder is 0)");
 }
 
-fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReference unknown[], size_t n, const fmi2ValueReference known[], size_t m,
-                                        const fmi2Real known_change[], fmi2Real unknown_change[]) {
+fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReference unknown[], size_t n,
+                                        const fmi2ValueReference known[], size_t m, const fmi2Real known_change[],
+                                        fmi2Real unknown_change[]) {
     CHECK(c, INITIALIZATION | RUNNING | TERMINATED);
     if ((n && (!unknown || !unknown_change)) || (m && (!known || !known_change))) return MISSING;
     double change[N_VALUES + 1] = {0};
     for (size_t i = 0; i < m; i++) {
-        if (known[i] >= N_VALUES) return (fmi2Status)core_fail(&instance->core, CORE_ERROR, "no variable has the value reference %u", known[i]);
+        if (known[i] >= N_VALUES)
+            return (fmi2Status)core_fail(&instance->core, CORE_ERROR, "no variable has the value reference %u",
+                                         known[i]);
         change[known[i]] = known_change[i];
     }
     return (fmi2Status)core_direction(&instance->core, unknown, n, change, unknown_change);
@@ -173,7 +189,8 @@ fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReferenc
 fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *state) {
     CHECK(c, ANY);
     if (!state) return MISSING;
-    if (!*state && !(*state = malloc(sizeof(CoreState)))) return (fmi2Status)core_fail(&instance->core, CORE_ERROR, "no memory for an FMU state");
+    if (!*state && !(*state = malloc(sizeof(CoreState))))
+        return (fmi2Status)core_fail(&instance->core, CORE_ERROR, "no memory for an FMU state");
     memcpy(*state, &instance->core.state, sizeof(CoreState));
     return fmi2OK;
 }
@@ -196,7 +213,8 @@ fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *state) {
 
 fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate state, size_t *size) {
     CHECK(c, ANY);
-    if (!state || !size) return (fmi2Status)core_fail(&instance->core, CORE_ERROR, "there is no FMU state to serialise");
+    if (!state || !size)
+        return (fmi2Status)core_fail(&instance->core, CORE_ERROR, "there is no FMU state to serialise");
     *size = core_serialized_size();
     return fmi2OK;
 }
@@ -204,18 +222,21 @@ fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate state, size_
 fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate state, fmi2Byte bytes[], size_t size) {
     CHECK(c, ANY);
     if (!state || !bytes || size < core_serialized_size())
-        return (fmi2Status)core_fail(&instance->core, CORE_ERROR, "an FMU state needs %lu bytes", (unsigned long)core_serialized_size());
+        return (fmi2Status)core_fail(&instance->core, CORE_ERROR, "an FMU state needs %lu bytes",
+                                     (unsigned long)core_serialized_size());
     core_serialize(state, bytes);
     return fmi2OK;
 }
 
 fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size_t size, fmi2FMUstate *state) {
     CHECK(c, ANY);
-    if (!state || !bytes) return (fmi2Status)core_fail(&instance->core, CORE_ERROR, "there are no bytes to read an FMU state from");
+    if (!state || !bytes)
+        return (fmi2Status)core_fail(&instance->core, CORE_ERROR, "there are no bytes to read an FMU state from");
     CoreState read;
     CoreStatus status = core_deserialize(&instance->core, bytes, size, &read);
     if (status != CORE_OK) return (fmi2Status)status;
-    if (!*state && !(*state = malloc(sizeof read))) return (fmi2Status)core_fail(&instance->core, CORE_ERROR, "no memory for an FMU state");
+    if (!*state && !(*state = malloc(sizeof read)))
+        return (fmi2Status)core_fail(&instance->core, CORE_ERROR, "no memory for an FMU state");
     memcpy(*state, &read, sizeof read);
     return fmi2OK;
 }
@@ -292,7 +313,8 @@ fmi2Status fmi2EnterContinuousTimeMode(fmi2Component c) {
     return fmi2OK;
 }
 
-fmi2Status fmi2CompletedIntegratorStep(fmi2Component c, fmi2Boolean no_state_before, fmi2Boolean *enter_event_mode, fmi2Boolean *terminate) {
+fmi2Status fmi2CompletedIntegratorStep(fmi2Component c, fmi2Boolean no_state_before, fmi2Boolean *enter_event_mode,
+                                       fmi2Boolean *terminate) {
     (void)no_state_before;
     CHECK(c, CONTINUOUS);
     if (!enter_event_mode || !terminate) return MISSING;
@@ -308,7 +330,8 @@ fmi2Status fmi2SetTime(fmi2Component c, fmi2Real time) {
 static fmi2Status check_states(Instance *instance, const double x[], size_t n, const char *function) {
     if (n == N_X && (x || !n)) return fmi2OK;
     if (n == N_X) return (fmi2Status)core_fail(&instance->core, CORE_ERROR, "%s: the array is missing", function);
-    return (fmi2Status)core_fail(&instance->core, CORE_ERROR, "%s: this FMU has %d continuous states, not %lu", function, N_X, (unsigned long)n);
+    return (fmi2Status)core_fail(&instance->core, CORE_ERROR, "%s: this FMU has %d continuous states, not %lu",
+                                 function, N_X, (unsigned long)n);
 }
 
 fmi2Status fmi2SetContinuousStates(fmi2Component c, const fmi2Real x[], size_t n) {

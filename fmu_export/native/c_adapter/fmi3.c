@@ -13,7 +13,10 @@ typedef struct {
     fmi3InstanceEnvironment environment;
 } Instance;
 
-enum { ANY = INSTANTIATED | INITIALIZATION | STEP | EVENT | CONTINUOUS | TERMINATED, RUNNING = STEP | EVENT | CONTINUOUS };
+enum {
+    ANY = INSTANTIATED | INITIALIZATION | STEP | EVENT | CONTINUOUS | TERMINATED,
+    RUNNING = STEP | EVENT | CONTINUOUS
+};
 
 /* Return fmi3Error unless the instance is there and the call is allowed now. */
 #define CHECK(c, phases) \
@@ -35,7 +38,8 @@ static void request_inputs(void *environment, double time) {
     Instance *instance = environment;
     fmi3Boolean early_return = fmi3False;
     fmi3Float64 early_return_time = time;
-    instance->intermediate_update(instance->environment, time, fmi3True, fmi3False, fmi3False, fmi3False, &early_return, &early_return_time);
+    instance->intermediate_update(instance->environment, time, fmi3True, fmi3False, fmi3False, fmi3False, &early_return,
+                                  &early_return_time);
 }
 
 const char *fmi3GetVersion(void) { return fmi3Version; }
@@ -48,10 +52,11 @@ fmi3Status fmi3SetDebugLogging(fmi3Instance c, fmi3Boolean on, size_t n, const f
 
 static fmi3Instance instantiate(fmi3String name, fmi3String token, fmi3String resources, int model_exchange,
                                 fmi3InstanceEnvironment environment, fmi3LogMessageCallback logger) {
-    const char *problem = !name || !*name                      ? "the instance has no name"
-                          : !token || strcmp(token, MODEL_GUID) ? "the instantiation token is not that of this FMU; don't mix files of different builds"
-                          : !resources                          ? "the resource path is missing"
-                                                                : NULL;
+    const char *problem = !name || !*name ? "the instance has no name"
+                          : !token || strcmp(token, MODEL_GUID)
+                              ? "the instantiation token is not that of this FMU; don't mix files of different builds"
+                          : !resources ? "the resource path is missing"
+                                       : NULL;
     Instance *instance = problem ? NULL : calloc(1, sizeof *instance);
     if (instance) {
         instance->logger = logger;
@@ -64,19 +69,23 @@ static fmi3Instance instantiate(fmi3String name, fmi3String token, fmi3String re
     return NULL;
 }
 
-fmi3Instance fmi3InstantiateModelExchange(fmi3String name, fmi3String token, fmi3String resources, fmi3Boolean visible, fmi3Boolean logging,
-                                          fmi3InstanceEnvironment environment, fmi3LogMessageCallback logger) {
+fmi3Instance fmi3InstantiateModelExchange(fmi3String name, fmi3String token, fmi3String resources, fmi3Boolean visible,
+                                          fmi3Boolean logging, fmi3InstanceEnvironment environment,
+                                          fmi3LogMessageCallback logger) {
     (void)visible, (void)logging;
     return instantiate(name, token, resources, 1, environment, logger);
 }
 
-fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3String resources, fmi3Boolean visible, fmi3Boolean logging,
-                                         fmi3Boolean event_mode, fmi3Boolean early_return, const fmi3ValueReference required[], size_t n_required,
+fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3String resources, fmi3Boolean visible,
+                                         fmi3Boolean logging, fmi3Boolean event_mode, fmi3Boolean early_return,
+                                         const fmi3ValueReference required[], size_t n_required,
                                          fmi3InstanceEnvironment environment, fmi3LogMessageCallback logger,
                                          fmi3IntermediateUpdateCallback intermediate_update) {
     (void)visible, (void)logging, (void)early_return, (void)required, (void)n_required;
     if (event_mode) {
-        if (logger) logger(environment, fmi3Error, "logStatusError", "this FMU has no event mode; instantiate it with eventModeUsed = false");
+        if (logger)
+            logger(environment, fmi3Error, "logStatusError",
+                   "this FMU has no event mode; instantiate it with eventModeUsed = false");
         return NULL;
     }
     Instance *instance = instantiate(name, token, resources, 0, environment, logger);
@@ -87,11 +96,16 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3
     return instance;
 }
 
-fmi3Instance fmi3InstantiateScheduledExecution(fmi3String name, fmi3String token, fmi3String resources, fmi3Boolean visible, fmi3Boolean logging,
-                                               fmi3InstanceEnvironment environment, fmi3LogMessageCallback logger, fmi3ClockUpdateCallback clock_update,
-                                               fmi3LockPreemptionCallback lock, fmi3UnlockPreemptionCallback unlock) {
-    (void)name, (void)token, (void)resources, (void)visible, (void)logging, (void)clock_update, (void)lock, (void)unlock;
-    if (logger) logger(environment, fmi3Error, "logStatusError", "this FMU has no scheduled execution; use co-simulation or model exchange");
+fmi3Instance fmi3InstantiateScheduledExecution(fmi3String name, fmi3String token, fmi3String resources,
+                                               fmi3Boolean visible, fmi3Boolean logging,
+                                               fmi3InstanceEnvironment environment, fmi3LogMessageCallback logger,
+                                               fmi3ClockUpdateCallback clock_update, fmi3LockPreemptionCallback lock,
+                                               fmi3UnlockPreemptionCallback unlock) {
+    (void)name, (void)token, (void)resources, (void)visible, (void)logging, (void)clock_update, (void)lock,
+        (void)unlock;
+    if (logger)
+        logger(environment, fmi3Error, "logStatusError",
+               "this FMU has no scheduled execution; use co-simulation or model exchange");
     return NULL;
 }
 
@@ -102,7 +116,8 @@ void fmi3FreeInstance(fmi3Instance c) {
     free(instance);
 }
 
-fmi3Status fmi3EnterInitializationMode(fmi3Instance c, fmi3Boolean tolerance_defined, fmi3Float64 tolerance, fmi3Float64 start, fmi3Boolean stop_defined, fmi3Float64 stop) {
+fmi3Status fmi3EnterInitializationMode(fmi3Instance c, fmi3Boolean tolerance_defined, fmi3Float64 tolerance,
+                                       fmi3Float64 start, fmi3Boolean stop_defined, fmi3Float64 stop) {
     (void)tolerance_defined, (void)tolerance, (void)stop_defined, (void)stop;
     CHECK(c, INSTANTIATED);
     CoreStatus status = core_start_at(&instance->core, start);
@@ -134,19 +149,24 @@ fmi3Status fmi3Reset(fmi3Instance c) {
 
 /* Values */
 
-static fmi3Status check_arrays(Instance *instance, const void *references, size_t n, const void *values, size_t n_values, const char *function) {
-    if (n != n_values) return FAIL("%s: %lu values for %lu variables, which are all scalars", function, (unsigned long)n_values, (unsigned long)n);
+static fmi3Status check_arrays(Instance *instance, const void *references, size_t n, const void *values,
+                               size_t n_values, const char *function) {
+    if (n != n_values)
+        return FAIL("%s: %lu values for %lu variables, which are all scalars", function, (unsigned long)n_values,
+                    (unsigned long)n);
     if (n && (!references || !values)) return FAIL("%s: an array is missing", function);
     return fmi3OK;
 }
 
-fmi3Status fmi3GetFloat64(fmi3Instance c, const fmi3ValueReference references[], size_t n, fmi3Float64 values[], size_t n_values) {
+fmi3Status fmi3GetFloat64(fmi3Instance c, const fmi3ValueReference references[], size_t n, fmi3Float64 values[],
+                          size_t n_values) {
     CHECK(c, ANY);
     if (check_arrays(instance, references, n, values, n_values, __func__)) return fmi3Error;
     return (fmi3Status)core_get(&instance->core, references, n, values);
 }
 
-fmi3Status fmi3SetFloat64(fmi3Instance c, const fmi3ValueReference references[], size_t n, const fmi3Float64 values[], size_t n_values) {
+fmi3Status fmi3SetFloat64(fmi3Instance c, const fmi3ValueReference references[], size_t n, const fmi3Float64 values[],
+                          size_t n_values) {
     CHECK(c, INSTANTIATED | INITIALIZATION | RUNNING);
     if (check_arrays(instance, references, n, values, n_values, __func__)) return fmi3Error;
     return (fmi3Status)core_set(&instance->core, references, n, values);
@@ -179,12 +199,14 @@ REFUSE(UInt64)
 REFUSE(Boolean)
 REFUSE(String)
 
-fmi3Status fmi3GetBinary(fmi3Instance c, const fmi3ValueReference r[], size_t n, size_t sizes[], fmi3Binary v[], size_t m) {
+fmi3Status fmi3GetBinary(fmi3Instance c, const fmi3ValueReference r[], size_t n, size_t sizes[], fmi3Binary v[],
+                         size_t m) {
     (void)r, (void)sizes, (void)v, (void)m;
     return no_such_type(c, n, __func__);
 }
 
-fmi3Status fmi3SetBinary(fmi3Instance c, const fmi3ValueReference r[], size_t n, const size_t sizes[], const fmi3Binary v[], size_t m) {
+fmi3Status fmi3SetBinary(fmi3Instance c, const fmi3ValueReference r[], size_t n, const size_t sizes[],
+                         const fmi3Binary v[], size_t m) {
     (void)r, (void)sizes, (void)v, (void)m;
     return no_such_type(c, n, __func__);
 }
@@ -210,12 +232,14 @@ fmi3Status fmi3GetNumberOfVariableDependencies(fmi3Instance c, fmi3ValueReferenc
     NOT_OFFERED(c, "dependencies of array elements");
 }
 
-fmi3Status fmi3GetVariableDependencies(fmi3Instance c, fmi3ValueReference r, size_t e[], fmi3ValueReference i[], size_t ei[], fmi3DependencyKind k[], size_t n) {
+fmi3Status fmi3GetVariableDependencies(fmi3Instance c, fmi3ValueReference r, size_t e[], fmi3ValueReference i[],
+                                       size_t ei[], fmi3DependencyKind k[], size_t n) {
     (void)r, (void)e, (void)i, (void)ei, (void)k, (void)n;
     NOT_OFFERED(c, "dependencies of array elements");
 }
 
-fmi3Status fmi3GetAdjointDerivative(fmi3Instance c, const fmi3ValueReference u[], size_t nu, const fmi3ValueReference k[], size_t nk, const fmi3Float64 s[], size_t ns,
+fmi3Status fmi3GetAdjointDerivative(fmi3Instance c, const fmi3ValueReference u[], size_t nu,
+                                    const fmi3ValueReference k[], size_t nk, const fmi3Float64 s[], size_t ns,
                                     fmi3Float64 r[], size_t nr) {
     (void)u, (void)nu, (void)k, (void)nk, (void)s, (void)ns, (void)r, (void)nr;
     NOT_OFFERED(c, "adjoint derivatives");
@@ -225,12 +249,14 @@ fmi3Status fmi3EnterConfigurationMode(fmi3Instance c) { NOT_OFFERED(c, "structur
 
 fmi3Status fmi3ExitConfigurationMode(fmi3Instance c) { NOT_OFFERED(c, "structural parameters"); }
 
-fmi3Status fmi3GetIntervalDecimal(fmi3Instance c, const fmi3ValueReference r[], size_t n, fmi3Float64 i[], fmi3IntervalQualifier q[]) {
+fmi3Status fmi3GetIntervalDecimal(fmi3Instance c, const fmi3ValueReference r[], size_t n, fmi3Float64 i[],
+                                  fmi3IntervalQualifier q[]) {
     (void)r, (void)n, (void)i, (void)q;
     NOT_OFFERED(c, "clocks");
 }
 
-fmi3Status fmi3GetIntervalFraction(fmi3Instance c, const fmi3ValueReference r[], size_t n, fmi3UInt64 i[], fmi3UInt64 s[], fmi3IntervalQualifier q[]) {
+fmi3Status fmi3GetIntervalFraction(fmi3Instance c, const fmi3ValueReference r[], size_t n, fmi3UInt64 i[],
+                                   fmi3UInt64 s[], fmi3IntervalQualifier q[]) {
     (void)r, (void)n, (void)i, (void)s, (void)q;
     NOT_OFFERED(c, "clocks");
 }
@@ -240,7 +266,8 @@ fmi3Status fmi3GetShiftDecimal(fmi3Instance c, const fmi3ValueReference r[], siz
     NOT_OFFERED(c, "clocks");
 }
 
-fmi3Status fmi3GetShiftFraction(fmi3Instance c, const fmi3ValueReference r[], size_t n, fmi3UInt64 s[], fmi3UInt64 q[]) {
+fmi3Status fmi3GetShiftFraction(fmi3Instance c, const fmi3ValueReference r[], size_t n, fmi3UInt64 s[],
+                                fmi3UInt64 q[]) {
     (void)r, (void)n, (void)s, (void)q;
     NOT_OFFERED(c, "clocks");
 }
@@ -250,7 +277,8 @@ fmi3Status fmi3SetIntervalDecimal(fmi3Instance c, const fmi3ValueReference r[], 
     NOT_OFFERED(c, "clocks");
 }
 
-fmi3Status fmi3SetIntervalFraction(fmi3Instance c, const fmi3ValueReference r[], size_t n, const fmi3UInt64 i[], const fmi3UInt64 s[]) {
+fmi3Status fmi3SetIntervalFraction(fmi3Instance c, const fmi3ValueReference r[], size_t n, const fmi3UInt64 i[],
+                                   const fmi3UInt64 s[]) {
     (void)r, (void)n, (void)i, (void)s;
     NOT_OFFERED(c, "clocks");
 }
@@ -260,7 +288,8 @@ fmi3Status fmi3SetShiftDecimal(fmi3Instance c, const fmi3ValueReference r[], siz
     NOT_OFFERED(c, "clocks");
 }
 
-fmi3Status fmi3SetShiftFraction(fmi3Instance c, const fmi3ValueReference r[], size_t n, const fmi3UInt64 s[], const fmi3UInt64 q[]) {
+fmi3Status fmi3SetShiftFraction(fmi3Instance c, const fmi3ValueReference r[], size_t n, const fmi3UInt64 s[],
+                                const fmi3UInt64 q[]) {
     (void)r, (void)n, (void)s, (void)q;
     NOT_OFFERED(c, "clocks");
 }
@@ -269,7 +298,8 @@ fmi3Status fmi3EvaluateDiscreteStates(fmi3Instance c) { NOT_OFFERED(c, "discrete
 
 fmi3Status fmi3EnterStepMode(fmi3Instance c) { NOT_OFFERED(c, "event mode in co-simulation"); }
 
-fmi3Status fmi3GetOutputDerivatives(fmi3Instance c, const fmi3ValueReference r[], size_t n, const fmi3Int32 o[], fmi3Float64 v[], size_t m) {
+fmi3Status fmi3GetOutputDerivatives(fmi3Instance c, const fmi3ValueReference r[], size_t n, const fmi3Int32 o[],
+                                    fmi3Float64 v[], size_t m) {
     (void)r, (void)n, (void)o, (void)v, (void)m;
     NOT_OFFERED(c, "output derivatives");
 }
@@ -314,7 +344,8 @@ fmi3Status fmi3SerializedFMUStateSize(fmi3Instance c, fmi3FMUState state, size_t
 
 fmi3Status fmi3SerializeFMUState(fmi3Instance c, fmi3FMUState state, fmi3Byte bytes[], size_t size) {
     CHECK(c, ANY);
-    if (!state || !bytes || size < core_serialized_size()) return FAIL("an FMU state needs %lu bytes", (unsigned long)core_serialized_size());
+    if (!state || !bytes || size < core_serialized_size())
+        return FAIL("an FMU state needs %lu bytes", (unsigned long)core_serialized_size());
     core_serialize(state, (char *)bytes);
     return fmi3OK;
 }
@@ -332,10 +363,12 @@ fmi3Status fmi3DeserializeFMUState(fmi3Instance c, const fmi3Byte bytes[], size_
 
 /* Directional derivatives */
 
-fmi3Status fmi3GetDirectionalDerivative(fmi3Instance c, const fmi3ValueReference unknowns[], size_t n, const fmi3ValueReference knowns[], size_t m,
-                                        const fmi3Float64 seed[], size_t n_seed, fmi3Float64 sensitivity[], size_t n_sensitivity) {
+fmi3Status fmi3GetDirectionalDerivative(fmi3Instance c, const fmi3ValueReference unknowns[], size_t n,
+                                        const fmi3ValueReference knowns[], size_t m, const fmi3Float64 seed[],
+                                        size_t n_seed, fmi3Float64 sensitivity[], size_t n_sensitivity) {
     CHECK(c, INITIALIZATION | RUNNING | TERMINATED);
-    if (m != n_seed || n != n_sensitivity) return FAIL("%s: all variables are scalars; give one value for each", __func__);
+    if (m != n_seed || n != n_sensitivity)
+        return FAIL("%s: all variables are scalars; give one value for each", __func__);
     if ((n && (!unknowns || !sensitivity)) || (m && (!knowns || !seed))) return MISSING;
     double change[N_VALUES + 1] = {0};
     for (size_t i = 0; i < m; i++) {
@@ -347,8 +380,8 @@ fmi3Status fmi3GetDirectionalDerivative(fmi3Instance c, const fmi3ValueReference
 
 /* Co-simulation */
 
-fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 time, fmi3Float64 step, fmi3Boolean no_state_before, fmi3Boolean *event, fmi3Boolean *terminate,
-                      fmi3Boolean *early_return, fmi3Float64 *last_time) {
+fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 time, fmi3Float64 step, fmi3Boolean no_state_before,
+                      fmi3Boolean *event, fmi3Boolean *terminate, fmi3Boolean *early_return, fmi3Float64 *last_time) {
     (void)no_state_before;
     CHECK(c, STEP);
     if (!event || !terminate || !early_return || !last_time) return MISSING;
@@ -360,11 +393,14 @@ fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 time, fmi3Float64 step, fmi3Bo
 
 /* Model exchange */
 
-fmi3Status fmi3UpdateDiscreteStates(fmi3Instance c, fmi3Boolean *again, fmi3Boolean *terminate, fmi3Boolean *nominals_changed, fmi3Boolean *values_changed,
+fmi3Status fmi3UpdateDiscreteStates(fmi3Instance c, fmi3Boolean *again, fmi3Boolean *terminate,
+                                    fmi3Boolean *nominals_changed, fmi3Boolean *values_changed,
                                     fmi3Boolean *next_event_defined, fmi3Float64 *next_event) {
     CHECK(c, EVENT);
-    if (!again || !terminate || !nominals_changed || !values_changed || !next_event_defined || !next_event) return MISSING;
-    *again = *terminate = *nominals_changed = *values_changed = *next_event_defined = fmi3False; /* there are no events */
+    if (!again || !terminate || !nominals_changed || !values_changed || !next_event_defined || !next_event)
+        return MISSING;
+    *again = *terminate = *nominals_changed = *values_changed = *next_event_defined =
+        fmi3False; /* there are no events */
     *next_event = 0.0;
     return fmi3OK;
 }
@@ -375,7 +411,8 @@ fmi3Status fmi3EnterContinuousTimeMode(fmi3Instance c) {
     return fmi3OK;
 }
 
-fmi3Status fmi3CompletedIntegratorStep(fmi3Instance c, fmi3Boolean no_state_before, fmi3Boolean *enter_event_mode, fmi3Boolean *terminate) {
+fmi3Status fmi3CompletedIntegratorStep(fmi3Instance c, fmi3Boolean no_state_before, fmi3Boolean *enter_event_mode,
+                                       fmi3Boolean *terminate) {
     (void)no_state_before;
     CHECK(c, CONTINUOUS);
     if (!enter_event_mode || !terminate) return MISSING;

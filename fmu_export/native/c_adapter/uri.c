@@ -7,7 +7,8 @@
 #include <windows.h>
 
 FILE *open_text(const char *path) {
-    wchar_t wide[4096]; /* fopen would take the path for text in the code page of the system, but FMI's strings are UTF-8 */
+    /* fopen would take the path for text in the code page of the system, but FMI's strings are UTF-8 */
+    wchar_t wide[4096];
     return MultiByteToWideChar(CP_UTF8, MB_ERR_INVALID_CHARS, path, -1, wide, 4096) ? _wfopen(wide, L"r") : NULL;
 }
 #else

@@ -103,7 +103,8 @@ static void set(int fmu, Reference reference, double value) {
 }
 
 #if FMI == 2
-static void logger(fmi2ComponentEnvironment environment, fmi2String name, fmi2Status status, fmi2String category, fmi2String format, ...) {
+static void logger(fmi2ComponentEnvironment environment, fmi2String name, fmi2Status status, fmi2String category,
+                   fmi2String format, ...) {
     va_list arguments;
     (void)environment, (void)status, (void)category;
     va_start(arguments, format);
@@ -168,7 +169,8 @@ static void run(long steps, double step_size, double began, FILE *out) {
         must(f->SetupExperiment(f->instance, 0, 0.0, 0.0, 1, (double)steps * step_size), "SetupExperiment");
         must(f->EnterInitializationMode(f->instance), "EnterInitializationMode");
 #else
-        must(f->EnterInitializationMode(f->instance, 0, 0.0, 0.0, 1, (double)steps * step_size), "EnterInitializationMode");
+        must(f->EnterInitializationMode(f->instance, 0, 0.0, 0.0, 1, (double)steps * step_size),
+             "EnterInitializationMode");
 #endif
     }
     exchange();
@@ -217,7 +219,8 @@ int main(int argc, char **argv) {
         } else if (!strcmp(field[0], "start") && n == 4) {
             set(atoi(field[1]), (Reference)strtoul(field[2], NULL, 10), strtod(field[3], NULL));
         } else if (!strcmp(field[0], "connect") && n == 5 && n_connections < MOST_ITEMS) {
-            Connection c = {atoi(field[1]), atoi(field[3]), (Reference)strtoul(field[2], NULL, 10), (Reference)strtoul(field[4], NULL, 10)};
+            Connection c = {atoi(field[1]), atoi(field[3]), (Reference)strtoul(field[2], NULL, 10),
+                            (Reference)strtoul(field[4], NULL, 10)};
             connections[n_connections++] = c;
         } else if (!strcmp(field[0], "record") && n == 3 && n_records < MOST_ITEMS) {
             Connection c = {atoi(field[1]), 0, (Reference)strtoul(field[2], NULL, 10), 0};
