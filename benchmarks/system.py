@@ -8,7 +8,7 @@ from cosim import System
 from interop.tools.case import PATH, Case
 from parallel_robot.fmus import fmu_path
 from parallel_robot.models import MODELS
-from parallel_robot.scenario import Scenario, load_scenario
+from parallel_robot.scenario import RobotScenario, load_scenario
 from parallel_robot.wiring import CONNECTIONS
 
 STOP_TIME, STEP = 15.0, 1e-3
@@ -16,7 +16,7 @@ STOP_TIME, STEP = 15.0, 1e-3
 START = {"plant": {"dm": 0.0, "tau_d[1]": 0.0, "tau_d[2]": 0.0, "tau_d[3]": 0.0}}
 
 
-def disturbed() -> Scenario:
+def disturbed() -> RobotScenario:
     """With mass change and disturbance, as the paper's section 6 has it."""
     return load_scenario("tracking")
 

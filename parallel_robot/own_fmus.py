@@ -2,60 +2,14 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
 
-from cosim.errors import SetupError
-from cosim.fmi.fmu_file import load
+from cosim.scenario import own_fmus
 from cosim.system.system import System
-from cosim.system.variables import Ports
 from parallel_robot.wiring import OPTIONAL_INPUTS
 
 
 def replaced(system: System, fmus: Mapping[str, Path]) -> tuple[System, list[str]]:
-    """A copy of a system in which some components are other FMUs.
-
-    Connections to inputs that the new FMU does not have are left out: not every controller wants all signals. So are
-    those from outputs that it does not have to optional inputs, which are then held.
-
-    Parameters
-    ----------
-    system : System
-    fmus : mapping
-        Instance -> FMU file.
-
-    Returns
-    -------
-    system : System
-    missing : list of str
-        Inputs and outputs `instance.variable` that are not there.
-
-    Raises
-    ------
-    SetupError
-        A file can't be read as a co-simulation FMU.
-    """
-    components = dict(system.components)
-    missing = []
-    for instance, path in fmus.items():
-        components[instance] = dataclasses.replace(components[instance], fmu=path)
-        ports = Ports(instance, load(instance, path).description)
-        ends = [c.target for c in system.connections]
-        ends += [c.source for c in system.connections if c.target in OPTIONAL_INPUTS]
-        own = [end.partition(".") for end in ends]
-        missing += [".".join((i, name)) for i, _, name in own if i == instance and not _has(ports, name)]
-    for target in (c.target for c in system.connections if c.source in missing and c.target not in missing):
-        component, _, name = target.partition(".")
-        start = {name: OPTIONAL_INPUTS[target], **components[component].start}
-        components[component] = dataclasses.replace(components[component], start=start)
-    connections = [c for c in system.connections if not {c.source, c.target} & set(missing)]
-    return System(components, connections, list(system.signals)), missing
-
-
-def _has(ports: Ports, name: str) -> bool:
-    try:
-        ports.find(name)
-    except SetupError:
-        return False
-    return True
+    """As `cosim.scenario.replaced`; what feeds the inputs of `OPTIONAL_INPUTS` may be missing."""
+    return own_fmus.replaced(system, fmus, OPTIONAL_INPUTS)

@@ -15,6 +15,7 @@ from cosim.errors import SetupError, nearest
 from cosim.master.extrapolation import Coupling
 from cosim.master.simulation import Simulation, number_of_steps
 from cosim.results.results import Results
+from cosim.scenario.scenario import ScenarioError
 from cosim.scenario.signals import Shape
 from cosim.sweep.batch import Entry
 from cosim.sweep.check import check_start
@@ -25,7 +26,7 @@ from cosim.system.system import Signal, System
 from parallel_robot.fmus import fmu_path
 from parallel_robot.metrics import metrics, tracking_errors
 from parallel_robot.own_fmus import replaced
-from parallel_robot.scenario import Scenario, ScenarioError
+from parallel_robot.scenario import RobotScenario
 
 #: Factors that are no variables. FMU files of an instance are the factor `<instance>.fmu`.
 SCENARIO, FLAVOUR, SEED, STEP, FMU = "scenario", "flavour", "seed", "step_size", ".fmu"
@@ -73,7 +74,7 @@ class RobotStudy:
         Rows also have the tracking errors over time, as curves with a point each so many seconds.
     """
 
-    scenarios: Mapping[str, Scenario]
+    scenarios: Mapping[str, RobotScenario]
     flavours: Mapping[str, Mapping[str, str]]
     own_fmus: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     coupling: Coupling = "auto"
@@ -182,7 +183,7 @@ class RobotStudy:
 
 
 def robot_study(
-    scenarios: Mapping[str, Scenario],
+    scenarios: Mapping[str, RobotScenario],
     folder: Path,
     flavours: Sequence[str],
     own_fmus: Mapping[str, Sequence[Path]],
@@ -247,7 +248,7 @@ def curve_name(error: str) -> str:
     return f"tracking.{error}.curve"
 
 
-def _steps(scenario: Scenario, factors: Sequence[Factor]) -> list[float]:
+def _steps(scenario: RobotScenario, factors: Sequence[Factor]) -> list[float]:
     """All communication steps (s) of a scenario."""
     levels = [f.values for f in factors if isinstance(f, Levels) and f.name == STEP]
     return [float(value) for values in levels for value in values] or [scenario.step_size]
@@ -267,7 +268,7 @@ def _ratio(curve_period: float, step_size: float) -> int:
     return round(ratio)
 
 
-def _with_number(scenario: Scenario, name: str, value: float) -> Scenario:
+def _with_number(scenario: RobotScenario, name: str, value: float) -> RobotScenario:
     """A copy in which one number of a signal differs.
 
     Raises
@@ -284,7 +285,7 @@ def _with_number(scenario: Scenario, name: str, value: float) -> Scenario:
         raise ScenarioError(f"{name}: {error}") from error
 
 
-def _number_of_signal(scenario: Scenario, name: str) -> tuple[str, Shape, str, type]:
+def _number_of_signal(scenario: RobotScenario, name: str) -> tuple[str, Shape, str, type]:
     """Target, signal, number and its type, of `<target>.<number>`.
 
     Raises

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+#: Names of the components in scenarios, results and analyses.
+COMPONENTS = ("plant", "controller", "trajectory")
+
 #: (source, target) as `instance.variable`, whole vectors.
 CONNECTIONS = (
     ("plant.theta_a", "controller.theta_a"),

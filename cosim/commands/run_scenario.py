@@ -24,7 +24,7 @@ from parallel_robot.commands.robot_fmus import chosen_flavour, make_ready
 from parallel_robot.figure_process import FigureProcess
 from parallel_robot.metrics import metrics
 from parallel_robot.own_fmus import replaced
-from parallel_robot.scenario import Scenario, load_scenario
+from parallel_robot.scenario import RobotScenario, load_scenario
 
 SHAPE_NAMES = {kind: name for name, kind in SHAPES.items()}
 
@@ -58,7 +58,7 @@ def run_scenario(args: argparse.Namespace, figures: FigureProcess) -> int:
     return 0
 
 
-def _scenario(args: argparse.Namespace) -> Scenario:
+def _scenario(args: argparse.Namespace) -> RobotScenario:
     """The scenario with the options of the command line."""
     scenario = load_scenario(args.scenario)
     if args.seed is not None and args.seed < 0:
@@ -91,7 +91,7 @@ def _with_own_fmus(assignments: list[str], system: System) -> System:
     return system
 
 
-def _plan(scenario: Scenario) -> Plan:
+def _plan(scenario: RobotScenario) -> Plan:
     return Plan(scenario.stop_time, scenario.step_size, scenario.order)
 
 
@@ -111,7 +111,7 @@ def _as_data(shapes: Mapping[str, Shape]) -> dict[str, dict[str, Any]]:
 
 def _write(
     results: Results | StoredResults,
-    scenario: Scenario,
+    scenario: RobotScenario,
     folder: Path,
     formats: list[str],
     figures: FigureProcess,
@@ -147,7 +147,7 @@ def _write(
     return summary
 
 
-def _table(summary: dict[str, Any], scenario: Scenario, folder: Path) -> str:
+def _table(summary: dict[str, Any], scenario: RobotScenario, folder: Path) -> str:
     """What the run found, for people."""
     found = summary["metrics"]
     lines = [

@@ -18,7 +18,7 @@ from cosim.sweep.errors import SweepError
 from cosim.sweep.factors import Factor, Levels, Range, parse_factor, parse_whole_numbers
 from parallel_robot.choices import FLAVOURS, scenario_names
 from parallel_robot.commands.robot_fmus import chosen_flavour, make_ready
-from parallel_robot.scenario import Scenario, load_scenario
+from parallel_robot.scenario import RobotScenario, load_scenario
 
 if TYPE_CHECKING:
     from cosim.sweep.engine import Outcome
@@ -130,7 +130,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _with_options(scenario: Scenario, args: argparse.Namespace, steps: Levels | Range | None) -> Scenario:
+def _with_options(scenario: RobotScenario, args: argparse.Namespace, steps: Levels | Range | None) -> RobotScenario:
     step = float(steps.values[0]) if isinstance(steps, Levels) else None
     given = {"step_size": step, "stop_time": args.stop, "order": args.order}
     return dataclasses.replace(scenario, **{k: v for k, v in given.items() if v is not None})
@@ -157,7 +157,7 @@ def _own_fmus(texts: list[str]) -> dict[str, list[Path]]:
 
 
 def _discrete(
-    scenarios: dict[str, Scenario], flavours: list[str], own_fmus: dict[str, list[Path]], seeds: str | None
+    scenarios: dict[str, RobotScenario], flavours: list[str], own_fmus: dict[str, list[Path]], seeds: str | None
 ) -> Iterator[Factor]:
     """Factors that are no numbers, slowest first: neighbouring points then share what is expensive to set up."""
     if len(scenarios) > 1:

@@ -130,10 +130,11 @@ class Samples:
 
 def _at_breakpoints(times: np.ndarray, breakpoints: Sequence[float], tolerance: float) -> np.ndarray:
     """Times (s), moved to a breakpoint where they lie before it by rounding: what comes after the jump counts."""
-    moved = times.copy()
-    for breakpoint_ in breakpoints:
-        moved[(moved < breakpoint_) & (moved > breakpoint_ - tolerance)] = breakpoint_
-    return moved
+    if not len(breakpoints):
+        return times
+    ordered = np.unique(breakpoints)
+    following = ordered[np.minimum(np.searchsorted(ordered, times), len(ordered) - 1)]
+    return np.where((times < following) & (times > following - tolerance), following, times)
 
 
 def sample(

@@ -302,7 +302,7 @@ class Simulation:
                 raise SetupError(f"signals: no signal of the system feeds '{signal.target}'; {hint}")
             drives[signal.target] = dataclasses.replace(
                 drives[signal.target],
-                function=signal.function,
+                function=signal.function_for(len(drives[signal.target].targets)),
                 breakpoints=signal.breakpoints,
                 vectorized=signal.vectorized,
             )

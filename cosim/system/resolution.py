@@ -165,7 +165,8 @@ def _drive(signal: Signal, ports: Mapping[str, Ports], system: System) -> Drive:
     if signal.added and targets[0].kind != "real":
         raise SetupError(f"'{signal.target}' is {targets[0].kind}; signals can be added to real inputs only")
     every = system.components[component].every
-    return Drive(component, tuple(targets), signal.function, signal.breakpoints, signal.vectorized, every, signal.added)
+    function = signal.function_for(len(targets))
+    return Drive(component, tuple(targets), function, signal.breakpoints, signal.vectorized, every, signal.added)
 
 
 def resolve_start_value(port: Ports, name: str, value: Any) -> StartValue:

@@ -6,12 +6,21 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Protocol, cast
 
 from cosim.errors import SetupError
 
 #: A function of time (s) that gives the value of an input: a number, or a sequence for a vector.
 SignalFunction = Callable[[Any], Any]
+
+
+class SizedLater(Protocol):
+    """A signal that waits for the size of the input that it feeds."""
+
+    def for_size(self, size: int) -> SignalFunction:
+        """The function of time for an input of some size."""
+        ...
+
 
 #: What a connection does where the units of its ends differ: an error, a conversion, or nothing.
 Units = Literal["equal", "convert", "ignore"]
@@ -43,10 +52,15 @@ class Signal:
     """A function of time for an input, `component.variable`; see `System.drive` and `System.disturb`."""
 
     target: str
-    function: SignalFunction
+    function: SignalFunction | SizedLater
     breakpoints: tuple[float, ...] = ()
     vectorized: bool = False
     added: bool = False
+
+    def function_for(self, size: int) -> SignalFunction:
+        """The function of time for an input of some size."""
+        for_size: Callable[[int], SignalFunction] | None = getattr(self.function, "for_size", None)
+        return cast(SignalFunction, self.function) if for_size is None else for_size(size)
 
 
 @dataclass
@@ -121,7 +135,7 @@ class System:
     def drive(
         self,
         target: str,
-        function: SignalFunction,
+        function: SignalFunction | SizedLater,
         *,
         breakpoints: Sequence[float] = (),
         vectorized: bool = False,
@@ -133,7 +147,8 @@ class System:
         target : str
             Input `component.variable`, a scalar or a vector.
         function : callable
-            function(t) -> value, or a sequence of values for a vector; must depend on the time alone.
+            function(t) -> value, or a sequence of values for a vector; must depend on the time alone. Or an object
+            whose `for_size(size)` gives that function for the number of elements of the input.
         breakpoints : sequence of float
             Times (s) at which the function jumps. Linear coupling then starts anew instead of drawing a line across.
         vectorized : bool
@@ -144,7 +159,7 @@ class System:
     def disturb(
         self,
         target: str,
-        function: SignalFunction,
+        function: SignalFunction | SizedLater,
         *,
         breakpoints: Sequence[float] = (),
         vectorized: bool = False,

@@ -10,12 +10,13 @@ from pathlib import Path
 import pytest
 
 from cosim import simulate
+from cosim.scenario.scenario import ScenarioError
 from cosim.scenario.signals import Noise
 from cosim.sweep.errors import SweepError
 from cosim.sweep.factors import Levels, Range, parse_factor
 from fmu_export.package.start_values import write_start_values
 from parallel_robot.metrics import metrics, tracking_errors
-from parallel_robot.scenario import ScenarioError, load_scenario
+from parallel_robot.scenario import load_scenario
 from parallel_robot.sweep import METRICS, RobotStudy, _flat, check, robot_study
 from tests.conftest import DEFAULT_FLAVOUR
 

@@ -13,11 +13,14 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from controller_fmu.optimal_gains import PerformanceIndex, optimal_gains
+from cosim.scenario.reading import scenario_from
+from cosim.scenario.scenario import Scenario, ScenarioComponent, ScenarioError
 from cosim.scenario.signals import Multisine, Noise, Shape, Sine
 from parallel_robot.choices import scenario_names
+from parallel_robot.family import FAMILY
 from parallel_robot.models import MODELS
-from parallel_robot.scenario import Scenario, ScenarioError, _scenario, load_scenario
-from parallel_robot.wiring import CONNECTIONS
+from parallel_robot.scenario import RobotScenario, load_scenario
+from parallel_robot.wiring import COMPONENTS, CONNECTIONS
 
 SHIPPED = ["open-loop", "pd", "tracking", "tracking-feedforward", "tracking-noise", "tracking-undisturbed"]
 
@@ -64,7 +67,7 @@ def test_the_disturbance_sets_in_at_4_s(name):
 
 def test_tracking_leaves_the_gains_to_the_controller_fmu():
     tracking = load_scenario("tracking")
-    assert tracking.components == ("plant", "controller", "trajectory")
+    assert list(tracking.components) == ["plant", "controller", "trajectory"]
     assert tracking.start == {}
     assert set(tracking.signals) == {"plant.dm", "plant.tau_d"}
     assert tracking.steady_after == 8.0
@@ -98,7 +101,7 @@ def test_the_undisturbed_scenario_has_no_mass_change_and_no_torque():
 
 def test_open_loop_drives_all_joints_with_a_cosine():
     scenario = load_scenario("open-loop")
-    assert scenario.components == ("plant",)
+    assert list(scenario.components) == ["plant"]
     assert scenario.start == {"plant": {"dm": 0.0, "tau_d": [0.0, 0.0, 0.0]}}
     assert set(scenario.signals) == {"plant.tau_a"}
     tau_a = signal(scenario, "plant.tau_a", 3)
@@ -139,7 +142,8 @@ def written(tmp_path: Path, text: str) -> str:
 
 def test_an_empty_file_is_the_closed_loop_with_all_defaults(tmp_path):
     scenario = load_scenario(written(tmp_path, ""))
-    assert scenario == Scenario(name="mine", title="mine", components=("plant", "controller", "trajectory"))
+    assert scenario == RobotScenario(name="mine", title="mine", connections=tuple(FAMILY.connections))
+    assert list(scenario.components) == ["plant", "controller", "trajectory"]
 
 
 def test_every_key_is_read(tmp_path):
@@ -173,10 +177,11 @@ rms = 2
 period = 3
 """
     scenario = load_scenario(written(tmp_path, text))
-    assert scenario == Scenario(
+    assert scenario == RobotScenario(
         name="mine",
         title="all of it",
-        components=("trajectory", "plant", "controller"),
+        components=dict.fromkeys(("trajectory", "plant", "controller"), ScenarioComponent()),
+        connections=tuple(FAMILY.connections),
         stop_time=2.0,
         step_size=0.01,
         steady_after=1.0,
@@ -194,7 +199,7 @@ def test_one_element_of_a_vector_can_be_driven(tmp_path):
     text = '[signals."plant.tau_d[2]"]\nshape = "sine"\namplitude = 1.0\nfrequency = 1.0'
     scenario = load_scenario(written(tmp_path, text))
     drive = scenario.system(Path("f"), "pythonfmu").signals[0]
-    assert (drive.target, drive.function(0.25).shape) == ("plant.tau_d[2]", (1,))
+    assert (drive.target, drive.function_for(1)(0.25).shape) == ("plant.tau_d[2]", (1,))
 
 
 @pytest.mark.parametrize(("name", "hint"), [("trackng", "tracking"), ("PD", "known are"), ("open_loop", "open-loop")])
@@ -227,14 +232,17 @@ BAD = {
     "not TOML": ("title = ", ["can't be read as TOML", "at end of document"]),
     "key twice": ("title = 'a'\ntitle = 'b'", ["can't be read as TOML"]),
     "unknown key": ("titel = 'a'", ["'titel'", "did you mean 'title'?"]),
-    "unknown key far off": ("zzz = 1", ["'zzz'", "known are title, components, run, start, signals"]),
+    "unknown key far off": (
+        "zzz = 1",
+        ["'zzz'", "known are title, system, components, connections, run, start, signals"],
+    ),
     "unknown in run": ("[run]\nstop = 1.0", ["[run]", "'stop'", "did you mean 'stop_time'?"]),
     "unknown instance in start": ("[start.plnt]\ndm = 0", ["[start]", "'plnt'", "did you mean 'plant'?"]),
     "unknown in a sine": (SINE + "freq = 1.0", ["plant.dm", "'freq'", "did you mean 'frequency'?"]),
     "unknown in a multisine": (MULTISINE + "phase = 1.0", ["plant.tau_d", "'phase'", "unknown key 'phase'"]),
     "title a number": ("title = 1", ["title = 1", "must be a text"]),
     "components a text": ("components = 'plant'", ["components = 'plant'", "must be a list"]),
-    "components a table": ("[components]\nplant = 1", ["components", "must be a list"]),
+    "components a table": ("[components]\nplant = 1", ["[components.plant] = 1", "must be a table"]),
     "components empty": ("components = []", ["components = []", "must be a list of names"]),
     "component unknown": ("components = ['plnat']", ["components", "'plnat'", "did you mean 'plant'?"]),
     "component a number": ("components = [1]", ["components", "1", "known are plant"]),
@@ -266,11 +274,8 @@ BAD = {
     "shape missing": ("[signals.'plant.dm']\namplitude = 1.0", ["plant.dm", "lacks shape"]),
     "shape a list": (SINE.replace('"sine"', "[]"), ["plant.dm", "shape = []"]),
     "shape a table": (SINE.replace('"sine"', "{a = 1}"), ["plant.dm", "shape"]),
-    "target without a dot": (SINE.replace("plant.dm", "plant"), ['"plant"', "has no input ''"]),
-    "target of no instance": (SINE.replace("plant.dm", "plnt.dm"), ["plnt.dm", "did you mean 'plant'?"]),
-    "target no variable": (SINE.replace("plant.dm", "plant.mass"), ["plant.mass", "'mass'", "known are"]),
-    "target an output": (SINE.replace("plant.dm", "plant.x_E"), ["plant.x_E", "has no input 'x_E'"]),
-    "target beyond a vector": (SINE.replace("plant.dm", "plant.tau_d[4]"), ["plant.tau_d[4]", "did you mean 'tau_d["]),
+    "target without a dot": (SINE.replace("plant.dm", "plant"), ['"plant"', "must be written as component.variable"]),
+    "target of no component": (SINE.replace("plant.dm", "plnt.dm"), ["plnt.dm", "did you mean 'plant'?"]),
     "target of one that does not take part": (
         "components = ['plant']\n" + SINE.replace("plant.dm", "controller.theta_a"),
         ["controller", "theta_a"],
@@ -291,7 +296,7 @@ BAD = {
     "rms of a noise negative": (NOISE.replace("1.0", "-1.0"), ["controller.theta_a", "-1.0", "not be negative"]),
     "period of a noise zero": (NOISE + "period = 0", ["controller.theta_a", "period = 0.0 s", "at least 1e-09 s"]),
     "disturbances a list": ("disturbances = []", ["disturbances = [] must be a table"]),
-    "disturbance of no input": (NOISE.replace("theta_a", "theta"), ["disturbances.", "has no input 'theta'"]),
+    "disturbance of no input": (NOISE.replace("theta_a", "theta"), ["disturbances.", "no connection feeds it"]),
     "disturbance where no connection is": (
         NOISE.replace("controller.theta_a", "plant.tau_d"),
         ["plant.tau_d", "no connection feeds it", "[signals]"],
@@ -346,6 +351,20 @@ def test_brackets_beyond_measure_are_refused(tmp_path):
         load_scenario(written(tmp_path, "x = " + "[" * 5000))
 
 
+TARGETS = {
+    "no variable": ("plant.mass", ["'plant'", "'mass'", "did you mean 'm_a'?"]),
+    "an output": ("plant.x_E", ["'plant.x_E'", "output", "must be an input"]),
+    "beyond a vector": ("plant.tau_d[4]", ["'tau_d[4]'", "did you mean 'tau_d["]),
+}
+
+
+@pytest.mark.parametrize("case", TARGETS)
+def test_a_signal_for_what_is_no_input_of_the_fmu_is_refused_by_file_and_name(robot_run, capsys, case):
+    target, expected = TARGETS[case]
+    assert robot_run(SINE.replace("plant.dm", target)) == 1
+    check_line(capsys, expected)
+
+
 START = {
     "unknown variable": ("alhpa = 1.0", ["alhpa", "did you mean 'alpha'?"]),
     "text": ("alpha = 'x'", ["alpha", "'x'", "not a number"]),
@@ -361,25 +380,40 @@ START = {
 }
 
 
-@pytest.mark.parametrize("case", START)
-def test_a_bad_start_value_is_refused_by_file_and_key(fmus, tmp_path, monkeypatch, capsys, case):
-    # they are held against the model descriptions, so the FMUs must be there
+@pytest.fixture
+def robot_run(fmus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Run a scenario file with the text; names are held against the model descriptions, so the FMUs must be there."""
     from cosim.__main__ import main
 
-    text, expected = START[case]
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("parallel_robot.fmus.build_missing", lambda folder, flavour: [])
     monkeypatch.setattr("parallel_robot.fmus.outdated", lambda folder, flavour: [])
     (tmp_path / "pythonfmu").symlink_to(fmus)
-    path = written(tmp_path, f"[run]\nstop_time = 0.002\n[start.controller]\n{text}\n" + SINE + MULTISINE)
-    assert main(["run", path, "--flavour", "pythonfmu", "--fmus", str(tmp_path)]) == 1
+
+    def run(text: str) -> int:
+        path = written(tmp_path, "[run]\nstop_time = 0.002\n" + text)
+        return main(["run", path, "--flavour", "pythonfmu", "--fmus", str(tmp_path)])
+
+    return run
+
+
+def check_line(capsys, expected: list[str]) -> None:
+    """One line that names the file and what was wrong in it."""
     shown = capsys.readouterr()
     assert shown.out == ""
     lines = shown.err.splitlines()
     assert len(lines) == 1
-    for part in ["controller", *expected]:
-        assert part in lines[0]
     assert "mine.toml" in lines[0]
+    assert expected
+    for part in expected:
+        assert part in lines[0]
+
+
+@pytest.mark.parametrize("case", START)
+def test_a_bad_start_value_is_refused_by_file_and_key(robot_run, capsys, case):
+    text, expected = START[case]
+    assert robot_run(f"[start.controller]\n{text}\n" + SINE + MULTISINE) == 1
+    check_line(capsys, ["controller", *expected])
 
 
 KEYS = (
@@ -437,9 +471,9 @@ DATA = st.fixed_dictionaries(
 @given(DATA | st.dictionaries(KEYS, VALUES, max_size=5))
 def test_whatever_the_file_says_it_is_a_scenario_or_a_scenario_error(data):
     try:
-        scenario = _scenario("mine", data)
+        scenario = scenario_from(data, "mine", Path(), FAMILY)
     except ScenarioError:
         return
-    assert set(scenario.components) <= set(MODELS)
+    assert set(scenario.components) <= set(COMPONENTS)
     assert all(isinstance(s, Shape) for s in (*scenario.signals.values(), *scenario.disturbances.values()))
     assert all(math.isfinite(v) for v in (scenario.stop_time, scenario.step_size, scenario.steady_after))

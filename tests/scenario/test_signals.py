@@ -10,7 +10,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cosim.scenario.signals import SHAPES, Multisine, Noise, Sine
+from cosim.scenario.signals import (
+    SHAPES,
+    Constant,
+    CsvColumn,
+    Multisine,
+    Noise,
+    PulseTrain,
+    Ramp,
+    Sine,
+    Step,
+)
 
 SEED = 1
 BAND = (0.5, 10.0)  # Hz
@@ -25,7 +35,16 @@ def sampled(function, times) -> np.ndarray:
 
 
 def test_shapes_are_the_names_that_scenarios_write():
-    assert list(SHAPES.items()) == [("sine", Sine), ("multisine", Multisine), ("noise", Noise)]
+    assert {
+        "constant": Constant,
+        "step": Step,
+        "ramp": Ramp,
+        "pulses": PulseTrain,
+        "sine": Sine,
+        "multisine": Multisine,
+        "noise": Noise,
+        "table": CsvColumn,
+    } == SHAPES
 
 
 @pytest.mark.parametrize("t", [0.0, 0.125, 0.5, 1.0, 7.3])

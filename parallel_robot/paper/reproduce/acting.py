@@ -7,19 +7,19 @@ import dataclasses
 from cosim.scenario.signals import Multisine, Shape, Sine
 from cosim.system.system import Signal
 from parallel_robot.paper.reproduce.content import Condition
-from parallel_robot.scenario import Scenario
+from parallel_robot.scenario import RobotScenario
 
 DISTURBANCE, MASS_CHANGE = "plant.tau_d", "plant.dm"
 
 
-def multisine(scenario: Scenario) -> Multisine:
+def multisine(scenario: RobotScenario) -> Multisine:
     """The disturbance torque of a scenario."""
     signal = scenario.signals[DISTURBANCE]
     assert isinstance(signal, Multisine)
     return signal
 
 
-def signals(scenario: Scenario, condition: Condition, rms: float | None = None) -> list[Signal]:
+def signals(scenario: RobotScenario, condition: Condition, rms: float | None = None) -> list[Signal]:
     """Disturbance torque, of another size (rms in N m) if one is given, and mass change of a condition."""
     torque = multisine(scenario)
     if rms is not None:

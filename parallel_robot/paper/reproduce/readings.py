@@ -12,7 +12,7 @@ from cosim.results.results import Results
 from parallel_robot.metrics import tracking_errors
 from parallel_robot.paper.reproduce.acting import signals
 from parallel_robot.paper.reproduce.content import Condition, Controller, Reading
-from parallel_robot.scenario import Scenario
+from parallel_robot.scenario import RobotScenario
 
 Progress = Callable[[str], None]
 
@@ -82,7 +82,7 @@ ASSUMPTIONS = (
 
 
 def all_readings(
-    simulation: Simulation, scenario: Scenario, controller: Controller, progress: Progress
+    simulation: Simulation, scenario: RobotScenario, controller: Controller, progress: Progress
 ) -> tuple[Reading, ...]:
     """Run all assumptions.
 
@@ -90,7 +90,7 @@ def all_readings(
     ----------
     simulation : Simulation
         Of the scenario, open.
-    scenario : Scenario
+    scenario : RobotScenario
     controller : Controller
         With the gains that the factors multiply.
     progress : callable

@@ -11,7 +11,7 @@ import numpy as np
 from controller_fmu.membership import Membership, Sine
 from cosim.sweep.factors import Levels, Range
 from cosim.sweep.sensitivity import Uncertain
-from parallel_robot.scenario import Scenario
+from parallel_robot.scenario import RobotScenario
 from parallel_robot.sweep import SEED, STEP
 from plant_fmu.model import PARAMETERS
 
@@ -66,7 +66,7 @@ def drawn_by_membership(membership: Membership) -> Callable[[np.ndarray], np.nda
     return quantile
 
 
-def sources(scenario: Scenario) -> tuple[Source, ...]:
+def sources(scenario: RobotScenario) -> tuple[Source, ...]:
     """Everything that is varied, around a scenario with noise."""
     mass = Sine()  # (88): close to 0.25, which is what the paper simulates with
     span = mass.support

@@ -1,0 +1,140 @@
+"""Scenarios as data: a system and a run of it."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from cosim.errors import CosimError
+from cosim.system.system import Connection, System
+
+if TYPE_CHECKING:  # what takes a while to import is not needed to know which scenarios there are
+    from typing import Self
+
+    from cosim.master.extrapolation import Coupling
+    from cosim.master.operations import Order
+    from cosim.scenario.metrics import Metric
+    from cosim.scenario.signals import Shape
+
+
+class ScenarioError(CosimError):
+    """A scenario is missing or malformed."""
+
+
+@dataclass(frozen=True)
+class ScenarioComponent:
+    """A component of a scenario.
+
+    Attributes
+    ----------
+    fmu : Path, optional
+        FMU file; None where the family of the scenario has yet to say which.
+    every : int
+        The component communicates at every so many communication points.
+    """
+
+    fmu: Path | None = None
+    every: int = 1
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """A system and a run of it, as a TOML file describes them.
+
+    Attributes
+    ----------
+    name, title : str
+        Name of the file, and one line for people.
+    components : mapping
+        Name -> FMU and rate of each component.
+    stop_time, step_size : float
+        In s.
+    start_time : float
+        In s.
+    order : {"sequential", "parallel"}
+        Gauss-Seidel or Jacobi.
+    extrapolation : {"auto", "hold", "linear"}
+        What inputs do between communication points.
+    seed : int
+        Seed of all random signals.
+    record : tuple of str, optional
+        What is recorded; all inputs and outputs by default.
+    record_every : int
+        Record at every so many communication points.
+    start : mapping
+        Component -> start values of its variables.
+    connections : tuple of Connection
+    signals : mapping
+        Target `component.variable` -> signal that feeds it.
+    disturbances : mapping
+        Target `component.variable` -> signal that is added to what a connection feeds there, as sensor noise is.
+    metrics : mapping
+        Name -> number that is computed from the results.
+    """
+
+    name: str
+    title: str
+    components: Mapping[str, ScenarioComponent]
+    stop_time: float
+    step_size: float
+    start_time: float = 0.0
+    order: Order = "sequential"
+    extrapolation: Coupling = "auto"
+    seed: int = 1
+    record: tuple[str, ...] | None = None
+    record_every: int = 1
+    start: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    connections: tuple[Connection, ...] = ()
+    signals: Mapping[str, Shape] = field(default_factory=dict)
+    disturbances: Mapping[str, Shape] = field(default_factory=dict)
+    metrics: Mapping[str, Metric] = field(default_factory=dict)
+
+    def system(self) -> System:
+        """The system that the scenario describes.
+
+        Raises
+        ------
+        ScenarioError
+            A component has no FMU.
+        SetupError
+            A name or a rate of a component makes no sense.
+        """
+        from cosim.scenario.signals import ShapedSignal
+
+        system = System()
+        for name, component in self.components.items():
+            if component.fmu is None:
+                raise ScenarioError(f"component '{name}' has no FMU; name its file: [components.{name}] fmu = ...")
+            system.add(name, component.fmu, start=self.start.get(name), every=component.every)
+        system.connections.extend(self.connections)
+        for shapes, feed in ((self.signals, system.drive), (self.disturbances, system.disturb)):
+            for target, shape in shapes.items():
+                signal = ShapedSignal(shape, self.seed, target)
+                feed(target, signal, breakpoints=shape.breakpoints, vectorized=True)
+        return system
+
+    def with_fmus(self, fmus: Mapping[str, Path]) -> Self:
+        """A copy in which components have these FMUs."""
+        changed = {name: dataclasses.replace(self.components[name], fmu=path) for name, path in fmus.items()}
+        return dataclasses.replace(self, components={**self.components, **changed})
+
+    def shape(self, target: str) -> Shape | None:
+        """The signal or disturbance at an input, if there is one."""
+        return self.signals.get(target, self.disturbances.get(target))
+
+    def with_shape(self, target: str, shape: Shape) -> Self:
+        """A copy in which the signal or disturbance at an input is another one."""
+        if target in self.signals:
+            return dataclasses.replace(self, signals={**self.signals, target: shape})
+        return dataclasses.replace(self, disturbances={**self.disturbances, target: shape})
+
+    def with_start_value(self, component: str, name: str, value: Any) -> Self:
+        """A copy in which one start value differs; it comes last, where one of an element follows one of its vector."""
+        start = {c: dict(v) for c, v in self.start.items()}
+        of_component = start.setdefault(component, {})
+        of_component.pop(name, None)
+        of_component[name] = value
+        return dataclasses.replace(self, start=start)
