@@ -449,6 +449,7 @@ def interpolated(time: np.ndarray, values: np.ndarray, between: Literal["linear"
         right = np.minimum(left + 1, len(time) - 1)
         span = time[right] - time[left]
         share = np.clip(np.divide(t - time[left], span, out=np.zeros_like(t), where=span > 0.0), 0.0, 1.0)
-        return values[left] + share[..., np.newaxis] * (values[right] - values[left])
+        between_rows: np.ndarray = values[left] + share[..., np.newaxis] * (values[right] - values[left])
+        return between_rows
 
     return held if between == "hold" else linear
