@@ -1,16 +1,23 @@
-"""Scenarios of the robot: its components and connections by default, and FMUs by folder and flavour."""
+"""Scenarios of the robot, as a family that the program finds by the entry-point group `cosim.scenarios`."""
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from cosim.errors import nearest
+from cosim.scenario.family import ScenarioFamily
 from cosim.scenario.scenario import Scenario, ScenarioComponent, ScenarioError
-from cosim.system.system import System
-from parallel_robot.choices import SCENARIOS, scenario_names
-from parallel_robot.wiring import COMPONENTS
+from cosim.system.system import Connection, System
+from parallel_robot.choices import FLAVOURS, SCENARIOS, scenario_names
+from parallel_robot.wiring import COMPONENTS, CONNECTIONS, OPTIONAL_INPUTS
+
+if TYPE_CHECKING:
+    from cosim.results.results import Results
+    from cosim.results.stored import StoredResults
 
 
 @dataclass(frozen=True)
@@ -57,6 +64,80 @@ class RobotScenario(Scenario):
         return self.with_fmus({name: fmu_path(folder, flavour, name) for name in missing})
 
 
+class RobotFamily(ScenarioFamily):
+    """Robot, controller and desired path of Han et al. 2021."""
+
+    system = "parallel robot under adaptive robust control"
+    folder = SCENARIOS
+    default = "tracking"
+    scenario = RobotScenario
+    components = dict.fromkeys(COMPONENTS, ScenarioComponent())
+    connections = tuple(Connection(source, target) for source, target in CONNECTIONS)
+    optional_inputs = OPTIONAL_INPUTS
+    metric_names = ("tracking", "control_effort", "closure_error_max", "steady_after")
+    drawing = "parallel_robot.figures:write_figures"
+
+    def add_options(self, parser: argparse._ActionsContainer) -> None:
+        """Add --flavour and --fmus."""
+        parser.add_argument(
+            "--flavour", choices=FLAVOURS, help="default fmi2; pythonfmu where there is no C compiler to build it"
+        )
+        parser.add_argument("--fmus", type=Path, metavar="DIR", help="FMU folder (default fmus)")
+
+    def prepared(self, scenario: Scenario, options: argparse.Namespace) -> Scenario:
+        """The scenario with FMUs of the flavour that is asked for, or the default one; missing ones are built.
+
+        Raises
+        ------
+        BuildError
+            As `parallel_robot.fmus.build`.
+        """
+        from parallel_robot.commands.robot_fmus import chosen_flavour, make_ready  # the models take a while to import
+
+        assert isinstance(scenario, RobotScenario)
+        folder = Path("fmus") if options.fmus is None else options.fmus
+        flavour = chosen_flavour(folder, options.flavour)
+        make_ready(folder, flavour)
+        return scenario.with_flavour(folder, flavour)
+
+    def metrics(self, scenario: Scenario, results: Results | StoredResults) -> dict[str, Any]:
+        """Tracking errors, control effort, closure error."""
+        from parallel_robot.metrics import metrics
+
+        assert isinstance(scenario, RobotScenario)
+        return metrics(results, scenario.steady_after)
+
+    def drawing_arguments(self, scenario: Scenario) -> tuple[Any, ...]:
+        """Title, and where the steady part begins (s)."""
+        assert isinstance(scenario, RobotScenario)
+        return scenario.title, scenario.steady_after
+
+    def report(self, scenario: Scenario, metrics: Mapping[str, Any]) -> list[str]:
+        """A table of tracking errors, and the control effort."""
+        assert isinstance(scenario, RobotScenario)
+        lines = []
+        if metrics["tracking"]:
+            steady = f"steady max (t >= {scenario.steady_after:g} s)"
+            lines.append(f"\n{'tracking error':<16}{'max':>14}{'rms':>14}{'accumulated':>16}{steady:>28}")
+            for name, e in metrics["tracking"].items():
+                unit = "mm" if name in "xy" else "mrad"
+                last = "-" if e["steady_max"] is None else f"{e['steady_max'] * 1e3:.4g} {unit}"
+                lines.append(
+                    f"{name:<16}{e['max'] * 1e3:>9.4g} {unit:<4}{e['rms'] * 1e3:>9.4g} {unit:<4}"
+                    f"{e['accumulated'] * 1e3:>9.4g} {unit + ' s':<6}{last:>28}"
+                )
+        effort = metrics["control_effort"]
+        if effort is not None:
+            lines += [
+                f"\nlargest torque {effort['max']:.4g} N.m, integral of its square {effort['integral']:.4g} N2.m2.s",
+                f"largest closure error {metrics['closure_error_max']:.2g} m",
+            ]
+        return lines
+
+
+FAMILY = RobotFamily()
+
+
 def load_scenario(name_or_path: str) -> RobotScenario:
     """Read a scenario of the robot by name, or from a TOML file.
 
@@ -66,7 +147,6 @@ def load_scenario(name_or_path: str) -> RobotScenario:
         There is none of that name, or the file is malformed or of another system; the message names file and key.
     """
     from cosim.scenario.reading import read_scenario  # takes a while to import
-    from parallel_robot.family import FAMILY
 
     path = SCENARIOS / f"{name_or_path}.toml" if name_or_path in scenario_names() else Path(name_or_path)
     if not path.is_file():

@@ -17,9 +17,8 @@ from cosim.scenario.reading import scenario_from
 from cosim.scenario.scenario import Scenario, ScenarioComponent, ScenarioError
 from cosim.scenario.signals import Multisine, Noise, Shape, Sine
 from parallel_robot.choices import scenario_names
-from parallel_robot.family import FAMILY
 from parallel_robot.models import MODELS
-from parallel_robot.scenario import RobotScenario, load_scenario
+from parallel_robot.scenario import FAMILY, RobotScenario, load_scenario
 from parallel_robot.wiring import COMPONENTS, CONNECTIONS
 
 SHIPPED = ["open-loop", "pd", "tracking", "tracking-feedforward", "tracking-noise", "tracking-undisturbed"]
