@@ -1,9 +1,4 @@
-"""Scenarios: systems and their runs as TOML files.
-
->>> from cosim.scenario import load_scenario
->>> load_scenario("tracking").title
-'Tracking with mass change and disturbance torque (paper, section 6)'
-"""
+"""Scenarios: systems and their runs as TOML files."""
 
 from __future__ import annotations
 

@@ -133,19 +133,24 @@ def default_scenario() -> str:
     raise ScenarioError(f"there is no default scenario; give the name {which}")
 
 
-def named(name: str) -> tuple[ScenarioFamily, Path] | None:
-    """Family and file of a scenario that comes with a family; None where there is none of that name.
+def named(name_or_path: str) -> tuple[ScenarioFamily, Path] | None:
+    """Family and file of a scenario that comes with a family, by name or path; None where there is none.
 
     Raises
     ------
     ScenarioError
-        Several families have one.
+        Several families have one of that name.
     """
-    holders = [family for family in families().values() if name in family.scenario_names()]
-    found = [(family, family.folder / f"{name}.toml") for family in holders if family.folder is not None]
+    found = [
+        (family, family.folder / f"{name}.toml")
+        for family in families().values()
+        for name in family.scenario_names()
+        if family.folder is not None
+        and (name == name_or_path or (family.folder / f"{name}.toml").resolve() == Path(name_or_path).resolve())
+    ]
     if len(found) > 1:
         paths = ", ".join(str(path) for _, path in found)
-        raise ScenarioError(f"several packages have a scenario '{name}'; give the file of the one you mean: {paths}")
+        raise ScenarioError(f"several packages have a scenario '{name_or_path}'; give the file of one: {paths}")
     return found[0] if found else None
 
 
