@@ -26,12 +26,11 @@ from pathlib import Path
 import numpy as np
 import psutil
 
-from cosim.sweep import sizes
+from cosim.sweep import batch
 from cosim.sweep.batch import Rows
 from cosim.sweep.cluster import connect
-from cosim.sweep.design import Points, design
 from cosim.sweep.engine import sweep
-from cosim.sweep.factors import Range
+from cosim.sweep.points import Points, Range, design
 from cosim.sweep.store import Store, read
 from parallel_robot.fmus import build_missing
 from parallel_robot.scenario import load_scenario
@@ -56,12 +55,12 @@ def points_of(n: int, seed: int) -> Points:
 def bare_loop(study: RobotStudy, files: dict[str, Path], n: int, seed: int) -> float:
     """Runs a second of a plain loop in this process, the first run excluded."""
     columns = points_of(n, seed).take(np.arange(n))
-    with study.simulation(study.case({}).variant, files.__getitem__) as simulation:
-        case = study.case({})
-        simulation.run(case.stop_time, case.step_size)
+    with study.simulation(study.plan({}).variant, files.__getitem__) as simulation:
+        planned = study.plan({})
+        simulation.run(planned.stop_time, planned.step_size)
         began = time.perf_counter()
         for k in range(n):
-            simulation.run(case.stop_time, case.step_size, start={name: v[k] for name, v in columns.items()})
+            simulation.run(planned.stop_time, planned.step_size, start={name: v[k] for name, v in columns.items()})
         return n / (time.perf_counter() - began)
 
 
@@ -74,8 +73,8 @@ def bare_loops(study: RobotStudy, files: dict[str, Path], n: int, seed: int) -> 
 def swept(study: RobotStudy, files: dict[str, Path], n: int, seed: int, workers: int) -> float:
     """Runs a second of a sweep on this machine's own workers, from the first point sent to the last row on disk."""
     with tempfile.TemporaryDirectory() as folder:
-        outcome = sweep(study, files, points_of(n, seed), Path(folder) / "out", workers=workers)
-    return outcome.runs / outcome.seconds
+        summary = sweep(study, files, points_of(n, seed), Path(folder) / "out", workers=workers)
+    return summary.runs / summary.seconds
 
 
 def rates(study: RobotStudy, files: dict[str, Path], n: int, rounds: int) -> dict[str, list[float]]:
@@ -134,7 +133,7 @@ def loads(study: RobotStudy, files: dict[str, Path], runs: int, tasks: int) -> d
     """
     scenarios = {name: dataclasses.replace(s, stop_time=0.01) for name, s in study.scenarios.items()}
     short = dataclasses.replace(study, scenarios=scenarios)
-    sizes._BATCH_TIME, sizes._MOST_RUNS = 1e9, runs
+    batch._BATCH_TIME, batch._MOST_RUNS = 1e9, runs
     points = points_of(tasks * runs, 1)
     own = psutil.Process()
     with tempfile.TemporaryDirectory() as name, cluster(Path(name), CORES) as (address, scheduler, workers):

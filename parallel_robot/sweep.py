@@ -17,11 +17,10 @@ from cosim.master.simulation import Simulation, number_of_steps
 from cosim.results.results import Results
 from cosim.scenario.scenario import ScenarioError
 from cosim.scenario.signals import Shape
-from cosim.sweep.batch import Entry
-from cosim.sweep.check import check_start
+from cosim.sweep.batch import RowValue
 from cosim.sweep.errors import SweepError
-from cosim.sweep.factors import Factor, Levels, Value
-from cosim.sweep.study import Case
+from cosim.sweep.points import Factor, Levels, Value
+from cosim.sweep.study import PlannedRun, check_start
 from cosim.system.system import Signal, System
 from parallel_robot.fmus import fmu_path
 from parallel_robot.metrics import metrics, tracking_errors
@@ -109,7 +108,7 @@ class RobotStudy:
             record=[f"{name}.{variable}" for name in components for variable in _RECORDED[name]],
         )
 
-    def case(self, point: Mapping[str, Value]) -> Case:
+    def plan(self, point: Mapping[str, Value]) -> PlannedRun:
         """The run of a point.
 
         Raises
@@ -130,7 +129,7 @@ class RobotStudy:
                 changes.append((name, float(value)))
             else:
                 start[name] = value
-        return Case(
+        return PlannedRun(
             variant=(label, tuple((i, hashes[i]) for i in scenario.components)),
             stop_time=scenario.stop_time,
             step_size=float(point.get(STEP, scenario.step_size)),
@@ -150,14 +149,14 @@ class RobotStudy:
             self._signals[key] = changed.system(Path(), "").signals if changed != scenario else []
         return self._signals[key]
 
-    def row(self, case: Case, results: Results) -> dict[str, Entry]:
+    def row(self, planned: PlannedRun, results: Results) -> dict[str, RowValue]:
         """Metrics and curves of a run."""
-        scenario = self.scenarios[case.variant[0]]  # type: ignore[index]
+        scenario = self.scenarios[planned.variant[0]]  # type: ignore[index]
         found = dict(_flat(metrics(results, scenario.steady_after)))
-        row: dict[str, Entry] = {name: found.get(name) for name in METRICS[:-1]}
+        row: dict[str, RowValue] = {name: found.get(name) for name in METRICS[:-1]}
         row["loop_time_s"] = results.info["loop_time_s"]
         if self.curve_period is not None:
-            errors = tracking_errors(results.thinned(_ratio(self.curve_period, case.step_size)))
+            errors = tracking_errors(results.thinned(_ratio(self.curve_period, planned.step_size)))
             row |= {curve_name(name): errors.get(name) for name in _ERRORS}
         return row
 

@@ -13,15 +13,14 @@ from typing import TYPE_CHECKING, Any
 from tqdm import tqdm
 
 from cosim.errors import nearest
-from cosim.sweep.design import DESIGNS, advice, design
 from cosim.sweep.errors import SweepError
-from cosim.sweep.factors import Factor, Levels, Range, parse_factor, parse_whole_numbers
+from cosim.sweep.points import DESIGNS, Factor, Levels, Range, advice, design, parse_factor, parse_whole_numbers
 from parallel_robot.choices import FLAVOURS, scenario_names
 from parallel_robot.commands.robot_fmus import chosen_flavour, make_ready
 from parallel_robot.scenario import RobotScenario, load_scenario
 
 if TYPE_CHECKING:
-    from cosim.sweep.engine import Outcome
+    from cosim.sweep.store import SweepSummary
 
 _DESCRIPTION = f"""\
 Run a scenario at many points: start values of variables, seeds, scenarios, FMU files.
@@ -122,9 +121,9 @@ def run(args: argparse.Namespace) -> int:
         print(note)
     folder = args.out if args.out is not None else Path("results") / f"sweep-{next(iter(scenarios.values())).name}"
     with sweep_progress(len(points)) as progress:
-        outcome = sweep(study, files, points, folder, scheduler=args.scheduler, workers=args.workers, progress=progress)
-    print(sweep_table(outcome, folder))
-    if outcome.interrupted:
+        summary = sweep(study, files, points, folder, scheduler=args.scheduler, workers=args.workers, progress=progress)
+    print(sweep_table(summary, folder))
+    if summary.interrupted:
         print("cosim: interrupted; the same command goes on where it stopped", file=sys.stderr)
         return 130
     return 0
@@ -193,16 +192,15 @@ def sweep_progress(points: int, what: str = "sweep") -> Iterator[Callable[[int, 
             bar.close()
 
 
-def sweep_table(outcome: Outcome, folder: Path) -> str:
+def sweep_table(summary: SweepSummary, folder: Path) -> str:
     """How the sweep has ended, for people."""
-    summary = outcome.summary
-    lines = [f"runs      {summary.done} of {summary.points}, {outcome.runs} of them now"]
+    lines = [f"runs      {summary.done} of {summary.points}, {summary.runs} of them now"]
     if summary.failed:
         lines.append(f"failed    {summary.failed}; the first: {summary.first_error}")
     else:
         lines.append("failed    none")
-    if outcome.runs:
-        rate = outcome.runs / outcome.seconds
-        lines.append(f"rate      {rate:.3g} runs a second on {outcome.workers} workers, {outcome.seconds:.1f} s")
-    lines.append(f"results   {folder} (Parquet; cosim.sweep.store.read reads them)")
+    if summary.runs:
+        rate = summary.runs / summary.seconds
+        lines.append(f"rate      {rate:.3g} runs a second on {summary.workers} workers, {summary.seconds:.1f} s")
+    lines.append(f"results   {folder} (Parquet; cosim.sweep.read reads them)")
     return "\n".join(lines)

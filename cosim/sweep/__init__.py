@@ -1,4 +1,54 @@
-"""Many runs of a system: a design says which, Dask runs them on this machine or a cluster, Parquet keeps the rows.
+"""Sweeps: many runs of a system. A design says which, Dask runs them on all cores or a cluster, Parquet keeps the rows.
 
-Nothing here knows a robot. A `Study` says what a point of the design means.
+Nothing here knows a robot: a `Study` says what a point of the design means.
+
+>>> from cosim.sweep import Levels, Range, design
+>>> points = design("sobol", [Range("controller.alpha", 0.5, 3.0), Levels("seed", (1, 2, 3))], points=8)
+>>> len(points)
+8
 """
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+#: Name -> module; loaded when first used, since Dask and Arrow take a while to import.
+_MODULES = {
+    "Levels": "cosim.sweep.points",
+    "PlannedRun": "cosim.sweep.study",
+    "Points": "cosim.sweep.points",
+    "Range": "cosim.sweep.points",
+    "Study": "cosim.sweep.study",
+    "SweepError": "cosim.sweep.errors",
+    "SweepSummary": "cosim.sweep.store",
+    "design": "cosim.sweep.points",
+    "read": "cosim.sweep.store",
+    "sweep": "cosim.sweep.engine",
+}
+
+__all__ = [
+    "Levels",
+    "PlannedRun",
+    "Points",
+    "Range",
+    "Study",
+    "SweepError",
+    "SweepSummary",
+    "design",
+    "read",
+    "sweep",
+]
+
+if TYPE_CHECKING:
+    from cosim.sweep.engine import sweep
+    from cosim.sweep.errors import SweepError
+    from cosim.sweep.points import Levels, Points, Range, design
+    from cosim.sweep.store import SweepSummary, read
+    from cosim.sweep.study import PlannedRun, Study
+else:
+
+    def __getattr__(name: str) -> Any:
+        if name not in _MODULES:
+            raise AttributeError(f"module 'cosim.sweep' has no attribute {name!r}")
+        return getattr(import_module(_MODULES[name]), name)

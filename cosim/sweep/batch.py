@@ -1,16 +1,30 @@
-"""What travels between the sweep and its workers: batches of points out, rows back."""
+"""Batches: points that travel to a worker together, their rows that come back, and how many points to send at once."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from cosim.sweep.factors import Value
+from cosim.sweep.points import Value
 
 #: What a row has under a name: a number, an array (n,) of numbers, or nothing.
-Entry = float | np.ndarray | None
+RowValue = float | np.ndarray | None
+
+#: Time (s) that a batch should take: long against the few ms that Dask spends on a task, short enough for a lost worker
+#: and an early end to cost little.
+_BATCH_TIME = 1.5
+
+#: Batches a second that one scheduler can be asked for at ease: with many workers they become longer.
+_MOST_BATCHES = 100
+
+#: Runs in a batch at most, for its rows to fit one message.
+_MOST_RUNS = 5_000
+
+#: What is left of the batches before in the mean time of a run, at each new batch.
+_MEMORY = 0.7
 
 
 @dataclass(frozen=True)
@@ -50,7 +64,7 @@ class Row:
     """One point's result: metrics and curves, or the text of an error."""
 
     index: int
-    metrics: Mapping[str, Entry] | None
+    metrics: Mapping[str, RowValue] | None
     error: str | None
 
 
@@ -65,7 +79,7 @@ class Rows:
     """
 
     indices: list[int] = field(default_factory=list)
-    metrics: dict[str, list[Entry]] = field(default_factory=dict)
+    metrics: dict[str, list[RowValue]] = field(default_factory=dict)
     errors: list[str | None] = field(default_factory=list)
     seconds: float = 0.0
 
@@ -78,3 +92,23 @@ class Rows:
             [row.error for row in rows],
             seconds,
         )
+
+
+class BatchSize:
+    """Sizes batches by what the runs before have taken: the first are single runs."""
+
+    def __init__(self) -> None:
+        self._runs = self._seconds = 0.0
+
+    def learn(self, runs: int, seconds: float) -> None:
+        """Take note of what a batch has taken (s)."""
+        self._runs = _MEMORY * self._runs + runs
+        self._seconds = _MEMORY * self._seconds + seconds
+
+    def next(self, left: int, slots: int) -> int:
+        """Runs of the next batch, of those that are left; towards the end smaller, for all workers to end together."""
+        if not self._runs:
+            return 1
+        time = max(_BATCH_TIME, slots / _MOST_BATCHES)
+        wanted = min(time * self._runs / self._seconds, _MOST_RUNS) if self._seconds else _MOST_RUNS
+        return max(1, min(int(wanted), math.ceil(left / (2 * slots))))

@@ -1,21 +1,25 @@
-"""Where the runs are made: processes of this machine, or a Dask cluster that is there already."""
+"""Where the runs are made: processes of this machine, or a Dask cluster that is there; and how FMUs get there."""
 
 from __future__ import annotations
 
+import hashlib
 import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.metadata import version
+from pathlib import Path
+from typing import Any
 
 import dask
 from dask.system import CPU_COUNT
-from distributed import Client, LocalCluster
+from distributed import Client, LocalCluster, WorkerPlugin
 
+from cosim.sweep import stock
 from cosim.sweep.errors import SweepError
 from cosim.versions import versions
 
 #: How long (s) to wait for a scheduler to answer, and for a first worker.
-_PATIENCE = 30.0
+_ANSWER, _FIRST_WORKER = 30.0, 30.0
 
 #: Workers that a task of a local sweep may be involved in losing before it is run in isolation.
 _LOCAL_DEATHS = 1
@@ -69,12 +73,12 @@ def _local(workers: int) -> LocalCluster:
 @contextmanager
 def _remote(scheduler: str) -> Iterator[Client]:
     try:
-        client = Client(scheduler, timeout=_PATIENCE, set_as_default=False)
+        client = Client(scheduler, timeout=_ANSWER, set_as_default=False)
     except (OSError, ValueError) as error:
         raise SweepError(f"--scheduler {scheduler}: no answer: {' '.join(str(error).split())}") from error
     with client:
         try:
-            client.wait_for_workers(1, timeout=_PATIENCE)
+            client.wait_for_workers(1, timeout=_FIRST_WORKER)
         except TimeoutError:
             raise SweepError(
                 f"--scheduler {scheduler} has no workers; start some: dask worker {scheduler} --nthreads 1"
@@ -106,3 +110,39 @@ def _quiet() -> Iterator[None]:
     finally:
         for logger, level in zip(loggers, before, strict=True):
             logger.setLevel(level)
+
+
+class Parcel(WorkerPlugin):
+    """Bytes on their way to each worker, named by their contents: what a cluster has already is not sent again.
+
+    The scheduler keeps a plugin and hands it to each worker process when it registers, also to one that joins or
+    restarts later. Scattered data would be lost with the worker that happens to hold it.
+    """
+
+    idempotent = True
+
+    def __init__(self, data: bytes) -> None:
+        self.sha256 = hashlib.sha256(data).hexdigest()
+        self.name = f"cosim-parcel-{self.sha256}"
+        self._data = data
+
+    def setup(self, worker: Any) -> None:
+        """Put the bytes on the worker's disk."""
+        stock.put(self.sha256, self._data, Path(worker.local_directory) / "cosim")
+        self._data = b""  # the plugin lives as long as the worker
+
+
+def deliver(client: Client, data: bytes) -> str:
+    """Send bytes to all workers, present and future; returns their SHA-256.
+
+    Raises
+    ------
+    SweepError
+        A worker can't take them.
+    """
+    parcel = Parcel(data)
+    try:
+        client.register_plugin(parcel)
+    except OSError as error:
+        raise SweepError(f"a worker can't store a file: {error}; free some space there") from error
+    return parcel.sha256

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
 import pickle
 import time as clock
 from collections import Counter, deque
 from collections.abc import Callable, Mapping
 from concurrent.futures import CancelledError
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from uuid import uuid4
@@ -18,14 +18,12 @@ from dask.typing import Key
 from distributed import Client, Future, KilledWorker
 
 from cosim.master.interrupts import DeferredInterrupt
-from cosim.sweep.batch import Batch, Rows
-from cosim.sweep.cluster import connect
-from cosim.sweep.design import Points
+from cosim.sweep.batch import Batch, BatchSize, Rows
+from cosim.sweep.cluster import connect, deliver
 from cosim.sweep.errors import SweepError, WorkerTrouble
 from cosim.sweep.isolated import run_isolated
-from cosim.sweep.parcels import deliver
-from cosim.sweep.sizes import BatchSize
-from cosim.sweep.store import Store, Summary
+from cosim.sweep.points import Points
+from cosim.sweep.store import Store, SweepSummary
 from cosim.sweep.study import Study
 from cosim.sweep.worker import run_batch
 from cosim.versions import versions
@@ -45,30 +43,6 @@ _MOST_LOSSES = 3
 _GO_ON = "start the same command again: it goes on where it stopped"
 
 
-@dataclass(frozen=True)
-class Outcome:
-    """How a sweep has ended.
-
-    Attributes
-    ----------
-    summary : Summary
-    interrupted : bool
-        Ctrl-C has ended it; the same command goes on.
-    runs : int
-        Rows that this start has added.
-    seconds : float
-        What they took (s), without starting the workers.
-    workers : int
-        Processes that ran them, at most.
-    """
-
-    summary: Summary
-    interrupted: bool
-    runs: int
-    seconds: float
-    workers: int
-
-
 def sweep(
     study: Study,
     files: Mapping[str, Path],
@@ -78,7 +52,7 @@ def sweep(
     scheduler: str | None = None,
     workers: int | None = None,
     progress: Callable[[int, int], None] = lambda done, workers: None,
-) -> Outcome:
+) -> SweepSummary:
     """Run all points of a study that the folder has no row of yet.
 
     Parameters
@@ -105,7 +79,7 @@ def sweep(
     store = Store(folder, points, study.metrics, question, curves=study.curves)
     missing = store.missing()
     if not len(missing):
-        return Outcome(store.summary(), False, 0, 0.0, 0)
+        return store.summary()
     with connect(scheduler, workers) as client:
         for sha256, path in files.items():
             if deliver(client, path.read_bytes()) != sha256:
@@ -119,7 +93,9 @@ def sweep(
             store.flush()
             flight.cancel()
         seconds = clock.perf_counter() - began
-    return Outcome(store.summary(), not finished, flight.done, seconds, flight.most_slots)
+    return dataclasses.replace(
+        store.summary(), interrupted=not finished, runs=flight.done, seconds=seconds, workers=flight.most_slots
+    )
 
 
 class _Flight:

@@ -12,9 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cosim.sweep.design import Points, check_number, scaled
 from cosim.sweep.errors import SweepError
-from cosim.sweep.factors import Factor, Range
+from cosim.sweep.points import Factor, Points, Range, check_number, scaled
 
 #: Resamples of the bootstrap, and the confidence level of its intervals.
 _RESAMPLES, _CONFIDENCE = 1000, 0.95

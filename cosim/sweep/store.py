@@ -29,9 +29,8 @@ import pyarrow.parquet as pq
 from cosim.errors import nearest
 from cosim.output import check_writable
 from cosim.sweep.batch import Rows
-from cosim.sweep.design import Points
 from cosim.sweep.errors import SweepError
-from cosim.sweep.factors import Factor, Range
+from cosim.sweep.points import Factor, Points, Range
 
 #: A part is written when this share of the time since the start has gone by since the last, within bounds (s): few
 #: files for long sweeps, and little to lose for short ones.
@@ -42,20 +41,32 @@ _MOST_ROWS = 100_000
 
 
 @dataclass(frozen=True)
-class Summary:
-    """How far a sweep is.
+class SweepSummary:
+    """How far a sweep is, and how it got there.
 
     Attributes
     ----------
     points, done, failed : int
     first_error : str
         Text of the failed run with the lowest index, empty if none failed.
+    interrupted : bool
+        Ctrl-C has ended it; the same command goes on.
+    runs : int
+        Rows that this start has added.
+    seconds : float
+        What they took (s), without starting the workers.
+    workers : int
+        Processes that ran them, at most.
     """
 
     points: int
     done: int
     failed: int
     first_error: str
+    interrupted: bool = False
+    runs: int = 0
+    seconds: float = 0.0
+    workers: int = 0
 
 
 class Store:
@@ -178,12 +189,12 @@ class Store:
             {"index": pa.array(indices), **_factor_columns(self._points, indices), **entries, "error": errors}
         )
 
-    def summary(self) -> Summary:
+    def summary(self) -> SweepSummary:
         """How far the sweep is, by what is on disk."""
         done = len(self._points) - len(self.missing())
         errors = _without_repeats(_scan(self.folder, ["index", "error"], pc.field("error").is_valid()))
         first = f"point {errors['index'][0]}: {errors['error'][0]}" if len(errors) else ""
-        return Summary(len(self._points), done, len(errors), first)
+        return SweepSummary(len(self._points), done, len(errors), first)
 
 
 def read(folder: Path, columns: Sequence[str] | None = None) -> pa.Table:

@@ -7,21 +7,23 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
+from cosim.errors import SetupError
 from cosim.master.simulation import Simulation
 from cosim.results.results import Results
-from cosim.sweep.batch import Entry
-from cosim.sweep.factors import Value
+from cosim.sweep.batch import RowValue
+from cosim.sweep.errors import SweepError
+from cosim.sweep.points import Factor, Range, Value
 from cosim.system.system import Signal
 
 
 @dataclass(frozen=True)
-class Case:
+class PlannedRun:
     """One run.
 
     Attributes
     ----------
     variant : hashable
-        Which simulation; one is kept open for all cases of the same variant.
+        Which simulation; one is kept open for all runs of the same variant.
     stop_time, step_size : float
         In s.
     start : mapping
@@ -58,14 +60,33 @@ class Study(Protocol):
         """The simulation of a variant, not yet open; `fmu` gives the path of an FMU by its SHA-256."""
         ...
 
-    def case(self, point: Mapping[str, Value]) -> Case:
+    def plan(self, point: Mapping[str, Value]) -> PlannedRun:
         """The run of a point; an error here makes the point an error row."""
         ...
 
-    def row(self, case: Case, results: Results) -> Mapping[str, Entry]:
+    def row(self, planned: PlannedRun, results: Results) -> Mapping[str, RowValue]:
         """Metrics and curves of a run."""
         ...
 
     def fingerprint(self) -> Mapping[str, Any]:
         """All that decides a row besides the point, as JSON can write it."""
         ...
+
+
+def check_start(simulation: Simulation, factor: Factor) -> None:
+    """Whether a start value can be varied: at least one of its values must be accepted, for the others are error rows.
+
+    Raises
+    ------
+    SweepError
+        All are refused: there is no such variable, it can't be set, or something feeds it.
+    """
+    refused = None
+    for value in (factor.low, factor.high) if isinstance(factor, Range) else factor.values:
+        try:
+            simulation._extra_starts({factor.name: value})
+        except SetupError as error:
+            refused = error
+        else:
+            return
+    raise SweepError(f"{factor.name}: {refused}") from refused

@@ -72,7 +72,7 @@ def run(args: argparse.Namespace) -> int:
     for each in sweeps:
         where = folder / each.name
         with sweep_progress(len(each.points), each.name) as progress:
-            outcome = sweep(
+            summary = sweep(
                 each.study,
                 each.files,
                 each.points,
@@ -81,8 +81,8 @@ def run(args: argparse.Namespace) -> int:
                 workers=args.workers,
                 progress=progress,
             )
-        print(sweep_table(outcome, where))
-        if outcome.interrupted:
+        print(sweep_table(summary, where))
+        if summary.interrupted:
             print("cosim: interrupted; the same command goes on where it stopped", file=sys.stderr)
             return 130
     found: list[Robustness] = []

@@ -13,7 +13,7 @@ from cosim import simulate
 from cosim.scenario.scenario import ScenarioError
 from cosim.scenario.signals import Noise
 from cosim.sweep.errors import SweepError
-from cosim.sweep.factors import Levels, Range, parse_factor
+from cosim.sweep.points import Levels, Range, parse_factor
 from fmu_export.package.start_values import write_start_values
 from parallel_robot.metrics import metrics, tracking_errors
 from parallel_robot.scenario import load_scenario
@@ -39,10 +39,10 @@ def made(robot_fmus: Path) -> tuple[RobotStudy, dict[str, Path]]:
 
 def run(made: tuple[RobotStudy, dict[str, Path]], point: dict) -> dict:
     study, files = made
-    case = study.case(point)
-    with study.simulation(case.variant, files.__getitem__) as simulation:
-        results = simulation.run(case.stop_time, case.step_size, start=case.start, signals=case.signals)
-        return study.row(case, results)
+    planned = study.plan(point)
+    with study.simulation(planned.variant, files.__getitem__) as simulation:
+        results = simulation.run(planned.stop_time, planned.step_size, start=planned.start, signals=planned.signals)
+        return study.row(planned, results)
 
 
 def by_simulate(robot_fmus: Path, changed) -> dict:
@@ -148,7 +148,7 @@ def test_flavours_and_fmu_files_are_factors(robot_fmus, tmp_path):
     assert without_times(run(made, plain)) != by_value
     for flavour in flavours:  # the same to the last bit, as all flavours are
         assert without_times(run(made, {**changed, "flavour": flavour})) == by_value
-    variants = {study.case({**c, "flavour": f}).variant for c in (plain, changed) for f in flavours}
+    variants = {study.plan({**c, "flavour": f}).variant for c in (plain, changed) for f in flavours}
     assert len(variants) == 2 * len(flavours)
     assert variants == set(study.variants())
     check(study, files, [])
@@ -156,10 +156,10 @@ def test_flavours_and_fmu_files_are_factors(robot_fmus, tmp_path):
 
 def test_neighbours_with_the_same_seed_share_their_signals(made):
     study, _ = made
-    a, b = (study.case({"seed": 5, "controller.alpha": x}).signals for x in (1.0, 2.0))
+    a, b = (study.plan({"seed": 5, "controller.alpha": x}).signals for x in (1.0, 2.0))
     assert [s.function for s in a] == [s.function for s in b]
-    assert [s.function for s in study.case({"seed": 6}).signals] != [s.function for s in a]
-    assert study.case({"seed": scenario().seed}).signals == []
+    assert [s.function for s in study.plan({"seed": 6}).signals] != [s.function for s in a]
+    assert study.plan({"seed": scenario().seed}).signals == []
 
 
 def test_what_a_run_does_not_have_is_none(robot_fmus):
@@ -220,9 +220,9 @@ def test_values_that_some_runs_can_not_have_are_their_rows(made):
     study, files = made
     check(study, files, [Levels("controller.alpha", (-1.0, 1.0)), Range("plant.tau_d.rms", -1.0, 1.0)])
     with pytest.raises(ScenarioError, match=r"plant\.tau_d\.rms: rms = -1\.0 must"):
-        study.case({"plant.tau_d.rms": -1.0})
+        study.plan({"plant.tau_d.rms": -1.0})
     with pytest.raises(ScenarioError, match="whole number"):
-        study.case({"plant.tau_d.components": 2.5})
+        study.plan({"plant.tau_d.components": 2.5})
 
 
 def test_a_step_that_does_not_fit_is_one_line(robot_fmus):

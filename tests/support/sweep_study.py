@@ -14,7 +14,7 @@ from typing import Any
 from cosim.master.simulation import Simulation
 from cosim.results.results import Results
 from cosim.sweep import stock
-from cosim.sweep.study import Case
+from cosim.sweep.study import PlannedRun
 from cosim.system.system import System
 
 #: An FMU of someone else: counts up; raises from `limit` on; takes its process down when `deadly`.
@@ -76,10 +76,10 @@ class CounterStudy:
         system.add("counter", fmu(self.fmu))
         return Simulation(system)
 
-    def case(self, point: Mapping[str, Any]) -> Case:
-        return Case("counter", self.stop_time, 0.125, point)
+    def plan(self, point: Mapping[str, Any]) -> PlannedRun:
+        return PlannedRun("counter", self.stop_time, 0.125, point)
 
-    def row(self, case: Case, results: Results) -> dict[str, float | None]:  # noqa: ARG002
+    def row(self, planned: PlannedRun, results: Results) -> dict[str, float | None]:  # noqa: ARG002
         return {"y": float(results["counter.y"][-1])}
 
     def fingerprint(self) -> dict[str, Any]:

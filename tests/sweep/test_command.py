@@ -41,7 +41,7 @@ def sweep(*arguments: str, **options) -> subprocess.Popen[str]:
 
 def test_a_sweep_with_failing_runs_says_so_and_is_a_success(here):
     started = sweep("--vary", "controller.alpha=0.5,1", "--vary", "plant.X=-1,1", "--seeds", "1:2", "--stop", "0.1")
-    out, err = started.communicate(timeout=120)
+    out, err = started.communicate(timeout=6000)
     assert (started.returncode, err) == (0, "")
     lines = dict(line.split(maxsplit=1) for line in out.splitlines())
     assert list(lines) == ["runs", "failed", "rate", "results"]
@@ -59,7 +59,7 @@ def test_a_sweep_with_failing_runs_says_so_and_is_a_success(here):
 
 def test_steps_are_varied_and_errors_over_time_kept(here):
     started = sweep("--step", "0.001,0.002", "--curves", "0.01", "--stop", "0.1", "--workers", "1")
-    assert started.wait(timeout=120) == 0
+    assert started.wait(timeout=6000) == 0
     started.communicate()
     table = read(Path("results/sweep-tracking"))
     assert table["step_size"].to_pylist() == [0.001, 0.002]
@@ -69,13 +69,13 @@ def test_steps_are_varied_and_errors_over_time_kept(here):
 def test_ctrl_c_in_a_terminal_ends_it_in_one_line_and_the_same_command_goes_on(here):
     command = ("--vary", "controller.alpha=0.5:3:240", "--stop", STOP_TIME, "--workers", "2", "--out", "out")
     started = sweep(*command, start_new_session=True)
-    end = time.monotonic() + 60
+    end = time.monotonic() + 600
     while not list(Path("out/results").glob("part-*")):
         assert started.poll() is None
         assert time.monotonic() < end
         time.sleep(0.05)
     os.killpg(started.pid, signal.SIGINT)  # as a terminal does: all processes get it
-    out, err = started.communicate(timeout=60)
+    out, err = started.communicate(timeout=600)
     assert started.returncode == 130
     assert err == "cosim: interrupted; the same command goes on where it stopped\n"
     done = read(Path("out")).num_rows
@@ -83,7 +83,7 @@ def test_ctrl_c_in_a_terminal_ends_it_in_one_line_and_the_same_command_goes_on(h
     assert out.startswith(f"runs      {done} of 240, {done} of them now\n")
 
     started = sweep(*command)
-    out, err = started.communicate(timeout=120)
+    out, err = started.communicate(timeout=6000)
     assert (started.returncode, err) == (0, "")
     assert out.startswith(f"runs      240 of 240, {240 - done} of them now\n")
     assert read(Path("out"))["index"].to_pylist() == list(range(240))
@@ -133,7 +133,7 @@ def test_what_makes_no_sense_is_one_line_before_anything_starts(here, capsys, ar
 
 def test_the_folder_of_another_sweep_is_refused(here, capsys):
     started = sweep("--vary", "controller.alpha=0.5", "--stop", "0.01", "--workers", "1", "--out", "out")
-    assert started.wait(timeout=60) == 0
+    assert started.wait(timeout=600) == 0
     started.communicate()
     assert main(["sweep", "--vary", "controller.alpha=0.6", "--stop", "0.01", "--out", "out"]) == 1
     assert "out holds another sweep (other points_sha256)" in capsys.readouterr().err
@@ -168,19 +168,20 @@ class Terminal(io.StringIO):
 
 def test_the_progress_bar_has_rate_and_time_left_and_counts_from_what_was_there(monkeypatch):
     monkeypatch.setattr(sys, "stderr", Terminal())
+    now = [100.0]
+    monkeypatch.setattr("tqdm.std.time", lambda: now[0])
     with sweep_progress(1000) as progress:
         progress(400, 2)
-        time.sleep(0.2)
+        now[0] += 0.2
         progress(420, 2)
-        time.sleep(0.2)
+        now[0] += 0.2
         progress(430, 0)
     text = sys.stderr.getvalue()
     assert "40%" in text
     assert "400/1000" in text
     assert "430/1000" in text
     assert "waiting for workers" in text
-    rate = float(re.findall(r"([\d.]+) runs/s", text)[-1])
-    assert 20.0 < rate < 150.0
+    assert re.findall(r"([\d.]+) runs/s", text)[-1] == "75.00"
 
 
 def test_there_is_no_bar_where_there_is_no_terminal(capsys):

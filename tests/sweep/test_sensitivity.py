@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cosim.sweep.errors import SweepError
-from cosim.sweep.factors import Levels, Range
 from cosim.sweep.pareto import least_within, non_dominated
+from cosim.sweep.points import Levels, Range
 from cosim.sweep.sensitivity import Uncertain, base_for, groups_of, saltelli, sobol
 
 ISHIGAMI = [Uncertain(Range(f"x{i}", -np.pi, np.pi), f"x{i}") for i in (1, 2, 3)]

@@ -5,7 +5,9 @@ from __future__ import annotations
 import errno
 import os
 import pickle
+import platform
 import subprocess
+import sys
 import tempfile
 from dataclasses import replace
 from pathlib import Path
@@ -56,7 +58,7 @@ def test_each_point_is_a_row(study):
     assert rows.indices == [100, 101, 102]
     assert rows.metrics == {"y": [1.0, pytest.approx(0.1), pytest.approx(0.3)]}
     assert rows.errors == [None, None, None]
-    assert 0.0 < rows.seconds < 10.0
+    assert rows.seconds > 0.0
 
 
 def test_a_run_that_fails_is_a_row_and_the_next_run_is_as_ever(study):
@@ -75,7 +77,7 @@ def test_a_point_that_can_not_be_set_is_a_row(study):
 
 
 def test_a_bug_in_the_study_is_a_row_that_names_its_type(study, monkeypatch):
-    monkeypatch.setattr(CounterStudy, "row", lambda self, case, results: {"y": 1.0 / 0.0})
+    monkeypatch.setattr(CounterStudy, "row", lambda self, planned, results: {"y": 1.0 / 0.0})
     assert run_batch(batch(rate=[1.0])).errors == ["ZeroDivisionError: float division by zero"]
 
 
@@ -93,9 +95,9 @@ def test_the_simulation_used_longest_ago_is_closed_when_there_are_too_many(study
     closed = []
     close = Simulation.close
     monkeypatch.setattr(Simulation, "close", lambda self: closed.append(self) or close(self))
-    plain = CounterStudy.case
+    plain = CounterStudy.plan
     for number in (1.0, 2.0, 1.0, 3.0, 1.0):
-        monkeypatch.setattr(CounterStudy, "case", lambda s, p, n=number: replace(plain(s, p), variant=n))
+        monkeypatch.setattr(CounterStudy, "plan", lambda s, p, n=number: replace(plain(s, p), variant=n))
         assert run_batch(batch(rate=[number])).metrics["y"] == [number]
     assert [key[1] for key in worker._open] == [3.0, 1.0]
     assert len(closed) == 1
@@ -208,3 +210,32 @@ def test_a_task_is_small_and_rows_too(study):
 
 def test_fmus_are_unpacked_where_dask_cleans_up(study):
     assert tempfile.gettempdir() == str(stock.path(study.fmu).parent)
+
+
+# Memory
+
+#: Page faults of a loop that allocates large arrays, as a worker does that runs one simulation after the other.
+ALLOCATING = """
+import resource, sys
+import numpy as np
+from cosim.sweep.worker import keep_memory
+
+if sys.argv[1] == "keep":
+    keep_memory()
+for i in range(21):
+    np.ones(1_000_000)  # 8 MB
+    if not i:
+        first = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+print((resource.getrusage(resource.RUSAGE_SELF).ru_minflt - first) / 20)
+"""
+
+
+@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="only glibc's allocator is told anything")
+def test_freed_memory_serves_the_next_run() -> None:
+    def page_faults_a_run(what: str) -> float:
+        command = [sys.executable, "-c", ALLOCATING, what]
+        environment = os.environ | {"MALLOC_TRIM_THRESHOLD_": "65536"}  # what Dask's nanny sets
+        return float(subprocess.run(command, env=environment, check=True, capture_output=True, text=True).stdout)
+
+    assert page_faults_a_run("keep") < 10
+    assert page_faults_a_run("give back") > 100  # at least: pages may be large

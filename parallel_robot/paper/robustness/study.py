@@ -8,9 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from cosim.sweep.design import Points
 from cosim.sweep.errors import SweepError
-from cosim.sweep.factors import Levels, Range
+from cosim.sweep.points import Levels, Points, Range
 from cosim.sweep.sensitivity import base_for, saltelli
 from parallel_robot.paper.reproduce.table import controllers
 from parallel_robot.paper.robustness import uncertain

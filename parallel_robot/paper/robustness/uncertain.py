@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from controller_fmu.membership import Membership, Sine
-from cosim.sweep.factors import Levels, Range
+from cosim.sweep.points import Levels, Range
 from cosim.sweep.sensitivity import Uncertain
 from parallel_robot.scenario import RobotScenario
 from parallel_robot.sweep import SEED, STEP

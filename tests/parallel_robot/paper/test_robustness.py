@@ -18,7 +18,7 @@ import pytest
 from controller_fmu.membership import Sine, Triangle, d_operation
 from cosim.__main__ import main
 from cosim.sweep.errors import SweepError
-from cosim.sweep.factors import Levels, Range
+from cosim.sweep.points import Levels, Range
 from cosim.sweep.store import read
 from parallel_robot.paper.report.robustness import robustness_section
 from parallel_robot.paper.reproduce.style import ERROR_NAMES

@@ -8,10 +8,9 @@ import math
 import numpy as np
 import pytest
 
-from cosim.sweep.design import MOST_POINTS, advice, design
+from cosim.sweep.batch import BatchSize
 from cosim.sweep.errors import SweepError
-from cosim.sweep.factors import Levels, Range, parse_factor, parse_whole_numbers
-from cosim.sweep.sizes import BatchSize
+from cosim.sweep.points import MOST_POINTS, Levels, Range, advice, design, parse_factor, parse_whole_numbers
 
 ALPHA, BETA = Range("controller.alpha", 0.5, 3.0), Levels("controller.beta", (1.0, 1.5, 2.0))
 SCENARIO = Levels("scenario", ("tracking", "pd"))
