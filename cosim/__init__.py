@@ -25,7 +25,7 @@ _MODULES = {
     "SimulationInterrupted": "cosim.master.failures",
     "StoredResults": "cosim.results.stored",
     "System": "cosim.system.system",
-    "TableWriter": "cosim.results.files",
+    "TableWriter": "cosim.results.stored",
     "simulate": "cosim.master.simulation",
 }
 
@@ -47,9 +47,8 @@ if TYPE_CHECKING:
     from cosim.errors import CosimError, SetupError
     from cosim.master.failures import SimulationError, SimulationInterrupted
     from cosim.master.simulation import Simulation, simulate
-    from cosim.results.files import TableWriter
     from cosim.results.results import Results
-    from cosim.results.stored import StoredResults
+    from cosim.results.stored import StoredResults, TableWriter
     from cosim.system.system import Signal, System
 else:
 

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-#: Formats of results, by the endings of their files.
-FORMATS = ("csv", "parquet", "npz", "mat")
-
 #: Orders of the value exchange, and what the field calls them.
 ORDERS = {"sequential": "Gauss-Seidel", "parallel": "Jacobi"}
 

@@ -1,9 +1,14 @@
-"""What can go wrong, in classes: each message is one line that names what was wrong, where, and the remedy."""
+"""The errors that a user can mend: each message is one line that names what was wrong, where, and the remedy.
+
+Every error that the packages `cosim` and `parallel_robot` raise on purpose is a `CosimError`. The exporter, which knows
+no master, has a root of its own: `fmu_export.errors.ExportError`.
+"""
 
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 
 
 class CosimError(Exception):
@@ -16,6 +21,43 @@ class SetupError(CosimError):
 
 class ResultsError(CosimError):
     """A result file can't be read, or has no variable of a name."""
+
+
+class MissingExtra(CosimError, ImportError):
+    """A package is not installed that only some tasks need; the message has the command that installs it."""
+
+    def __init__(self, extra: str, package: str) -> None:
+        super().__init__(f'{package} is not installed; install it with: pip install "closed-chain-cosim[{extra}]"')
+        self.extra = extra
+        self.name = package
+
+
+@contextmanager
+def needs(extra: str) -> Iterator[None]:
+    """Context for imports of packages that an extra of this distribution installs.
+
+    Parameters
+    ----------
+    extra : str
+        Name of the extra in pyproject.toml.
+
+    Raises
+    ------
+    MissingExtra
+        A package is not installed.
+
+    Examples
+    --------
+    >>> with needs("plot"):
+    ...     import no_such_package
+    Traceback (most recent call last):
+    ...
+    cosim.errors.MissingExtra: no_such_package is not installed; install it with: pip install "closed-chain-cosim[plot]"
+    """
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        raise MissingExtra(extra, (error.name or "a package").partition(".")[0]) from error
 
 
 def nearest(name: str, known: Iterable[str]) -> str:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from importlib.metadata import version as _version
 
+from cosim.results.formats import markdown_table as _formats
+
 project = "closed-chain-cosim"
 author = "the closed-chain-cosim authors"
 copyright = "closed-chain-cosim contributors, MIT licence"
@@ -13,6 +15,8 @@ extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphin
 
 # Pages are plain Markdown, readable without this site too; headings are link targets, as they are for Git hosts.
 myst_heading_anchors = 3
+myst_enable_extensions = ["substitution"]
+myst_substitutions = {"formats": _formats()}  # {{ formats }} in a page
 # model pages and changelog begin and end as files of their own
 suppress_warnings = ["myst.header"]
 

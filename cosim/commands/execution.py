@@ -17,16 +17,13 @@ from cosim.errors import CosimError
 from cosim.master.failures import SimulationError, SimulationInterrupted
 from cosim.master.operations import Order
 from cosim.master.simulation import Simulation, number_of_steps
-from cosim.results.files import TableWriter
+from cosim.results.formats import format_of
 from cosim.results.results import Results
-from cosim.results.stored import StoredResults
+from cosim.results.stored import StoredResults, TableWriter
 from cosim.system.system import System
 
 #: A run that records more values than this is written as it goes, and not kept in memory.
 MOST_VALUES_IN_MEMORY = 10_000_000
-
-#: About this many bytes a value, by the ending of the file.
-BYTES_PER_VALUE = {".parquet": 8, ".csv": 20}
 
 
 class UsageError(CosimError):
@@ -85,7 +82,7 @@ def execute(
 
 def _check_room(folder: Path, n_values: int, files: set[Path]) -> None:
     """A long run must not find out after hours that the disk is full."""
-    size = n_values * sum(BYTES_PER_VALUE[path.suffix] for path in files if path.suffix in BYTES_PER_VALUE)
+    size = n_values * sum(format_of(path).bytes_per_value for path in files)
     free = shutil.disk_usage(folder).free
     if size > free:
         raise UsageError(

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from cosim.choices import FORMATS
+from cosim.results.formats import FORMATS, option_help
 from parallel_robot.choices import FLAVOURS, scenario_names
 from parallel_robot.figure_process import FigureProcess
 
@@ -48,7 +48,7 @@ def register(subparsers: Any) -> None:
         "--format",
         action="append",
         choices=FORMATS,
-        help="format of the results (default csv), mat for Dymola and OpenModelica; may be repeated",
+        help=option_help(),
     )
     parser.add_argument(
         "--realtime", type=float, metavar="FACTOR", help="pace the run: simulated seconds in a second (1: real time)"

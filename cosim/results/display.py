@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from html import escape
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from cosim.results.recorded import Recorded
+from cosim.results.names import labels
 
 #: Width of the lines in a terminal, and how many components are shown.
 _WIDTH, _MOST_LINES = 100, 10
@@ -19,29 +16,24 @@ _WIDTH, _MOST_LINES = 100, 10
 _MOST_ROWS, _MOST_ELEMENTS = 40, 6
 
 
-def grouped(names: Sequence[str]) -> dict[str, list[int]]:
-    """Scalars and vectors -> positions of their elements, in the order of their first ones.
-
-    >>> grouped(["a.x", "a.v[1]", "a.v[2]", "b.y"])
-    {'a.x': [0], 'a.v': [1, 2], 'b.y': [3]}
-    """
-    groups: dict[str, list[int]] = {}
-    for i, name in enumerate(names):
-        stem = re.sub(r"\[\d+(,\d+)*\]$", "", name)
-        groups.setdefault(name if stem in names else stem, []).append(i)
-    return groups
+def headline(kind: str, time: np.ndarray, columns: int, status: str) -> str:
+    """Kind of the results, number of rows, time span (s), number of columns and, unless empty, status."""
+    n = len(time)
+    span = f", {time[0]:g} to {time[-1]:g} s" if n else ""
+    ended = f", {status}" if status else ""
+    return f"{kind}: {n} row{'s' * (n != 1)}{span}, {columns} column{'s' * (columns != 1)}{ended}"
 
 
-def as_text(recorded: Recorded) -> str:
-    """Rows, time span and status, then a line a component with its names, shortened."""
+def as_text(head: str, names: Sequence[str]) -> str:
+    """A headline, then a line a component with the names of its variables, shortened."""
     components: dict[str, list[str]] = {}
-    for label in _labels(recorded):
+    for label in labels(names):
         component, _, name = label.partition(".") if "." in label else ("", "", label)
         components.setdefault(component, []).append(name)
-    lines = [_shortened(f"  {c}: " if c else "  ", names) for c, names in list(components.items())[:_MOST_LINES]]
+    lines = [_shortened(f"  {c}: " if c else "  ", found) for c, found in list(components.items())[:_MOST_LINES]]
     if len(components) > len(lines):
         lines.append(f"  and {len(components) - len(lines)} more components")
-    return "\n".join([_headline(recorded), *lines])
+    return "\n".join([head, *lines])
 
 
 def _shortened(start: str, names: Sequence[str]) -> str:
@@ -52,42 +44,34 @@ def _shortened(start: str, names: Sequence[str]) -> str:
     return kept + ", ..." if len(names) > 1 else kept
 
 
-def as_html(recorded: Recorded) -> str:
-    """The same as a table with units, first and last values."""
+def as_html(head: str, names: Sequence[str], units: Mapping[str, str], ends: Sequence[tuple[float, np.ndarray]]) -> str:
+    """A headline, then a table of variables with their units and values.
+
+    Parameters
+    ----------
+    head : str
+    names : sequence of str
+    units : mapping
+        Scalar name -> unit, as far as known.
+    ends : sequence of (float, array (len(names),))
+        Times (s) and values that are shown: the first and the last row, or none.
+    """
+    found = labels(names)
     rows = []
-    ends = [recorded._row(0), recorded._row(-1)] if len(recorded.time) else []
-    for label, positions in list(_labels(recorded).items())[:_MOST_ROWS]:
-        unit = recorded.units.get(recorded.names[positions[0]], "")
-        cells = [f"<code>{escape(label)}</code>", escape(unit), *(_numbers(end[positions]) for end in ends)]
+    for label, positions in list(found.items())[:_MOST_ROWS]:
+        unit = units.get(names[positions[0]], "")
+        cells = [f"<code>{escape(label)}</code>", escape(unit), *(_numbers(values[positions]) for _, values in ends)]
         rows.append("<tr>" + "".join(f'<td style="text-align: left">{cell}</td>' for cell in cells) + "</tr>")
-    more = len(_labels(recorded)) - len(rows)
-    heads = ["name", "unit", *(f"at {recorded.time[i]:g} s" for i in (0, -1)[: len(ends)])]
+    more = len(found) - len(rows)
+    heads = ["name", "unit", *(f"at {time:g} s" for time, _ in ends)]
     return (
-        f"<p>{escape(_headline(recorded))}</p>\n<table>\n<thead><tr>"
-        + "".join(f'<th style="text-align: left">{head}</th>' for head in heads)
+        f"<p>{escape(head)}</p>\n<table>\n<thead><tr>"
+        + "".join(f'<th style="text-align: left">{text}</th>' for text in heads)
         + "</tr></thead>\n<tbody>\n"
         + "\n".join(rows)
         + "\n</tbody>\n</table>"
         + (f"\n<p>and {more} more</p>" if more > 0 else "")
     )
-
-
-def _headline(recorded: Recorded) -> str:
-    n = len(recorded.time)
-    span = f", {recorded.time[0]:g} to {recorded.time[-1]:g} s" if n else ""
-    status = f", {recorded.info['status']}" if "status" in recorded.info else ""
-    columns = len(recorded.names)
-    return f"{type(recorded).__name__}: {n} row{'s' * (n != 1)}{span}, {columns} column{'s' * (columns != 1)}{status}"
-
-
-def _labels(recorded: Recorded) -> dict[str, list[int]]:
-    """`theta_a[1..3]` for a vector; positions of its elements."""
-    labels = {}
-    for name, positions in grouped(recorded.names).items():
-        first, last = (recorded.names[positions[i]] for i in (0, -1))
-        vector = len(positions) > 1
-        labels[f"{first[:-1]}..{last.removeprefix(name + '[')}" if vector else first] = positions
-    return labels
 
 
 def _numbers(values: np.ndarray) -> str:

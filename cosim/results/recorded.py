@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-import re
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cosim.errors import ResultsError, nearest
-from cosim.results.files import TIME, schema
+from cosim.results.display import as_html, as_text, headline
+from cosim.results.formats import TIME, schema, with_endings
+from cosim.results.names import elements, grouped
 
 if TYPE_CHECKING:
     import pyarrow as pa
     from matplotlib.axes import Axes
-
-    from cosim.results.results import Results
 
 
 class Recorded(ABC):
@@ -53,12 +52,13 @@ class Recorded(ABC):
         """Values (len(names),) of one row; -1 is the last one."""
 
     @abstractmethod
-    def thinned(self, every: int) -> Results:
+    def thinned(self, every: int) -> Recorded:
         """Every so many-th row, in memory."""
 
     @abstractmethod
+    @with_endings
     def save(self, path: str | PathLike[str]) -> None:
-        """Write a file whose ending says how: .csv, .parquet, .npz or .mat (Dymola's and OpenModelica's)."""
+        """Write a file whose ending says how: {endings}."""
 
     @property
     def units(self) -> Mapping[str, str]:
@@ -77,7 +77,7 @@ class Recorded(ABC):
         return self.time if name == TIME else self._values(self._find(name))
 
     def __contains__(self, name: str) -> bool:
-        return name == TIME or name in self.names or bool(matching(name, self.names))
+        return name == TIME or name in self.names or bool(elements(name, self.names))
 
     def _find(self, name: str) -> int | list[int]:
         """Position of a scalar in `names`, or those of the elements of a vector.
@@ -89,7 +89,7 @@ class Recorded(ABC):
         """
         if name in self.names:
             return self.names.index(name)
-        if found := matching(name, self.names):
+        if found := elements(name, self.names):
             return found
         raise ResultsError(f"nothing was recorded as '{name}'; {nearest(name, self.names)}")
 
@@ -123,24 +123,36 @@ class Recorded(ABC):
         ------
         ResultsError
             Nothing of a name was recorded, or there are too many to draw them all.
+        MissingExtra
+            matplotlib is not installed.
         """
-        from cosim.results.plotting import plot  # matplotlib takes a while to import
+        chosen = {name: self._find(name) for name in names} or grouped(self.names)
+        if not chosen:
+            raise ResultsError("nothing was recorded; there is nothing to plot")
 
-        return plot(self, names)
+        from cosim.results.plotting import MOST_PANELS, MOST_POINTS, Panel, draw  # matplotlib takes a while to import
+
+        if len(chosen) > MOST_PANELS:
+            first = next(iter(chosen))
+            raise ResultsError(
+                f"{len(chosen)} variables are too many for one figure; name some, as results.plot('{first}')"
+            )
+        every = max(1, len(self.time) // MOST_POINTS)
+        panels = []
+        for name, found in chosen.items():
+            positions = [found] if isinstance(found, int) else found
+            scalars = [self.names[i] for i in positions]
+            units = {self.units.get(scalar, "") for scalar in scalars}
+            labels = [scalar.removeprefix(name) for scalar in scalars]
+            panels.append(Panel(name, units.pop() if len(units) == 1 else "", labels, self._values(positions, every)))
+        return draw(self.time[::every], panels)
+
+    def _headline(self) -> str:
+        return headline(type(self).__name__, self.time, len(self.names), self.info.get("status", ""))
 
     def __repr__(self) -> str:
-        from cosim.results.display import as_text
-
-        return as_text(self)
+        return as_text(self._headline(), self.names)
 
     def _repr_html_(self) -> str:
-        from cosim.results.display import as_html
-
-        return as_html(self)
-
-
-def matching(name: str, names: Sequence[str]) -> list[int]:
-    """Positions of the elements of a vector, in the order of their indices."""
-    elements = re.compile(re.escape(name) + r"\[\d+(,\d+)*\]")
-    columns = [i for i, n in enumerate(names) if elements.fullmatch(n)]
-    return sorted(columns, key=lambda i: [int(k) for k in re.findall(r"\d+", names[i][len(name) :])])
+        ends = [(float(self.time[i]), self._row(i)) for i in (0, -1)] if len(self.time) else []
+        return as_html(self._headline(), self.names, self.units, ends)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cosim.errors import ResultsError
-from cosim.results.files import TIME, Table, record_batch, save, schema, write_csv
+from cosim.results.formats import FORMATS, TIME, Table, record_batch, save, schema, with_endings
 from cosim.results.recorded import Recorded
 
 if TYPE_CHECKING:
@@ -74,12 +74,13 @@ class Results(Recorded):
         """Every so many-th row."""
         return Results(self.time[::every], self.names, self.values[::every], self.info)
 
+    @with_endings
     def save(self, path: str | PathLike[str]) -> None:
-        """Write a file whose ending says how: .csv, .parquet, .npz or .mat (Dymola's and OpenModelica's).
+        """Write a file whose ending says how: {endings}.
 
         Raises
         ------
-        CosimError
+        FormatError
             The ending is another one.
         OSError
             The file can't be written; an unfinished one is left behind under the name `<path>.part`.
@@ -94,7 +95,7 @@ class Results(Recorded):
         OSError
             The file can't be written; an unfinished one is left behind under the name `<path>.part`.
         """
-        write_csv(Table(self.time, self.names, self.values), Path(path))
+        save(Table(self.time, self.names, self.values), path, FORMATS["csv"])
 
     @classmethod
     def from_csv(cls, path: str | PathLike[str]) -> Results:

@@ -1,20 +1,68 @@
-"""Results of a run that is too long for memory: a file, of which only what is asked for is read."""
+"""Results of a run that is too long for memory: written as they come, and read as far as they are asked for."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from os import PathLike
 from pathlib import Path
+from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cosim.results.files import STREAMED, TIME, TableWriter
+from cosim.results.formats import TIME, StreamWriter, format_of, record_batch, schema, unfinished, with_endings
 from cosim.results.recorded import Recorded
 from cosim.results.results import Results
 
 if TYPE_CHECKING:
     import pyarrow as pa
+
+
+@with_endings
+class TableWriter:
+    """Context that writes rows into one or more {streamed} files as they come; a sink for `Simulation.run`.
+
+    Each file is written under the name `<path>.part`, and gets its name when all is written.
+
+    Parameters
+    ----------
+    paths : sequence of path
+        Ending in {streamed}.
+    names : sequence of str
+        Names of the columns after the time.
+
+    Raises
+    ------
+    FormatError
+        An ending is another one.
+    OSError
+        A file can't be written.
+    """
+
+    def __init__(self, paths: Sequence[Path], names: Sequence[str]) -> None:
+        self._schema = schema(names)
+        self._streams = {path: format_of(path, streamed=True).stream for path in paths}
+        self._writers: list[StreamWriter] = []
+
+    def __enter__(self) -> TableWriter:
+        for path, stream in self._streams.items():
+            assert stream is not None
+            self._writers.append(stream(unfinished(path), self._schema))
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for writer in self._writers:
+            writer.close()
+        for path in self._streams:  # what a failed run had recorded is as good as its last row
+            unfinished(path).replace(path)
+
+    def __call__(self, times: np.ndarray, values: np.ndarray) -> None:
+        """Append rows."""
+        batch = record_batch(times, values, self._schema)
+        for writer in self._writers:
+            writer.write(batch)
 
 
 class StoredResults(Recorded):
@@ -72,18 +120,19 @@ class StoredResults(Recorded):
         values = self._values(list(range(len(self.names))), every)
         return Results(self.time[::every], list(self.names), values, self.info)
 
+    @with_endings
     def save(self, path: str | PathLike[str]) -> None:
-        """Write a file whose ending says how: .csv, .parquet, .npz or .mat; the last two by way of the memory.
+        """Write a file whose ending says how: {endings}; all but {streamed} by way of the memory.
 
         Raises
         ------
-        CosimError
+        FormatError
             The ending is another one.
         OSError
             The file can't be written; an unfinished one is left behind under the name `<path>.part`.
         """
         target = Path(path)
-        if target.suffix not in STREAMED:
+        if format_of(target).stream is None:
             self.thinned(1).save(target)
             return
         with TableWriter([target], self.names) as writer:

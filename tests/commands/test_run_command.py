@@ -680,7 +680,7 @@ def test_a_disk_too_small_for_a_long_run_is_known_beforehand(here, capsys, monke
     assert main(["run", "--stop", "3600"]) == 1
     line = error_line(capsys)
     columns = 1 + sum(len(model.inputs) + len(model.outputs) for model in MODELS.values())
-    expected = 3_600_001 * columns * sum(execution.BYTES_PER_VALUE.values()) / 1e9
+    expected = 3_600_001 * columns * (20 + 8) / 1e9
     assert f"the results need about {expected:.3g} GB" in line
     assert "record less (--record, --record-every)" in line
 

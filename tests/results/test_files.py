@@ -11,9 +11,8 @@ from pyarrow import parquet
 from scipy.io import loadmat
 
 from cosim import CosimError, Results
-from cosim.choices import FORMATS
-from cosim.results.files import TableWriter
-from cosim.results.stored import StoredResults
+from cosim.results.formats import FORMATS
+from cosim.results.stored import StoredResults, TableWriter
 
 SPECIAL = [0.1 + 0.2, 5e-324, 1.7976931348623157e308, -0.0, np.pi, 1e-300]
 
@@ -64,7 +63,7 @@ def test_mat_files_are_trajectories_of_dymola(tmp_path):
 
 
 def test_an_unknown_format_is_refused_by_name(tmp_path):
-    with pytest.raises(CosimError, match=r"unknown format '\.xls'; use \.csv, \.parquet, \.npz, \.mat"):
+    with pytest.raises(CosimError, match=r"unknown format '\.xls'; use \.csv, \.parquet, \.npz or \.mat"):
         made().save(tmp_path / "r.xls")
     with pytest.raises(CosimError, match=r"can't be written as it grows; use \.csv or \.parquet"):
         TableWriter([tmp_path / "r.mat"], ["a"])

@@ -18,10 +18,9 @@ from pyarrow import parquet
 from scipy.io import loadmat
 
 from cosim import CosimError, Results
-from cosim.choices import FORMATS
-from cosim.results.files import TableWriter
+from cosim.results.formats import FORMATS
 from cosim.results.recorded import Recorded
-from cosim.results.stored import StoredResults
+from cosim.results.stored import StoredResults, TableWriter
 
 NAMES = ["plant.theta_a[1]", "plant.theta_a[2]", "plant.theta_a[3]", "plant.x_E", "controller.on"]
 UNITS = dict(zip(NAMES[:4], ["rad", "rad", "rad", "m"], strict=True))

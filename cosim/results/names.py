@@ -1,0 +1,40 @@
+"""Scalar names `component.variable[i]`, and the vectors whose elements they are."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+
+def grouped(names: Sequence[str]) -> dict[str, list[int]]:
+    """Scalars and vectors -> positions of their elements, in the order of their first ones.
+
+    >>> grouped(["a.x", "a.v[1]", "a.v[2]", "b.y"])
+    {'a.x': [0], 'a.v': [1, 2], 'b.y': [3]}
+    """
+    groups: dict[str, list[int]] = {}
+    for i, name in enumerate(names):
+        stem = re.sub(r"\[\d+(,\d+)*\]$", "", name)
+        groups.setdefault(name if stem in names else stem, []).append(i)
+    return groups
+
+
+def labels(names: Sequence[str]) -> dict[str, list[int]]:
+    """As `grouped`, but a vector's label has its range of indices.
+
+    >>> labels(["a.x", "a.v[1]", "a.v[2]"])
+    {'a.x': [0], 'a.v[1..2]': [1, 2]}
+    """
+    found = {}
+    for name, positions in grouped(names).items():
+        first, last = (names[positions[i]] for i in (0, -1))
+        vector = len(positions) > 1
+        found[f"{first[:-1]}..{last.removeprefix(name + '[')}" if vector else first] = positions
+    return found
+
+
+def elements(name: str, names: Sequence[str]) -> list[int]:
+    """Positions of the elements of a vector, in the order of their indices."""
+    element = re.compile(re.escape(name) + r"\[\d+(,\d+)*\]")
+    found = [i for i, n in enumerate(names) if element.fullmatch(n)]
+    return sorted(found, key=lambda i: [int(k) for k in re.findall(r"\d+", names[i][len(name) :])])
