@@ -2,7 +2,7 @@
 
 import ast
 import math
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import casadi as ca
 import numpy as np
@@ -13,7 +13,7 @@ from fmu_export.modelling.functions import rk4_step
 from fmu_export.modelling.model import DefaultExperiment, Layout, Model, Requirement, Variable
 from fmu_export.package.interface import interface_of
 from fmu_export.trace.straight_line import python_source
-from fmu_export.trace.trace import trace
+from fmu_export.trace.trace import feedthrough, trace
 from plant_fmu.kinematics import inverse_kinematics, velocity_jacobians
 from plant_fmu.model import MODEL as PLANT
 from trajectory_fmu.model import MODEL as TRAJECTORY
@@ -251,18 +251,33 @@ def small_model(**changes):
     return replace(model, **changes)
 
 
-def test_numpy_mode_is_put_back():
+@pytest.fixture(params=[0, 1])
+def mode(request):
+    """A numpy mode that was set before the trace, and is put back after the test."""
     before = ca.GlobalOptions.getNumpyMode()
-    trace(small_model())
-    assert ca.GlobalOptions.getNumpyMode() == before
+    ca.GlobalOptions.setNumpyMode(request.param)
+    yield request.param
+    ca.GlobalOptions.setNumpyMode(before)
+
+
+@pytest.mark.parametrize("traced_by", [trace, feedthrough])
+def test_numpy_mode_is_put_back(mode, traced_by):
+    seen = []
+
+    def outputs(t, x, u, p):
+        seen.append(ca.GlobalOptions.getNumpyMode())
+        return x
+
+    traced_by(small_model(output_values=outputs))
+    assert set(seen) == {1}
+    assert ca.GlobalOptions.getNumpyMode() == mode
 
     def broken(t, x, u, p):
-        assert ca.GlobalOptions.getNumpyMode() == 1
         raise RuntimeError("broken model")
 
     with pytest.raises(RuntimeError, match="broken model"):
-        trace(small_model(derivatives=broken))
-    assert ca.GlobalOptions.getNumpyMode() == before
+        traced_by(small_model(output_values=broken))
+    assert ca.GlobalOptions.getNumpyMode() == mode
 
 
 @pytest.mark.parametrize(
@@ -296,6 +311,91 @@ def test_requirements_become_margins_in_their_order():
     assert float(traced.start_margins([3.0, 0.5])) == 2.0
     step_margins = traced.step_margins(2.0, [1.0, 0.0], [0.25], [3.0, 0.5])
     np.testing.assert_array_equal(step_margins.full().ravel(), [3.0, -0.25])
+
+
+def test_rates_and_everything_hold_the_margins_of_the_step_last():
+    model = small_model(
+        requirements=(
+            Requirement("start", lambda t, x, u, p: p[0] - 1.0, at="start"),
+            Requirement("step", lambda t, x, u, p: 7.0 * x[0] + t),
+        )
+    )
+    traced = trace(model)
+    point = 2.0, [1.0, 3.0], [0.25], [3.0, 0.5]
+    # x' = v, v' = -3 - 0.5 * 3 + 0.25, margin = 7 + 2
+    np.testing.assert_array_equal(traced.rates(*point).full().ravel(), [3.0, -4.25, 9.0])
+    np.testing.assert_array_equal(traced.everything(*point).full().ravel(), [1.0, 3.0, 3.0, -4.25, 9.0])
+
+
+def test_a_model_without_requirements_has_no_margins():
+    traced = trace(small_model())
+    assert [f.size_out(0) for f in (traced.start_margins, traced.step_margins)] == [(0, 1), (0, 1)]
+    assert traced.rates.size_out(0) == (2, 1)
+
+
+def test_a_model_is_traced_once():
+    """All flavours are built from the same graphs."""
+    model = small_model()
+    assert trace(model) is trace(model)
+
+
+def test_functions_are_all_of_the_graphs():
+    traced = trace(small_model())
+    names = [field.name for field in fields(traced) if field.name != "model"]
+    assert [f.name() for f in traced.functions] == names
+    assert [getattr(traced, name) for name in names] == list(traced.functions)
+
+
+def crossed_model():
+    """Two states, three inputs, four parameters, whose Jacobians have zeros at places that differ.
+
+    x1' = p2 x2 + u2, x2' = t x1 u3; y = (u3, x2, x1 + u1 x2); x1(0) = p3 p1, x2(0) = p4.
+    """
+    return Model(
+        name="Crossed",
+        description="Crossed",
+        parameters=Layout([Variable(f"p{i}", "1", "", start=float(i)) for i in (1, 2, 3, 4)]),
+        inputs=Layout([Variable(f"u{i}", "1", "") for i in (1, 2, 3)]),
+        outputs=Layout([Variable(n, "1", "") for n in ("w", "x2", "x1")]),
+        states=("x1", "x2"),
+        initial_state=lambda p: np.stack([p[2] * p[0], p[3]]),
+        derivatives=lambda t, x, u, p: np.stack([p[1] * x[1] + u[1], t * x[0] * u[2]]),
+        output_values=lambda t, x, u, p: np.stack([u[2], x[1], x[0] + u[0] * x[1]]),
+        default_experiment=DefaultExperiment(stop_time=1.0, step_size=0.01),
+    )
+
+
+def test_dependencies_are_those_of_the_equations():
+    """Indices count from 0; at the start states stand for the parameters that they are made of."""
+    model = crossed_model()
+    traced = trace(model)
+    assert traced.output_dependencies() == feedthrough(model) == [[2], [], [0]]
+    assert traced.output_state_dependencies() == [[], [1], [0, 1]]
+    assert traced.derivative_dependencies() == ([[1], [0]], [[1], [2]], [[1, 3], [0, 2]])
+    assert traced.initial_output_dependencies() == ([[], [3], [0, 2, 3]], [[2], [], [0]])
+
+
+def test_directions_are_the_derivatives_of_the_equations():
+    """By the product rule, on paper: each seed alone is a column of the Jacobian."""
+    traced = trace(crossed_model())
+    t, (x1, x2), (u1, u2, u3), p = 2.0, (3.0, 5.0), (7.0, 11.0, 13.0), (17.0, 19.0, 23.0, 29.0)
+    columns = {  # of w, x2, x1, x1', x2'
+        ("dx", 0): [0.0, 0.0, 1.0, 0.0, t * u3],
+        ("dx", 1): [0.0, 1.0, u1, p[1], 0.0],
+        ("du", 0): [0.0, 0.0, x2, 0.0, 0.0],
+        ("du", 1): [0.0, 0.0, 0.0, 1.0, 0.0],
+        ("du", 2): [1.0, 0.0, 0.0, 0.0, t * x1],
+        ("dp", 0): [0.0] * 5,
+        ("dp", 1): [0.0, 0.0, 0.0, x2, 0.0],
+    }
+    for (name, i), expected in columns.items():
+        seeds = {"dx": np.zeros(2), "du": np.zeros(3), "dp": np.zeros(4)}
+        seeds[name][i] = 1.0
+        found = traced.direction(t, [x1, x2], [u1, u2, u3], p, *seeds.values())
+        np.testing.assert_array_equal(found.full().ravel(), expected, err_msg=f"{name}[{i}]")
+    for i, expected in enumerate([[p[2], 0.0], [0.0, 0.0], [p[0], 0.0], [0.0, 1.0]]):
+        found = traced.initial_state_direction(p, np.eye(4)[i])
+        np.testing.assert_array_equal(found.full().ravel(), expected, err_msg=f"dp[{i}]")
 
 
 def test_an_operation_without_a_template_gives_a_clear_error():
@@ -441,3 +541,10 @@ def test_rates_depend_on_time_only_where_the_model_does():
     assert [trace(model).rates_depend_on_time for model in (PLANT, CONTROLLER)] == [False, False]
     forced = replace(PLANT, derivatives=lambda t, x, u, p: PLANT.derivatives(t, x, u, p) + t)
     assert trace(forced).rates_depend_on_time
+    # an integrator asks for both at once, so a margin counts as well
+    for margin, expected in ((lambda t, x, u, p: x[0] - t, True), (lambda t, x, u, p: x[0] - p[0], False)):
+        assert trace(small_model(requirements=(Requirement("late", margin),))).rates_depend_on_time == expected
+    late = small_model(requirements=(Requirement("start", lambda t, x, u, p: p[0] - t * 0.0, at="start"),))
+    assert not trace(late).rates_depend_on_time
+    # outputs are no rates
+    assert not trace(small_model(output_values=lambda t, x, u, p: x + t)).rates_depend_on_time
