@@ -14,10 +14,14 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.integrate import quad
+
+from fmu_export.errors import ModelError, needs
+
+with needs("robot"):
+    from scipy.integrate import quad
 
 
-class MembershipError(ValueError):
+class MembershipError(ModelError, ValueError):
     """A membership function that cannot be built, read or averaged over; the message names the remedy."""
 
 

@@ -11,17 +11,20 @@ from functools import cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import minimize
 
 from controller_fmu.membership import Sine, psi_moments
 from controller_fmu.uniqueness import convexity_margin, reason_for_no_minimum
+from fmu_export.errors import ArgumentError, ModelError, needs
+
+with needs("robot"):
+    from scipy.optimize import minimize
 
 # Powers of alpha and beta beside rho_0 ... rho_6 and twice rho_7 in (80).
 POWER_OF_ALPHA = np.array([0, -2, -2, -1, -1, 0, 0, 2, 0])
 POWER_OF_BETA = np.array([0, -3, -2, -2, -1, -1, 1, 0, 2])
 
 
-class NoMinimum(ValueError):
+class NoMinimum(ModelError, ValueError):
     """J has no minimum over alpha, beta > 0; the message names cause and remedy."""
 
 
@@ -50,7 +53,7 @@ class PerformanceIndex:
 
     Raises
     ------
-    ValueError
+    ArgumentError
         When a value is outside its range.
     """
 
@@ -67,13 +70,13 @@ class PerformanceIndex:
         for name in (f.name for f in fields(self)):
             value = getattr(self, name)
             if not (np.isfinite(value) and value >= 0):
-                raise ValueError(f"performance index: {name} = {value!r} must be a finite number, 0 or greater")
+                raise ArgumentError(f"performance index: {name} = {value!r} must be a finite number, 0 or greater")
         if self.k == 0:
-            raise ValueError("performance index: k = 0 must be greater than 0")
+            raise ArgumentError("performance index: k = 0 must be greater than 0")
         if not 0 < self.lambda_3 <= 1:
-            raise ValueError(f"performance index: lambda_3 = {self.lambda_3!r} must be in (0, 1]: give min(S_ii, 1)")
+            raise ArgumentError(f"performance index: lambda_3 = {self.lambda_3!r} must be in (0, 1]: give min(S_ii, 1)")
         if not self.D4 > self.D2**2:
-            raise ValueError(
+            raise ArgumentError(
                 f"performance index: D4 = {self.D4!r} must be greater than D2^2 = {self.D2**2!r}; "
                 "take both from one membership function wide enough to tell them apart"
             )
@@ -183,11 +186,11 @@ def optimal_gains(index: PerformanceIndex, start: tuple[float, float] = (1.0, 1.
     ------
     NoMinimum
         When J has no minimum; possible only for nu = 0.
-    ValueError
+    ArgumentError
         When `start` is not positive, or when the numbers are too far apart for double precision.
     """
     if not (np.all(np.isfinite(start)) and min(start) > 0):
-        raise ValueError(f"optimal gains: start = {start!r} must hold two positive numbers, alpha and beta")
+        raise ArgumentError(f"optimal gains: start = {start!r} must hold two positive numbers, alpha and beta")
     try:
         with np.errstate(divide="raise", over="raise", invalid="raise"):
             if reason := reason_for_no_minimum(index.rho):
@@ -196,7 +199,7 @@ def optimal_gains(index: PerformanceIndex, start: tuple[float, float] = (1.0, 1.
     except (ArithmeticError, np.linalg.LinAlgError):
         gains = None
     if gains is None or not gains.is_unique_minimum:
-        raise ValueError(
+        raise ArgumentError(
             f"optimal gains: the values of {index} lie too far apart for double precision; bring them closer"
         )
     return gains
@@ -223,7 +226,7 @@ def lyapunov_constants(M: ArrayLike, theta_e: ArrayLike, omega_e: ArrayLike, S: 
 
     Raises
     ------
-    ValueError
+    ArgumentError
         When a shape is wrong or a number is not finite.
     """
     arrays = {"M": np.asarray(M, float), "theta_e": np.asarray(theta_e, float)}
@@ -231,7 +234,9 @@ def lyapunov_constants(M: ArrayLike, theta_e: ArrayLike, omega_e: ArrayLike, S: 
     for name, array in arrays.items():
         shape = (3, 3) if name == "M" else (3,)
         if array.shape != shape or not np.all(np.isfinite(array)):
-            raise ValueError(f"Lyapunov constants: {name} of shape {array.shape} must be finite and of shape {shape}")
+            raise ArgumentError(
+                f"Lyapunov constants: {name} of shape {array.shape} must be finite and of shape {shape}"
+            )
     mass, error, rate, gain = arrays.values()
     s = rate + gain * error
     return float(s @ mass @ s / 2), float(error @ (gain * error))

@@ -19,6 +19,10 @@ class SetupError(CosimError):
     """A system can't be simulated as described; found before anything runs."""
 
 
+class ArgumentError(CosimError, ValueError):
+    """An argument has a value that the function can't take."""
+
+
 class ResultsError(CosimError):
     """A result file can't be read, or has no variable of a name."""
 
@@ -30,6 +34,9 @@ class MissingExtra(CosimError, ImportError):
         super().__init__(f'{package} is not installed; install it with: pip install "closed-chain-cosim[{extra}]"')
         self.extra = extra
         self.name = package
+
+    def __reduce__(self) -> tuple[type[MissingExtra], tuple[str, str]]:
+        return MissingExtra, (self.extra, str(self.name))
 
 
 @contextmanager

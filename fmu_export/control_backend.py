@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import control
 import numpy as np
 
+from fmu_export.errors import ArgumentError, needs
 from fmu_export.modelling.model import Array, Layout, Model
+
+with needs("control"):
+    import control
 
 
 def to_control(
@@ -36,7 +39,7 @@ def to_control(
 
     Raises
     ------
-    ValueError
+    ArgumentError
         `parameters` has an unknown name or a value of the wrong size.
     """
     defaults = parameter_array(model.parameters, parameters or {})
@@ -66,16 +69,18 @@ def parameter_array(parameters: Layout, values: Mapping[str, float | Sequence[fl
 
     Raises
     ------
-    ValueError
+    ArgumentError
         A name is no parameter, or a value has the wrong size.
     """
     p = parameters.starts.copy()
     view = vars(parameters.unpack(np.arange(len(parameters))))
     for name, value in values.items():
         if name not in view:
-            raise ValueError(f"there is no parameter '{name}'; known are {', '.join(view)}")
+            raise ArgumentError(f"there is no parameter '{name}'; known are {', '.join(view)}")
         try:
             p[view[name]] = value
         except (TypeError, ValueError):
-            raise ValueError(f"parameter '{name}': {value!r} does not fit its {np.size(view[name])} values") from None
+            raise ArgumentError(
+                f"parameter '{name}': {value!r} does not fit its {np.size(view[name])} values"
+            ) from None
     return p

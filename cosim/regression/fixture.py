@@ -8,7 +8,7 @@ from typing import get_args
 
 import pytest
 
-from cosim.errors import CosimError, nearest
+from cosim.errors import ArgumentError, CosimError, nearest
 from cosim.fmi.fmu_file import read_fmu
 from cosim.regression.case import find_cases
 from cosim.regression.items import judged, near, no_case, reference_folder
@@ -46,7 +46,7 @@ class FmuRegression:
         """
         __tracebackhide__ = True
         if interface is not None and interface not in get_args(Interface):
-            raise ValueError(f"interface = {interface!r}: {nearest(interface, get_args(Interface))}")
+            raise ArgumentError(f"interface = {interface!r}: {nearest(interface, get_args(Interface))}")
         path = Path(fmu)
         folder = Path(reference) if reference is not None else reference_folder(self._item.config)
         try:

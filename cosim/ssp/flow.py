@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from fmpy.model_description import Unit
-from xmlschema import DataElement
 
 from cosim.ssp.schema import SSPError, children, local_name
 from cosim.ssp.structure import Connector, Part, find_connector
 from cosim.ssp.values import transformation_of
 from cosim.system.units import UnitsDiffer, conversion
+
+if TYPE_CHECKING:
+    from xmlschema import DataElement
 
 #: Path of a system or component, and name of a scalar value of it.
 Node = tuple[str, str]

@@ -5,9 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
-
-from xmlschema import DataElement
+from typing import TYPE_CHECKING, Any
 
 from cosim.errors import nearest
 from cosim.ssp.flow import Feed, Flow, Node
@@ -17,6 +15,9 @@ from cosim.ssp.structure import Part, read_structure, variable_nodes
 from cosim.ssp.values import Value, read_units, values_of
 from cosim.system.system import System
 from cosim.system.variables import Element
+
+if TYPE_CHECKING:
+    from xmlschema import DataElement
 
 DESCRIPTION = "SystemStructure.ssd"
 

@@ -14,10 +14,11 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Literal
 
-import xmlschema
-from xmlschema import DataElement
+from cosim.errors import CosimError, MissingExtra, needs
 
-from cosim.errors import CosimError
+with needs("ssp"):
+    import xmlschema
+    from xmlschema import DataElement
 
 #: Description of the system, parameter set, parameter mapping.
 Kind = Literal["ssd", "ssv", "ssm"]
@@ -55,6 +56,8 @@ def parse(data: bytes, kind: Kind, where: str) -> DataElement:
     ------
     SSPError
         It is no XML, has entities or violates the schema; the message gives the first violation.
+    MissingExtra
+        The package with the schemas is not installed.
     """
     # a later version in the same namespace: the root element tells
     version = re.search(rb"<[^?!][^>]*\sversion\s*=\s*[\"']2[.]", data[:65536])
@@ -97,7 +100,8 @@ def local_name(element: DataElement) -> str:
 @cache
 def _schema(kind: Kind, version: int) -> xmlschema.XMLSchemaBase:
     spec = importlib.util.find_spec("pyssp_standard")  # not imported, which takes most of a second
-    assert spec is not None
+    if spec is None:
+        raise MissingExtra("ssp", "pyssp-standard")
     assert spec.origin is not None
     resources = Path(spec.origin).parent / "resources"
     folder = resources / "ssp2" if version == 2 else resources

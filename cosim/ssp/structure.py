@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import product
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from fmpy.model_description import Unit
-from xmlschema import DataElement
 
 from cosim.errors import nearest
 from cosim.fmi.fmu_file import load
@@ -19,6 +19,9 @@ from cosim.ssp.package import Package
 from cosim.ssp.schema import SSPError, child, children, local_name
 from cosim.system.units import UnitsDiffer, conversion
 from cosim.system.variables import Element, Ports
+
+if TYPE_CHECKING:
+    from xmlschema import DataElement
 
 #: Between the names of nested elements in the name of a component: the dot begins the name of the variable.
 SEPARATOR = "/"

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from fmpy.model_description import BaseUnit, Unit
-from xmlschema import DataElement
 
 from cosim.ssp.package import Package
 from cosim.ssp.schema import SSPError, child, children, local_name, parse
 from cosim.system.units import UnitsDiffer, conversion
+
+if TYPE_CHECKING:
+    from xmlschema import DataElement
 
 _BASE_UNIT = ("kg", "m", "s", "A", "K", "mol", "cd", "rad", "factor", "offset")
 

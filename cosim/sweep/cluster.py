@@ -10,13 +10,15 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-import dask
-from dask.system import CPU_COUNT
-from distributed import Client, LocalCluster, WorkerPlugin
-
+from cosim.errors import needs
 from cosim.sweep import stock
 from cosim.sweep.errors import SweepError
 from cosim.versions import versions
+
+with needs("sweep"):
+    import dask
+    from dask.system import CPU_COUNT
+    from distributed import Client, LocalCluster, WorkerPlugin
 
 #: How long (s) to wait for a scheduler to answer, and for a first worker.
 _ANSWER, _FIRST_WORKER = 30.0, 30.0

@@ -14,9 +14,8 @@ from queue import Empty, SimpleQueue
 from uuid import uuid4
 
 import numpy as np
-from dask.typing import Key
-from distributed import Client, Future, KilledWorker
 
+from cosim.errors import needs
 from cosim.master.interrupts import DeferredInterrupt
 from cosim.sweep.batch import Batch, BatchSize, Rows
 from cosim.sweep.cluster import connect, deliver
@@ -27,6 +26,10 @@ from cosim.sweep.store import Store, SweepSummary
 from cosim.sweep.study import Study
 from cosim.sweep.worker import run_batch
 from cosim.versions import versions
+
+with needs("sweep"):
+    from dask.typing import Key
+    from distributed import Client, Future, KilledWorker
 
 #: Batches in flight for each worker process: one that runs and one that waits beside it.
 _BATCHES_EACH = 2

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cosim.errors import nearest
+from cosim.errors import nearest, needs
 from cosim.sweep.errors import SweepError
 
 #: A value of a factor.
@@ -239,13 +239,15 @@ def _grid(factors: Sequence[Factor], points: int | None) -> tuple[np.ndarray, ..
 
 
 def _latin_hypercube(dimensions: int, points: int, seed: int) -> Iterator[np.ndarray]:
-    from scipy.stats import qmc  # takes a while to import, and a grid doesn't need it
+    with needs("sweep"):
+        from scipy.stats import qmc  # takes a while to import, and a grid doesn't need it
 
     return iter(qmc.LatinHypercube(dimensions, rng=np.random.default_rng(seed)).random(points).T)
 
 
 def _sobol(dimensions: int, points: int, seed: int) -> Iterator[np.ndarray]:
-    from scipy.stats import qmc
+    with needs("sweep"):
+        from scipy.stats import qmc
 
     if dimensions > qmc.Sobol.MAXDIM:
         raise SweepError(f"Sobol's sequence has at most {qmc.Sobol.MAXDIM} factors, not {dimensions}; use --design lhs")

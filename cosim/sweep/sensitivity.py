@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cosim.errors import needs
 from cosim.sweep.errors import SweepError
 from cosim.sweep.points import Factor, Points, Range, check_number, scaled
 
@@ -93,7 +94,8 @@ def saltelli(uncertain: Sequence[Uncertain], base: int, seed: int = 0) -> Points
     SweepError
         The numbers make no sense.
     """
-    from scipy.stats import qmc  # takes a while to import
+    with needs("sweep"):
+        from scipy.stats import qmc  # takes a while to import
 
     if base < 1 or base & (base - 1):
         raise SweepError(f"{base} rows of each sample: use a power of two")
@@ -131,7 +133,8 @@ def sobol(groups: Sequence[str], results: np.ndarray, seed: int = 0) -> list[Ind
     SweepError
         Less than two are left, or the number of rows does not fit.
     """
-    from scipy.stats import bootstrap, sobol_indices
+    with needs("sweep"):
+        from scipy.stats import bootstrap, sobol_indices
 
     parts = len(groups) + 2
     if len(results) % parts:

@@ -14,6 +14,8 @@ from typing import Any, Literal
 
 import numpy as np
 
+from fmu_export.errors import ArgumentError
+
 #: A flat array of floats, or of symbols while a back end traces the model.
 Array = Any
 #: f(t, x, u, p): time (s), states (n_x,), inputs (n_u,), parameters (n_p,).
@@ -59,7 +61,7 @@ class Variable:
         n = self.size or 1
         starts = self.start if isinstance(self.start, tuple) else (self.start,) * n
         if len(starts) != n:
-            raise ValueError(f"variable '{self.name}' has {n} elements but {len(starts)} start values")
+            raise ArgumentError(f"variable '{self.name}' has {n} elements but {len(starts)} start values")
         return tuple(float(s) for s in starts)
 
 
@@ -70,7 +72,7 @@ class Layout:
         self.variables = tuple(variables)
         self.names = tuple(name for v in self.variables for name in v.names)
         if len(set(self.names)) != len(self.names):
-            raise ValueError(f"variable names are not unique: {', '.join(self.names)}")
+            raise ArgumentError(f"variable names are not unique: {', '.join(self.names)}")
         self.starts = np.array([s for v in self.variables for s in v.starts])
         self._slices: dict[str, slice | int] = {}
         position = 0

@@ -7,12 +7,14 @@ import math
 import re
 from collections.abc import Sequence
 
-import casadi as ca
-
+from fmu_export.errors import needs
 from fmu_export.package.interface import Interface
 from fmu_export.trace.operations import helpers
 from fmu_export.trace.straight_line import statements
 from fmu_export.trace.trace import TracedModel
+
+with needs("export"):
+    import casadi as ca
 
 #: The traced functions that the adapter calls, with their arguments.
 _ARGUMENTS = {

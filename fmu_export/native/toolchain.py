@@ -20,8 +20,10 @@ from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
 
+from fmu_export.errors import ModelError
 
-class ToolchainError(Exception):
+
+class ToolchainError(ModelError):
     """There is no compiler, or it refused the sources; one line says which and why."""
 
 

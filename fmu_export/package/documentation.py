@@ -9,17 +9,20 @@ from importlib.metadata import PackageNotFoundError, files
 from io import BytesIO
 from pathlib import Path
 
-import matplotlib as mpl
 import numpy as np
-from markdown import Markdown
-from markdown.extensions.toc import TocExtension
-from matplotlib.figure import Figure
 
+from fmu_export.errors import ModelError, needs
 from fmu_export.modelling.functions import rk4_step
 from fmu_export.modelling.model import Array, Layout, Model
 from fmu_export.package.description_common import DISTRIBUTION, package_version
 from fmu_export.package.icon import model_icon, terminal_icons
 from fmu_export.package.interface import Interface
+
+with needs("export"):
+    import matplotlib as mpl
+    from markdown import Markdown
+    from markdown.extensions.toc import TocExtension
+    from matplotlib.figure import Figure
 
 #: What each flavour is and what it needs to run.
 _FLAVOURS = {
@@ -37,7 +40,7 @@ _ROW, _DURATION, _SUBSTEPS = 0.01, 2.0, 2
 _AMPLITUDE = 0.05
 
 
-class DocumentationError(RuntimeError):
+class DocumentationError(ModelError):
     """The documentation of an FMU can't be written."""
 
 

@@ -7,12 +7,14 @@ from io import BytesIO
 from typing import Any
 from xml.etree import ElementTree as ET
 
-import matplotlib as mpl
-from matplotlib.figure import Figure
-from matplotlib.patches import FancyBboxPatch, Polygon
-
+from fmu_export.errors import needs
 from fmu_export.modelling.model import Layout, Model
 from fmu_export.package.description_common import to_bytes
+
+with needs("export"):
+    import matplotlib as mpl
+    from matplotlib.figure import Figure
+    from matplotlib.patches import FancyBboxPatch, Polygon
 
 _FACE, _EDGE, _INK = "#eaf1f8", "#1f4e79", "#1f4e79"
 #: Extent of the block; terminals stand on its left and right edge.

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from fmu_export.modelling.model import Layout, Variable
 from fmu_export.modelling.units import rate_unit
-from fmu_export.trace.trace import TracedModel
+
+if TYPE_CHECKING:
+    from fmu_export.trace.trace import TracedModel
 
 #: Every model with states integrates with steps no longer than this; it is numerics, so no model declares it.
 MAX_STEP = Variable("max_step", "s", "Largest step of the internal Runge-Kutta method", start=1e-3, min=1e-9)

@@ -9,6 +9,7 @@ from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
 
+from fmu_export.errors import needs
 from fmu_export.package.archive import replacing
 
 RECORD = ".built.json"
@@ -43,8 +44,15 @@ def fingerprint_of_sources(sources: Iterable[Path]) -> str:
 
 
 def fingerprint_of_tools(*others: str) -> str:
-    """Fingerprint of the packages that take part in a build, and of what else does: compiler, platforms, version."""
-    packages = [f"{name} {version(name)}" for name in _PACKAGES]
+    """Fingerprint of the packages that take part in a build, and of what else does: compiler, platforms, version.
+
+    Raises
+    ------
+    MissingExtra
+        One of the packages is not installed.
+    """
+    with needs("export"):
+        packages = [f"{name} {version(name)}" for name in _PACKAGES]
     return hashlib.sha256("\0".join([*others, *packages]).encode()).hexdigest()
 
 

@@ -16,6 +16,7 @@ from pathlib import Path
 from xml.etree import ElementTree as ET
 from xml.sax.saxutils import quoteattr
 
+from fmu_export.errors import ModelError
 from fmu_export.package.archive import replace_members
 from fmu_export.package.interface import Interface
 
@@ -23,7 +24,7 @@ MEMBER = "resources/start_values.txt"
 DESCRIPTION = "modelDescription.xml"
 
 
-class StartValueError(ValueError):
+class StartValueError(ModelError, ValueError):
     """Start values can't be written into an FMU; the message says why, and the file is unchanged."""
 
 

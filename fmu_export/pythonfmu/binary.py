@@ -13,6 +13,8 @@ import struct
 from importlib.metadata import distribution
 from pathlib import Path
 
+from fmu_export.errors import ModelError, needs
+
 #: SHA-256 of the binary that has the defect; any other is taken as it is.
 _DEFECTIVE = "4be156a552c16f30eb4395805c59855d8d4086056d0f165442565f6c5fbac0c9"
 
@@ -20,7 +22,7 @@ _DT_FINI_ARRAYSZ = 0x1C
 _TWO_ENTRIES, _ONE_ENTRY = (struct.pack("<QQ", _DT_FINI_ARRAYSZ, 8 * n) for n in (2, 1))
 
 
-class BinariesMissing(Exception):
+class BinariesMissing(ModelError):
     """The installed pythonfmu has no binaries; one line says where they should be."""
 
 
@@ -31,9 +33,13 @@ def binaries(name: str) -> dict[str, bytes]:
     ------
     BinariesMissing
         The installed pythonfmu has none.
+    MissingExtra
+        pythonfmu is not installed.
     """
     # not where the module comes from: an FMU in this process may have brought a pythonfmu of its own
-    folder = Path(str(distribution("pythonfmu").locate_file("pythonfmu/resources/binaries")))
+    with needs("export"):
+        installed = distribution("pythonfmu")
+    folder = Path(str(installed.locate_file("pythonfmu/resources/binaries")))
     found = {
         f"binaries/{file.parent.name}/{name}{file.suffix}": mended(file.read_bytes())
         for file in sorted(folder.glob("*/*"))

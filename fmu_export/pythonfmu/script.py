@@ -11,6 +11,7 @@ from os import PathLike
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from fmu_export.errors import ArgumentError, needs
 from fmu_export.package.archive import write_archive
 from fmu_export.pythonfmu.binary import binaries
 
@@ -36,18 +37,21 @@ def build_script(
 
     Raises
     ------
-    ValueError
+    ArgumentError
         There is no such script, or no such class in it.
     OSError
         The FMU can't be written; an older one is unchanged.
     BinariesMissing
         The installed pythonfmu has no binaries.
+    MissingExtra
+        pythonfmu is not installed.
     """
-    from pythonfmu.builder import FmuBuilder
+    with needs("export"):
+        from pythonfmu.builder import FmuBuilder
 
     path = Path(script)
     if not path.is_file():
-        raise ValueError(f"there is no script {path}")
+        raise ArgumentError(f"there is no script {path}")
     source = path.read_text(encoding="utf-8") + _KEEP_GLOBALS
     with TemporaryDirectory(prefix="build_script_") as name:
         # FMUs of one process share sys.modules: the name of the module says what is in it

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from fmu_export.errors import ModelError
 from fmu_export.modelling.model import Array, DefaultExperiment, Layout, Model, ModelFunction, Requirement, Variable
 from fmu_export.trace.trace import feedthrough
 
@@ -20,7 +21,7 @@ _Source = tuple[str, int]
 _OUTSIDE = ""
 
 
-class CompositionError(ValueError):
+class CompositionError(ModelError, ValueError):
     """Models can't be connected as asked; the message says where and why."""
 
 

@@ -5,7 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import NamedTuple
 
-import casadi as ca
+from fmu_export.errors import TraceError, needs
+
+with needs("export"):
+    import casadi as ca
+
 
 #: What C and Python write alike; {0} and {1} are the operands.
 TEMPLATES = {
@@ -85,11 +89,11 @@ def template(operation: int, function: str) -> str:
 
     Raises
     ------
-    NotImplementedError
+    TraceError
         There is no way yet; the message names the function of the model.
     """
     if operation not in TEMPLATES:
-        raise NotImplementedError(
+        raise TraceError(
             f"{function}: CasADi's operation {_NAMES.get(operation, operation)} has no template; "
             "write the equation with others, or add it to fmu_export/trace/operations.py"
         )

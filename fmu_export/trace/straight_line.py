@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-import casadi as ca
-
+from fmu_export.errors import needs
 from fmu_export.trace.operations import helpers, template
+
+with needs("export"):
+    import casadi as ca
 
 HEADER = (
     '"""Equations, generated from the model by tracing; do not edit."""\n\n'

@@ -12,11 +12,14 @@ from functools import cache
 from math import isnan
 from typing import Any
 
-import casadi as ca
 import numpy as np
 
+from fmu_export.errors import TraceError, needs
 from fmu_export.modelling.functions import rk4_step
 from fmu_export.modelling.model import Array, Model, Requirement
+
+with needs("export"):
+    import casadi as ca
 
 
 @dataclass(frozen=True)
@@ -96,11 +99,9 @@ def trace(model: Model) -> TracedModel:
 
     Raises
     ------
-    ValueError
-        The model's functions return arrays whose lengths differ from what it declares, branch on values, or use
-        functions of the module `math` on their arguments.
-    TypeError
-        They make arrays of single values by np.array.
+    TraceError
+        The model's functions return arrays whose lengths differ from what it declares, branch on values, use functions
+        of the module `math` on their arguments, or make arrays of single values by np.array.
     """
     n_x, n_u, n_p = len(model.state_layout), len(model.inputs), len(model.parameters)
     t, x, u, p, h = (_symbols(*s) for s in (("t", 1), ("x", n_x), ("u", n_u), ("p", n_p), ("h", 1)))
@@ -111,10 +112,10 @@ def trace(model: Model) -> TracedModel:
     def function(name: str, arguments: list[ca.SX], value: Array, length: int) -> ca.Function:
         column = _column(value)
         if column.numel() != length:
-            raise ValueError(f"{model.name}: {name} returns {column.numel()} values, {length} are declared")
+            raise TraceError(f"{model.name}: {name} returns {column.numel()} values, {length} are declared")
         traced = ca.Function(name, arguments, [ca.densify(ca.cse(column))])
         if any(traced.instruction_id(k) == ca.OP_CONST and isnan(traced.instruction_constant(k)) for k in _all(traced)):
-            raise ValueError(f"{model.name}: {name} has a constant NaN, as of math.sin(t) or float(t); use np.sin")
+            raise TraceError(f"{model.name}: {name} has a constant NaN, as of math.sin(t) or float(t); use np.sin")
         return traced
 
     def margins(at: str) -> tuple[Array, int]:
@@ -200,11 +201,8 @@ def _rows(sparsity: ca.Sparsity) -> list[list[int]]:
 
 #: What CasADi says when it can't trace -> what the author of a model can do.
 _REMEDIES = {
-    "truth value": (ValueError, "an `if`, `max` or `min` on values can't be traced; use np.where, np.maximum, np.clip"),
-    "numpy array": (
-        TypeError,
-        "np.array, math.* and float() take no symbols; use np.stack, np.concatenate, np.sin, ...",
-    ),
+    "truth value": "an `if`, `max` or `min` on values can't be traced; use np.where, np.maximum, np.clip",
+    "numpy array": "np.array, math.* and float() take no symbols; use np.stack, np.concatenate, np.sin, ...",
 }
 
 
@@ -214,9 +212,9 @@ def _explained(model: str) -> Iterator[None]:
     try:
         yield
     except (RuntimeError, TypeError) as error:
-        for part, (kind, remedy) in _REMEDIES.items():
+        for part, remedy in _REMEDIES.items():
             if part in str(error):
-                raise kind(f"{model}: {remedy}") from error
+                raise TraceError(f"{model}: {remedy}") from error
         raise
 
 

@@ -82,11 +82,11 @@ def allowed(module: str, imported: str) -> bool:
     if imported.partition(".")[0] in sys.stdlib_module_names:
         return True
     if is_model(module):
-        return is_model(imported) or inside(imported, "numpy", "fmu_export.modelling")
+        return is_model(imported) or inside(imported, "numpy", "fmu_export.modelling", "fmu_export.errors")
     if inside(module, "controller_fmu"):
-        return inside(imported, "numpy", "scipy", "controller_fmu", "fmu_export.modelling")
+        return inside(imported, "numpy", "scipy", "controller_fmu", "fmu_export.modelling", "fmu_export.errors")
     if inside(module, "fmu_export.modelling"):
-        return inside(imported, "numpy", "fmu_export.modelling")
+        return inside(imported, "numpy", "fmu_export.modelling", "fmu_export.errors")
     if inside(module, "fmu_export"):
         return not inside(imported, "plant_fmu", "controller_fmu", "trajectory_fmu", "cosim", "parallel_robot")
     if inside(module, "parallel_robot"):
