@@ -149,7 +149,7 @@ def _fit(value: Value, part: Part, elements: list[Element]) -> list[float] | str
     assert part.ports is not None
     name = f"{part.path}.{value.name}"
     relative = part.ports.is_relative(elements[0])
-    return value.fit(name, part.ports.unit(elements[0]), _items(elements[0]), relative=relative)
+    return value.fit(name, part.ports.unit(elements[0]), elements[0].items, relative=relative)
 
 
 def _through(value: Value, feed: Feed, part: Part, element: Element) -> list[float] | str:
@@ -157,7 +157,7 @@ def _through(value: Value, feed: Feed, part: Part, element: Element) -> list[flo
     assert part.ports is not None
     relative = part.ports.is_relative(element)
     name = f"{part.path}.{element.name}"
-    data = value.fit(name, feed.unit, _items(element), relative=relative)
+    data = value.fit(name, feed.unit, element.items, relative=relative)
     factor, offset = feed.transformation(relative=relative)
     if (factor, offset) == (1.0, 0.0):
         return data
@@ -168,11 +168,6 @@ def _through(value: Value, feed: Feed, part: Part, element: Element) -> list[flo
 
 def _plain(value: list[float] | str) -> Any:
     return value[0] if len(value) == 1 and not isinstance(value, str) else value
-
-
-def _items(element: Element) -> dict[str, float]:
-    declared = element.variable.declaredType
-    return {} if declared is None else {str(i.name): float(i.value) for i in declared.items if i.value is not None}
 
 
 def _add_defaults(part: Part, start: dict[str, Any], fed: set[str]) -> None:

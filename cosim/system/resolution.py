@@ -172,6 +172,9 @@ def _drive(signal: Signal, ports: Mapping[str, Ports], system: System) -> Drive:
 def resolve_start_value(port: Ports, name: str, value: Any) -> StartValue:
     """Start values of the elements of one name.
 
+    Booleans and enumerations take their words as well, as "true" and the name of an item; so a text that a user has
+    typed needs no type.
+
     Raises
     ------
     SetupError
@@ -188,6 +191,7 @@ def resolve_start_value(port: Ports, name: str, value: Any) -> StartValue:
         if not isinstance(value, str):
             raise SetupError(f"{here}: {value!r} is not a text")
         return StartValue(port.component, tuple(elements), (value,) * len(elements))
+    value = _as_number(here, elements[0], value)
     try:
         array = np.atleast_1d(np.asarray(value, dtype=float)).ravel()
     except (TypeError, ValueError, OverflowError):
@@ -201,6 +205,23 @@ def resolve_start_value(port: Ports, name: str, value: Any) -> StartValue:
     for element, number in zip(elements, array, strict=True):
         _check_number(here, element, float(number))
     return StartValue(port.component, tuple(elements), tuple(map(float, array)))
+
+
+def _as_number(here: str, element: Element, value: Any) -> Any:
+    """The number that a word stands for; other values as they are."""
+    if isinstance(value, (list, tuple)):
+        return [_as_number(here, element, v) for v in value]
+    words = {"false": 0.0, "true": 1.0} if element.kind == "boolean" else element.items
+    if not words or not isinstance(value, str):
+        return value
+    if value in words:
+        return words[value]
+    try:
+        return float(value)
+    except ValueError:
+        raise SetupError(
+            f"{here}: {value!r} is no value of type {element.variable.type}; {nearest(value, words)}"
+        ) from None
 
 
 def _check_number(here: str, element: Element, number: float) -> None:

@@ -52,6 +52,12 @@ class Element:
         """Kind of the value: real, integer, boolean, or the FMI type of what can't be exchanged."""
         return KINDS.get(self.variable.type, str(self.variable.type))
 
+    @property
+    def items(self) -> dict[str, float]:
+        """Names of the items of an enumeration and their numbers; empty for other types."""
+        declared = self.variable.declaredType
+        return {} if declared is None else {str(i.name): float(i.value) for i in declared.items if i.value is not None}
+
 
 class Ports:
     """Finds the elements of one component's variables by name."""

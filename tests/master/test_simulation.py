@@ -363,6 +363,28 @@ def test_start_values_of_a_run_are_checked_before_it(
     assert_equal(run(simulation), first)
 
 
+def test_booleans_and_enumerations_take_their_words(probe: Path) -> None:
+    system = System()
+    system.add("p", probe, start={"u": "0.5", "n": "3", "e": "off", "b": "false"})
+    with Simulation(system) as simulation:
+
+        def outputs(**start: object) -> list[float]:
+            results = simulation.run(0.1, 0.1, start={f"p.{name}": value for name, value in start.items()})
+            return [results[f"p.{name}"][-1] for name in ("y", "n_out", "e_out", "b_out")]
+
+        assert outputs() == [0.5, 3.0, 1.0, 0.0]
+        assert outputs(e="on", b="true") == outputs(e=2, b=True) == outputs(e="2", b="1") == [0.5, 3.0, 2.0, 1.0]
+        for start, message in (
+            ({"e": "om"}, r"start value of 'p\.e': 'om' is no value of type Enumeration; did you mean 'on'\?"),
+            ({"b": "yes"}, r"'yes' is no value of type Boolean; known are false, true"),
+            ({"n": "3.5"}, r"3\.5 is not a value of type Integer"),
+            ({"u": "true"}, r"'true' is not a number or a list of numbers"),
+            ({"journal": 3.0}, r"3\.0 is not a text"),
+        ):
+            with pytest.raises(SetupError, match=message):
+                outputs(**start)
+
+
 def test_start_values_of_a_run_go_before_those_of_the_system_and_hold_for_it_alone(fmus: Path) -> None:
     system = study(fmus / "fmi2")
     with Simulation(system) as simulation:
