@@ -4,6 +4,11 @@ from __future__ import annotations
 
 from importlib.metadata import version as _version
 
+from docutils import nodes
+from latex2mathml.converter import convert as _mathml
+from sphinx.application import Sphinx
+from sphinx.writers.html5 import HTML5Translator
+
 from cosim.results.formats import markdown_table as _formats
 
 project = "closed-chain-cosim"
@@ -15,7 +20,7 @@ extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphin
 
 # Pages are plain Markdown, readable without this site too; headings are link targets, as they are for Git hosts.
 myst_heading_anchors = 3
-myst_enable_extensions = ["substitution"]
+myst_enable_extensions = ["dollarmath", "substitution"]
 myst_substitutions = {"formats": _formats()}  # {{ formats }} in a page
 # model pages and changelog begin and end as files of their own
 suppress_warnings = ["myst.header"]
@@ -37,3 +42,19 @@ html_show_sourcelink = False
 html_copy_source = False
 html_static_path = ["static"]
 html_css_files = ["site.css"]
+
+# Equations are MathML, which browsers show as it is: MathJax would come from another server.
+html_math_renderer = "mathml"
+
+
+def _equation(translator: HTML5Translator, node: nodes.Node) -> None:
+    if isinstance(node, nodes.math_block):
+        translator.body.append(f'<div class="equation">{_mathml(node.astext(), display="block")}</div>')
+    else:
+        translator.body.append(_mathml(node.astext()))
+    raise nodes.SkipNode
+
+
+def setup(app: Sphinx) -> None:
+    """Register the renderer of equations."""
+    app.add_html_math_renderer("mathml", (_equation, None), (_equation, None))

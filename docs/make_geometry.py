@@ -113,12 +113,12 @@ def _angle(
     drawing: Drawing, at: np.ndarray, angle: float, radius: float, colour: str, name: str, share: float = 0.5
 ) -> None:
     """An angle from the x axis, with its name outside the arc, at a share of the way along it."""
-    drawing.path(np.stack([at, at + [radius + 26.0, 0.0]]), "faint", 1.2, "4 4")
+    drawing.path(np.stack([at, at + np.array([radius + 26.0, 0.0])]), "faint", 1.2, "4 4")
     arc = _arc(at, radius, angle)
     drawing.path(arc[:-3], colour, 1.6)
     drawing.head(arc[-1], arc[-1] - arc[-4], colour)
     outward = np.array([np.cos(share * angle), -np.sin(share * angle)])
-    drawing.text(at + [0.0, 6.0] + (radius + 22.0) * outward, name, colour)
+    drawing.text(at + np.array([0.0, 6.0]) + (radius + 22.0) * outward, name, colour)
 
 
 def _dimension(drawing: Drawing, start: np.ndarray, end: np.ndarray, name: str, away: float) -> None:
@@ -128,7 +128,7 @@ def _dimension(drawing: Drawing, start: np.ndarray, end: np.ndarray, name: str, 
     for point in (start, end):
         drawing.path(np.stack([point + 0.25 * across, point + 1.15 * across]), "faint", 1.0)
     drawing.arrow(start + across, end + across, "faint", 1.2, both=True)
-    drawing.text((start + end) / 2.0 + 1.45 * across + [0.0, 6.0], name)
+    drawing.text((start + end) / 2.0 + 1.45 * across + np.array([0.0, 6.0]), name)
 
 
 def geometry() -> str:
@@ -163,7 +163,7 @@ def geometry() -> str:
         drawing.dot(elbows[i], 7.0, "paper", "ink")
         drawing.text(bases[i] + shift, f"A_{{{i + 1}}}")
     drawing.dot(E, 9.0, "accent", "ink")
-    drawing.text(E + [-12.0, 34.0], "E (x_{E}, y_{E})", "accent", "end")
+    drawing.text(E + np.array([-12.0, 34.0]), "E (x_{E}, y_{E})", "accent", "end")
     _chain(drawing, p)
     return drawing.svg()
 
@@ -186,12 +186,12 @@ def _chain(drawing: Drawing, p: object) -> None:
         _dimension(drawing, start, centre, name, 34.0)
         drawing.dot(centre, 8.0, "paper", colour)
         drawing.dot(centre, 2.0, colour, colour)
-        drawing.text(centre + [34.0, -14.0], mass, colour)
+        drawing.text(centre + np.array([34.0, -14.0]), mass, colour)
     drawing.box(A, 20.0, "ink")
     drawing.dot(elbow, 7.0, "paper", "ink")
     drawing.dot(end, 9.0, "accent", "ink")
-    drawing.text(A + [-34.0, 6.0], "A_{i}")
-    drawing.text(end + [26.0, 6.0], "E")
+    drawing.text(A + np.array([-34.0, 6.0]), "A_{i}")
+    drawing.text(end + np.array([26.0, 6.0]), "E")
     for row, text in enumerate(
         (
             "X = J_{a} + m_{a} r_{a}^{2} + m_{b} l^{2}",
@@ -232,14 +232,14 @@ def path() -> str:
         drawing.text(middle + 0.55 * arm + shift, name)
     start = curve[0]
     drawing.dot(middle, 4.0, "ink", "ink")
-    drawing.text(middle + [-14.0, 32.0], "(x_{c}, y_{c})", anchor="end")
+    drawing.text(middle + np.array([-14.0, 32.0]), "(x_{c}, y_{c})", anchor="end")
     drawing.dot(start, 8.0, "accent", "ink")
-    drawing.text(start + [0.0, 30.0], "t = 0", "accent")
+    drawing.text(start + np.array([0.0, 30.0]), "t = 0", "accent")
     drawing.path(np.stack([middle, start]), "faint", 1.2, "4 4")
     arc = _arc(middle, 62.0, p.phase)
     drawing.path(arc[:-3], "accent", 1.6)
     drawing.head(arc[-1], arc[-1] - arc[-4], "accent")
-    drawing.text(middle + [72.0, 64.0], "phase", "accent")
+    drawing.text(middle + np.array([72.0, 64.0]), "phase", "accent")
     drawing.head(curve[8], curve[8] - curve[5], "active")
     return drawing.svg()
 

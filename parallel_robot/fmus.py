@@ -94,17 +94,19 @@ def build(
 def _build_one(model: Model, instance: str, folder: Path, flavour: str, all_platforms: bool) -> None:
     # CasADi and matplotlib take a while to import, and only building needs them
     from fmu_export.native.backend import build_native
-    from fmu_export.package.documentation import DocumentationError
+    from fmu_export.package.documentation import DocumentationError, figures_of
     from fmu_export.pythonfmu.backend import build_pythonfmu
 
     package, name = _PAGES[instance]
     page = (files(package) / name).read_text(encoding="utf-8")
+    figures = figures_of(page, files(package))
     try:
         if flavour == "pythonfmu":
-            build_pythonfmu(model, folder / flavour, page)
+            build_pythonfmu(model, folder / flavour, page, figures)
         else:
             version = cast(Literal["fmi2", "fmi3"], flavour)
-            build_native(model, folder / flavour, version, list(TARGETS.values()) if all_platforms else None, page)
+            targets = list(TARGETS.values()) if all_platforms else None
+            build_native(model, folder / flavour, version, targets, page, figures)
     except DocumentationError as error:
         raise BuildError(f"documentation: {error}") from error
 

@@ -6,7 +6,7 @@ Each archive has both interfaces, model exchange and co-simulation, and its own 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
 from typing import Literal
@@ -69,6 +69,7 @@ def build_native(
     flavour: Literal["fmi2", "fmi3"],
     targets: Sequence[Target] | None = None,
     page: str | None = None,
+    figures: Mapping[str, bytes] | None = None,
 ) -> Path:
     """Write `<folder>/<model name>.fmu`.
 
@@ -85,6 +86,8 @@ def build_native(
         no place for are left out.
     page : str, optional
         The model's page in Markdown, for the documentation in the archive; without it there is none.
+    figures : mapping of str to bytes, optional
+        The pictures that the page shows, by file name.
 
     Raises
     ------
@@ -127,7 +130,7 @@ def build_native(
     if page is not None:
         from fmu_export.package.documentation import documentation_members
 
-        members |= documentation_members(model, interface, page, flavour)
+        members |= documentation_members(model, interface, page, flavour, figures)
     if flavour == "fmi3":
         members["sources/buildDescription.xml"] = description_fmi3.build_description(model, c_files)
     write_archive(path, members)

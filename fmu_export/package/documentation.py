@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from html import escape
 from importlib.metadata import PackageNotFoundError, files
+from importlib.resources.abc import Traversable
 from io import BytesIO
 from pathlib import Path
 
@@ -20,8 +23,10 @@ from fmu_export.package.interface import Interface
 
 with needs("export"):
     import matplotlib as mpl
+    from latex2mathml.converter import convert as mathml
     from markdown import Markdown
     from markdown.extensions.toc import TocExtension
+    from markdown.inlinepatterns import InlineProcessor
     from matplotlib.figure import Figure
 
 #: What each flavour is and what it needs to run.
@@ -57,7 +62,9 @@ class ReferenceRun:
     outputs: Array
 
 
-def documentation_members(model: Model, interface: Interface, page: str, flavour: str) -> dict[str, bytes]:
+def documentation_members(
+    model: Model, interface: Interface, page: str, flavour: str, figures: Mapping[str, bytes] | None = None
+) -> dict[str, bytes]:
     """Members of the archive that explain it; the same arguments give the same bytes.
 
     Parameters
@@ -65,15 +72,22 @@ def documentation_members(model: Model, interface: Interface, page: str, flavour
     model, interface : Model, Interface
         The model and its flat variables.
     page : str
-        Markdown: equations, symbols, background. HTML in it is shown, not interpreted.
+        Markdown: equations (`$...$` and `$$...$$` in LaTeX, which become MathML), symbols, background. HTML in it is
+        shown, not interpreted.
     flavour : {"pythonfmu", "fmi2", "fmi3"}
         What the archive is; decides where the standard wants the icon.
+    figures : mapping of str to bytes, optional
+        The pictures that the page shows, by file name; `figures_of` reads them.
 
     Raises
     ------
     DocumentationError
-        The licence is not found, or the reference run is not finite.
+        The licence is not found, a figure is missing, an equation can't be typeset, or the reference run is not finite.
     """
+    figures = figures or {}
+    for name in _shown_figures(page):
+        if name not in figures:
+            raise DocumentationError(f"{model.name}: the page shows {name}, which is not among its figures")
     run = reference_run(model)
     reference = f"documentation/reference/{model.name}"
     icons = terminal_icons(model) if flavour == "fmi3" else {"model.png": model_icon(model)}
@@ -82,8 +96,24 @@ def documentation_members(model: Model, interface: Interface, page: str, flavour
         f"{reference}_in.csv": _csv(model.inputs, run.time, run.inputs),
         f"{reference}_ref.csv": _csv(model.outputs, run.time, run.outputs),
         "documentation/licenses/license.txt": _licence(),
+        **{f"documentation/{name}": data for name, data in figures.items()},
         **icons,
     }
+
+
+def figures_of(page: str, folder: Traversable) -> dict[str, bytes]:
+    """The pictures that a page in Markdown shows, by file name, from the folder of the page.
+
+    Raises
+    ------
+    OSError
+        One of them can't be read.
+    """
+    return {name: (folder / name).read_bytes() for name in _shown_figures(page)}
+
+
+def _shown_figures(page: str) -> list[str]:
+    return re.findall(r"!\[[^\]]*\]\(([^):]+)\)", page)
 
 
 @cache  # the same for all flavours, and the slowest part of a build
@@ -174,10 +204,34 @@ def _plot(model: Model, run: ReferenceRun) -> str:
     return text[text.index("<svg") :]
 
 
+#: In double dollars an equation that stands alone, in single ones a part of a line.
+_EQUATION = r"\$\$(.+?)\$\$|\$(?!\s)([^$]+?)(?<!\s)\$"
+
+
+class _Equations(InlineProcessor):  # type: ignore[misc]  # markdown has no types
+    """`$...$` and `$$...$$` in LaTeX become MathML, which browsers show without scripts."""
+
+    def handleMatch(self, m: re.Match[str], data: str) -> tuple[str, int, int]:  # noqa: ARG002
+        """Typeset one equation."""
+        shown, inline = m.groups()
+        try:
+            found = str(mathml(shown or inline, display="block" if shown else "inline"))
+        except Exception as error:  # whatever the converter stumbles over
+            raise DocumentationError(f"the equation {m[0]} can't be typeset: {type(error).__name__}") from error
+        unknown = re.search(r"\\\w+", found)
+        if unknown:  # the converter passes on what it does not know
+            raise DocumentationError(f"the equation {m[0]} can't be typeset: {unknown[0]} is unknown")
+        if shown:  # a long equation scrolls in its own line, not the page
+            found = f'<span class="equation">{found}</span>'
+        return str(self.md.htmlStash.store(found)), m.start(), m.end()
+
+
 def _markdown(page: str) -> str:
     converter = Markdown(extensions=["tables", "fenced_code", "sane_lists", TocExtension(baselevel=2)])
     converter.preprocessors.deregister("html_block")
     converter.inlinePatterns.deregister("html")
+    # after `code`, before backslashes and underscores get a meaning
+    converter.inlinePatterns.register(_Equations(_EQUATION, converter), "equations", 185)
     return str(converter.convert(page))
 
 
@@ -210,7 +264,7 @@ from fmpy.util import read_csv
 inputs = {signals}
 result = simulate_fmu("{name}.fmu", fmi_type="CoSimulation", stop_time={stop}, output_interval={_ROW}, input=inputs)
 
-# in the co-simulation of the package that made this FMU: inputs held; system.connect couples them to other FMUs
+# with the master of the package that made this FMU; here inputs keep their values, system.connect feeds them
 from cosim import System, simulate
 system = System()
 system.add("{name.lower()}", "{name}.fmu", start={held!r})
@@ -265,6 +319,8 @@ th { background: #eaf1f8; }
 code { font: 0.9em ui-monospace, monospace; }
 pre { background: #f5f7f9; padding: 0.8rem; overflow-x: auto; border-radius: 0.4rem; }
 figure { margin: 1rem 0; }
-svg { max-width: 100%; height: auto; }
+svg, img { max-width: 100%; height: auto; }
+.equation { display: block; overflow-x: auto; overflow-y: hidden; padding: 0.2rem 0; }
+math { font-family: "STIX Two Math", "Latin Modern Math", "Cambria Math", math; }
 figcaption { font-size: 0.9rem; color: #555; }
 """

@@ -9,6 +9,7 @@ imported checkout can stand in for the archive's.
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Mapping
 from importlib.metadata import version
 from pathlib import Path
 
@@ -57,7 +58,9 @@ _ARGUMENTS = {
 }
 
 
-def build_pythonfmu(model: Model, folder: Path, page: str | None = None) -> Path:
+def build_pythonfmu(
+    model: Model, folder: Path, page: str | None = None, figures: Mapping[str, bytes] | None = None
+) -> Path:
     """Write `<folder>/<model name>.fmu`; the same sources give the same bytes.
 
     Parameters
@@ -66,6 +69,8 @@ def build_pythonfmu(model: Model, folder: Path, page: str | None = None) -> Path
     folder : Path
     page : str, optional
         The model's page in Markdown, for the documentation in the archive; without it there is none.
+    figures : mapping of str to bytes, optional
+        The pictures that the page shows, by file name.
 
     Raises
     ------
@@ -99,7 +104,7 @@ def build_pythonfmu(model: Model, folder: Path, page: str | None = None) -> Path
     if page is not None:
         from fmu_export.package.documentation import documentation_members
 
-        members |= documentation_members(model, interface, page, "pythonfmu")
+        members |= documentation_members(model, interface, page, "pythonfmu", figures)
     write_archive(path, members)
     return path
 

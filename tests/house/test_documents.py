@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import re
+import runpy
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from cosim.__main__ import commands
@@ -44,15 +46,66 @@ def test_example_is_short_and_runs(robot_fmus: Path, tmp_path: Path) -> None:
     assert (tmp_path / "results.csv").is_file()
 
 
-@pytest.mark.parametrize("instance", PAGES)
-def test_model_page_names_every_variable_with_its_unit(instance: str) -> None:
-    page = (ROOT / PAGES[instance] / "README.md").read_text(encoding="utf-8")
-    for layout in (MODELS[instance].inputs, MODELS[instance].outputs, MODELS[instance].parameters):
-        for v in layout.variables:
-            name = v.name if v.size is None else f"{v.name}[1..{v.size}]"
-            rows = [line for line in page.splitlines() if line.startswith("|") and f"`{name}`" in line]
-            assert len(rows) == 1, name
-            assert v.unit in rows[0], name
+def described(page: str) -> dict[str, tuple[str, str]]:
+    """Unit and start value of each variable in the tables of a page; a row with one cell for several gives it to all.
+
+    A row names its variables in the first cell; unit and start value are lists of as many or one for all of them.
+    """
+    found: dict[str, tuple[str, str]] = {}
+    head: list[str] = []
+    for line in page.splitlines():
+        cells = [cell.strip() for cell in line.strip("|").split("|")] if line.startswith("|") else []
+        if not cells:
+            head = []
+        elif not head:
+            head = cells
+        elif "unit" in head and (names := re.findall(r"`([^`]+)`", cells[0])):
+            row = dict(zip(head, cells, strict=True))
+            units = row["unit"].split(", ")
+            units = units * len(names) if len(units) == 1 else units
+            starts = re.split(r", (?![^(]*\))", row["start"])
+            starts = starts if len(starts) == len(names) else [row["start"]] * len(names)
+            assert len(units) == len(names), f"{line}: {len(units)} units"
+            for name, unit, start in zip(names, units, starts, strict=True):
+                assert name not in found, f"{name} stands in two rows"
+                found[name] = unit, start
+    return found
+
+
+@pytest.mark.parametrize("component", PAGES)
+def test_model_page_gives_every_variable_with_its_unit_and_start(component: str) -> None:
+    page = described((ROOT / PAGES[component] / "README.md").read_text(encoding="utf-8"))
+    model, compared = MODELS[component], 0
+    variables = [v for layout in (model.inputs, model.outputs, model.parameters) for v in layout.variables]
+    names = {v.name if v.size is None else f"{v.name}[1..{v.size}]": v for v in variables}
+    assert set(page) == {*names, *(["max_step"] if model.states else [])}
+    for name, v in names.items():
+        unit, start = page[name]
+        assert unit == v.unit, name
+        number = re.fullmatch(r"-?[\d.]+(e\d+)?", start.removesuffix(" (none)"))
+        if number:
+            compared += 1
+            assert v in model.outputs.variables or np.all(float(number[0]) == np.asarray(v.start)), name
+    assert compared > 5
+
+
+def test_two_units_for_one_variable_are_noticed() -> None:
+    head = "| variable | unit | start |\n|---|---|---|\n"
+    assert described(f"{head}| `a`, `b` | m, s | 1, 2 |\n| `c` | N.m.s/rad | |\n") == {
+        "a": ("m", "1"),
+        "b": ("s", "2"),
+        "c": ("N.m.s/rad", ""),
+    }
+    with pytest.raises(AssertionError, match="2 units"):
+        described(f"{head}| `alpha` | 1, s | 0 |\n")
+
+
+@pytest.mark.parametrize("script", ["make_geometry"])
+def test_figures_are_what_their_script_draws(script: str) -> None:
+    figures = runpy.run_path(str(ROOT / f"docs/{script}.py"))["FIGURES"]
+    assert figures
+    for path, draw in figures.items():
+        assert path.read_text(encoding="utf-8") == draw(), f"{path.name}: run docs/{script}.py"
 
 
 def test_links_of_the_documents_lead_somewhere() -> None:

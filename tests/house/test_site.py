@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from html.parser import HTMLParser
@@ -85,6 +86,15 @@ def test_pages_have_what_they_promise(site: Path) -> None:
         "benchmarks": "libcosim",
     }.items():
         assert text in (site / f"{page}.html").read_text(encoding="utf-8"), page
+
+
+@pytest.mark.parametrize("page", ["model_plant", "model_controller", "model_trajectory"])
+def test_equations_are_typeset(site: Path, page: str) -> None:
+    html = (site / f"{page}.html").read_text(encoding="utf-8")
+    assert html.count("<math ") > 10
+    text = re.sub(r"<[^>]*>", "", html[html.index("<article") : html.index("</article>")])
+    assert "$" not in text
+    assert "\\" not in text, "a command that the converter does not know"
 
 
 def test_pages_load_nothing_from_elsewhere(site: Path) -> None:

@@ -7,7 +7,7 @@ import fmpy
 from lxml import etree
 
 from controller_fmu.model import MODEL as CONTROLLER
-from fmu_export.package.documentation import documentation_members
+from fmu_export.package.documentation import documentation_members, figures_of
 from fmu_export.package.interface import interface_of
 from fmu_export.trace.trace import trace
 from plant_fmu.model import MODEL as PLANT
@@ -28,8 +28,10 @@ def page_of(name):
     return (CHECKOUT / PAGES[name] / "README.md").read_text(encoding="utf-8")
 
 
-def members_of(model, page="# Title", flavour="fmi3"):
-    return documentation_members(model, interface_of(trace(model)), page, flavour)
+def members_of(model, page="# Title", flavour="fmi3", figures=None):
+    if figures is None and model.name in PAGES:
+        figures = figures_of(page, CHECKOUT / PAGES[model.name])
+    return documentation_members(model, interface_of(trace(model)), page, flavour, figures)
 
 
 class Page(HTMLParser):

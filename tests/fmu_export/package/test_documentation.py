@@ -1,6 +1,7 @@
 """What an FMU says about itself: page, reference result, licence, icons and terminals."""
 
 import os
+import re
 import struct
 import subprocess
 import sys
@@ -13,6 +14,7 @@ import fmpy
 import numpy as np
 import pytest
 from fmpy.util import read_csv
+from lxml import etree
 from scipy.integrate import solve_ivp
 
 import fmu_export.package.documentation as documentation
@@ -27,6 +29,8 @@ from tests.support.tiny_models import ALL as TINY
 from tests.support.tiny_models import GAIN, ROOT
 
 CHECKOUT = Path(__file__).resolve().parents[3]
+#: Pictures that the pages show.
+FIGURES = {"RobotPlant": ["geometry.svg"], "RobotTrajectory": ["path.svg"]}
 ALL = pytest.mark.parametrize("name", MODELS)
 
 
@@ -72,11 +76,17 @@ def test_every_variable_is_in_the_table(members, name):
 
 
 @ALL
-def test_page_loads_nothing(members, name):
+def test_page_loads_nothing_but_its_figures(members, name):
     html = members[name, "fmi3"]["documentation/index.html"].decode()
     page = parsed(members[name, "fmi3"])
-    assert {tag for tag, _ in page.elements}.isdisjoint({"script", "link", "img", "iframe", "object", "embed"})
-    assert page.attributes("src") == []
+    assert {tag for tag, _ in page.elements}.isdisjoint({"script", "link", "iframe", "object", "embed"})
+    shown = FIGURES.get(name, [])
+    assert page.attributes("src") == [("img", figure) for figure in shown]
+    assert len(page.attributes("alt")) == len(shown)
+    for figure in shown:
+        picture = etree.fromstring(members[name, "fmi3"][f"documentation/{figure}"])
+        assert picture.tag == "{http://www.w3.org/2000/svg}svg"
+        assert not picture.xpath("//*[local-name() = 'script' or local-name() = 'image']")
     assert "@import" not in html
     assert all(value.startswith("#") for value in html.split("url(")[1:])
     assert all(value.startswith("#") for _, value in page.attributes("xlink:href"))
@@ -103,6 +113,9 @@ def test_markdown_is_converted(members, name):
     assert "|---" not in text
     assert "```" not in text
     assert "\n- " not in text
+    assert "$" not in text
+    equations = page_of(name).replace("$$", "$").count("$") // 2
+    assert [tag for tag, _ in page.elements].count("math") == equations > 10
     tables = sum(tag == "table" for tag, _ in page.elements)
     assert tables == 1 + page_of(name).count("|---|---|---|---|---|\n") + page_of(name).count("\n|---|---|---|\n")
 
@@ -118,10 +131,41 @@ def test_html_is_escaped_wherever_it_stands():
     assert page.text["body"].count(evil.replace("&amp;", "&")) + page.text["body"].count(evil) >= 6
 
 
+def equations(page):
+    """The equations of a page: their displays, and the text of each."""
+    html = members_of(GAIN, page)["documentation/index.html"].decode()
+    found = [etree.fromstring(m) for m in re.findall(r"<math.*?</math>", html, re.DOTALL)]
+    return [m.get("display") for m in found], ["".join(m.itertext()) for m in found]
+
+
+def test_equations_are_typeset_wherever_they_stand():
+    page = "# T $a_1$\n\n$$\n\\frac{a}{b} \\\\ c < d\n$$\n\n- $x_{E}$ and $y_E$\n\n| a |\n|---|\n| $*m*$ |\n"
+    assert equations(page) == (
+        ["inline", "block", "inline", "inline", "inline"],
+        ["a1", "abc<d", "xE", "yE", "*m*"],
+    )
+
+
+def test_a_dollar_is_no_equation_in_code_nor_alone():
+    assert equations("`$HOME` costs 5 $ or more, and `$a$`\n") == ([], [])
+
+
+@pytest.mark.parametrize(("equation", "why"), [(r"a^", "MissingSuper"), (r"\thetta_a", r"\thetta is unknown")])
+def test_an_equation_that_can_not_be_typeset_is_an_error(equation, why):
+    with pytest.raises(DocumentationError, match=re.escape(f"the equation ${equation}$ can't be typeset: {why}")):
+        members_of(GAIN, f"${equation}$")
+
+
+def test_a_figure_that_is_missing_is_an_error():
+    with pytest.raises(DocumentationError, match=r"Gain: the page shows curve.svg, which is not among its figures"):
+        members_of(GAIN, "![curve](curve.svg)")
+
+
 @ALL
 @pytest.mark.parametrize("flavour", ["pythonfmu", "fmi2", "fmi3"])
 def test_members(members, name, flavour):
     common = {
+        *(f"documentation/{figure}" for figure in FIGURES.get(name, [])),
         "documentation/index.html",
         f"documentation/reference/{name}_in.csv",
         f"documentation/reference/{name}_ref.csv",
@@ -151,7 +195,7 @@ def test_bytes_do_not_depend_on_the_process():
         ).stdout
         for seed, zone, epoch in (("1", "UTC", "0"), ("2", "Asia/Tokyo", "1000000000"))
     ]
-    assert digests[0].count("\n") == len(MODELS) * (5 + 8)
+    assert digests[0].count("\n") == len(MODELS) * (5 + 8) + 2 * len(FIGURES)
     assert digests[0] == digests[1]
 
 
