@@ -11,6 +11,7 @@ from importlib.metadata import entry_points
 
 from cosim.errors import CosimError
 from cosim.versions import versions
+from fmu_export.errors import ModelError
 
 #: Commands of the program itself -> modules.
 _OWN = {name: f"cosim.commands.{name}" for name in ("run", "sweep", "validate", "compare")}
@@ -46,10 +47,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     arguments = sys.argv[1:] if arguments is None else arguments
     try:
         options = command_line(_asked_for(arguments)).parse_args(arguments)
-        return _run(options)
+        return int(options.run(options))
     except KeyboardInterrupt:
         print("cosim: interrupted", file=sys.stderr)
         return 130
+    except (CosimError, ModelError, ValueError, OSError, MemoryError) as error:
+        if "--debug" in arguments:
+            traceback.print_exc()
+        else:
+            print(f"cosim: {' '.join(str(error).split())}", file=sys.stderr)
+        return 1
 
 
 def _asked_for(arguments: Sequence[str]) -> dict[str, str] | None:
@@ -59,17 +66,6 @@ def _asked_for(arguments: Sequence[str]) -> dict[str, str] | None:
         return None
     known = _OWN if first in _OWN else commands()
     return {first: known[first]} if first in known else None
-
-
-def _run(options: argparse.Namespace) -> int:
-    try:
-        return int(options.run(options))
-    except (CosimError, ValueError, OSError, MemoryError) as error:
-        if options.debug:
-            traceback.print_exc()
-        else:
-            print(f"cosim: {' '.join(str(error).split())}", file=sys.stderr)
-        return 1
 
 
 if __name__ == "__main__":

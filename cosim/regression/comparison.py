@@ -73,6 +73,8 @@ def compare(result: Results, reference: Results, tolerances: Tolerances | None =
     ------
     FunnelError
         A tolerance has a time shift, and its library can't be used.
+    MissingExtra
+        It is not installed.
     """
     return compare_signals(result, reference, tolerances).findings
 

@@ -10,7 +10,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from cosim.errors import CosimError
+from cosim.errors import CosimError, needs
 
 
 class FunnelError(CosimError):
@@ -51,12 +51,12 @@ def funnel(reference: Curve, result: Curve, time_shift: float, allowed: float) -
     Raises
     ------
     FunnelError
-        pyfunnel is not installed, has no library for this platform, or refuses the curves.
+        pyfunnel has no library for this platform, or refuses the curves.
+    MissingExtra
+        pyfunnel is not installed.
     """
-    try:
+    with needs("regression"):
         import pyfunnel
-    except ImportError:
-        raise FunnelError("a time_shift needs the package pyfunnel: pip install pyfunnel") from None
     middle = (reference.values.max() + reference.values.min()) / 2.0
     # in units of the tolerances, for pyfunnel widens any below 1e-10
     ends = reference.time[[0, -1]]

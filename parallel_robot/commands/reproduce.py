@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from tqdm import tqdm
 
-from cosim.errors import CosimError
+from cosim.errors import CosimError, needs
 from cosim.output import check_writable, write_somewhere
 from parallel_robot.commands.robot_fmus import make_ready
 
@@ -42,6 +42,7 @@ def register(subparsers: Any) -> None:
     parser.set_defaults(run=run)
 
 
+@needs("robot")
 def run(args: argparse.Namespace) -> int:
     """Run `cosim reproduce`; returns the exit code, raises CosimError with one line when it fails."""
     # matplotlib and SciPy take a while to import, and other commands don't need them

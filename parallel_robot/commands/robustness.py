@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from tqdm import tqdm
 
 from cosim.commands.sweep import sweep_progress, sweep_table
+from cosim.errors import needs
 from cosim.output import check_writable, write_somewhere
 from parallel_robot.commands.robot_fmus import chosen_flavour, make_ready
 
@@ -57,6 +58,7 @@ def register(subparsers: Any) -> None:
     parser.set_defaults(run=run)
 
 
+@needs("robot")
 def run(args: argparse.Namespace) -> int:
     """Run `cosim robustness`; returns the exit code, raises CosimError with one line on bad input."""
     # Dask, SciPy and matplotlib take a while to import, and other commands don't need them

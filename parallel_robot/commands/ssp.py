@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from cosim.errors import needs
 from cosim.output import OutputError
 from parallel_robot.choices import FLAVOURS
 from parallel_robot.commands.robot_fmus import chosen_flavour, make_ready
@@ -32,6 +33,7 @@ def register(subparsers: Any) -> None:
     parser.set_defaults(run=run)
 
 
+@needs("robot")
 def run(args: argparse.Namespace) -> int:
     """Run `cosim ssp`; returns the exit code, raises CosimError with one line on bad input."""
     # xmlschema and SciPy take a while to import, and other commands don't need them

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cosim.errors import needs
+
 if TYPE_CHECKING:
     from controller_fmu.optimal_gains import OptimalGains, PerformanceIndex
 
@@ -57,6 +59,7 @@ def register(subparsers: Any) -> None:
     parser.set_defaults(run=run)
 
 
+@needs("robot")
 def run(args: argparse.Namespace) -> int:
     """Run `cosim tune`; returns the exit code, raises ValueError or OSError with one line on bad input."""
     # SciPy takes a while to import, and other commands don't need it

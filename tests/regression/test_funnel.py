@@ -9,8 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from cosim.errors import MissingExtra
 from cosim.regression import Tolerance, ToleranceError, Tolerances, compare, compare_signals
-from cosim.regression.funnel import Curve, FunnelError, funnel
+from cosim.regression.funnel import Curve, funnel
 from cosim.results.results import Results
 
 TIME = np.linspace(0.0, 2.0, 81)
@@ -113,7 +114,9 @@ def test_the_band_of_a_signal_is_that_of_its_verdict():
 
 def test_without_the_library_the_remedy_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "pyfunnel", None)
-    with pytest.raises(FunnelError, match="pip install pyfunnel"):
+    with pytest.raises(
+        MissingExtra, match=r'pyfunnel is not installed; .* pip install "closed-chain-cosim\[regression\]"'
+    ):
         compare(*shifted(0.1), Tolerances(time_shift=0.2))
     assert len(compare(*shifted(0.1))) == 1  # which needs none
 
