@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cosim.__main__ import main
-from cosim.regression import Tolerance, ToleranceError, Tolerances, compare
+from cosim.regression import Tolerance, ToleranceError, Tolerances, compare, compare_signals
 from cosim.results.results import Results
 
 TIME = np.arange(11) * 0.1
@@ -127,6 +127,122 @@ def test_times_that_differ_by_rounding_agree():
     result = made()
     result.time[:] = summed
     assert compare(result, made()) == []
+
+
+@pytest.mark.parametrize(
+    ("start", "off", "agrees"),
+    [
+        (0.0, 9e-13, True),  # 1e-12 s and as much of the time
+        (0.0, 1e-11, False),
+        (0.0, 1e-9, False),
+        (1e6, 5e-7, True),
+        (1e6, 2e-6, False),
+        (1e6, 1e-3, False),
+    ],
+)
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_how_far_times_may_differ(start, off, agrees, sign):
+    reference, result = made(), made()
+    reference.time[:] = TIME + start
+    result.time[:] = reference.time
+    result.time[1] += sign * off
+    findings = compare(result, reference)
+    assert (findings == []) == agrees
+    if not agrees:
+        assert findings == [
+            f"row 2: time {result.time[1].item()!r} s in the result, {reference.time[1].item()!r} s in the reference"
+        ]
+
+
+@pytest.mark.parametrize(
+    ("row", "off", "agrees"),
+    [
+        (0, 9e-13, True),  # 1e-12 s and 1e-9 of the time
+        (0, 1e-11, False),
+        (0, 1e-6, False),
+        (-1, 9e-7, True),  # of 1000 s
+        (-1, 2e-6, False),
+        (-1, 1e-3, False),
+    ],
+)
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_how_far_the_ends_of_shifted_curves_may_differ(row, off, agrees, sign):
+    time = np.linspace(0.0, 1000.0, 11)
+    other = time.copy()
+    other[row] += sign * off
+    reference, result = (Results(t, ["x"], time[:, None] * 1.0) for t in (time, other))
+    findings = compare(result, reference, Tolerances(absolute=1.0, time_shift=1.0))
+    assert (findings == []) == agrees
+    if not agrees:
+        verb = "begins" if row == 0 else "ends"
+        assert findings == [
+            f"the result {verb} at t = {other[row].item()!r} s, the reference at {time[row].item()!r} s"
+        ]
+
+
+def test_times_may_stand_twice_in_shifted_curves():
+    """As at an event of a model exchange: the value before and the value after."""
+    time, values = np.array([0.0, 0.5, 0.5, 1.0]), np.array([[0.0], [0.0], [1.0], [1.0]])
+    step, shift = Results(time, ["x"], values), Tolerances(relative=1e-3, time_shift=0.1)
+    assert compare(step, step, shift) == []
+    late = Results(np.array([0.0, 0.55, 0.55, 1.0]), ["x"], values)
+    assert compare(late, step, shift) == []
+    assert len(compare(Results(np.array([0.0, 0.65, 0.65, 1.0]), ["x"], values), step, shift)) == 1
+    for name, pair in (("result", (made(time=TIME[::-1]), made())), ("reference", (made(), made(time=TIME[::-1])))):
+        assert compare(*pair, Tolerances(time_shift=0.1)) == [f"the times of the {name} must increase"]
+
+
+def test_a_time_shift_of_one_signal_leaves_the_others_at_their_times():
+    """With the same times in both, a signal without a shift is compared at each."""
+    tolerances = Tolerances(signals={"plant.x_E": Tolerance(relative=1e-3, time_shift=0.05)})
+    moved = made(plant_y_E=(5, 1.1))
+    moved.values[:, 0] = np.minimum(TIME + 0.04, 1.0)  # a ramp of 1 m/s: 40 ms early
+    (finding,) = compare(moved, made(), tolerances)
+    assert finding.startswith("'plant.y_E' differs at 1 of 11 times, most at t = 0.5 s: 1.1 instead of 1")
+    moved.values[:, 0] = np.minimum(TIME + 0.07, 1.0)
+    assert [f.split()[0] for f in compare(moved, made(), tolerances)] == ["'plant.x_E'", "'plant.y_E'"]
+
+
+@pytest.mark.parametrize(
+    ("known", "wanted", "finding"),
+    [
+        ("m", "m", ""),
+        ("m", None, ""),
+        ("mm", "m", "'plant.x_E' has the unit 'mm' in the result, 'm' in the tolerances"),
+        ("", "m", "'plant.x_E' has the unit '' in the result, 'm' in the tolerances"),
+        ("m", "", "'plant.x_E' has the unit 'm' in the result, '' in the tolerances"),
+        ("", "", ""),
+        (None, "m", ""),  # a file of results knows no units
+    ],
+)
+def test_units_of_the_result_are_those_of_the_tolerances(known, wanted, finding):
+    result = made()
+    if known is not None:
+        result.info["units"] = {"plant.x_E": known, "plant.y_E": "furlong"}
+    tolerances = Tolerances(signals={"plant.x_E": Tolerance(unit=wanted)})
+    assert compare(result, made(), tolerances) == ([finding] if finding else [])
+    found = compare_signals(result, made(), tolerances).signals
+    assert [signal.unit for signal in found] == [known or "", "" if known is None else "furlong", ""]
+
+
+def test_a_tolerance_may_be_that_of_a_vector():
+    result = made(**{"controller_tau_a[1]": (5, 3.5)})
+    assert compare(result, made(), Tolerances(signals={"controller.tau_a": Tolerance(absolute=1.0)})) == []
+    (finding,) = compare(result, made(), Tolerances(signals={"controller.tau": Tolerance(absolute=1.0)}))
+    assert finding == (
+        "there is a tolerance for 'controller.tau', which the reference lacks; did you mean 'controller.tau_a[1]'?"
+    )
+
+
+def test_what_is_told_of_a_signal_that_differs():
+    found = compare_signals(made(plant_y_E=(4, 0.9)), made(), Tolerances(absolute=0.05, relative=0.0))
+    x, y, _ = found.signals
+    assert (x.finding, x.allowed, x.distance.max()) == ("", 0.05, 0.0)
+    assert (y.name, y.worst, y.finding) == ("plant.y_E", 4, found.findings[0])
+    assert y.distance == pytest.approx([0, 0, 0, 0, 0.1, 0, 0, 0, 0, 0, 0])
+    assert y.lower.values == pytest.approx(2.0 * TIME - 0.05)
+    assert y.upper.values == pytest.approx(2.0 * TIME + 0.05)
+    assert (y.lower.time.tolist(), y.upper.time.tolist()) == (TIME.tolist(), TIME.tolist())
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
