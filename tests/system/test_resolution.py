@@ -13,6 +13,11 @@ from cosim.system.resolution import ResolvedSystem, resolve, resolve_start_value
 from cosim.system.variables import Ports
 from tests.support.descriptions import fmi2, ports
 
+
+def resolved_for(order: str, system: System, descriptions: dict[str, Ports]) -> ResolvedSystem:
+    return resolve(system, descriptions, order)
+
+
 # Connections
 
 
@@ -22,7 +27,8 @@ def resolved(source: str, target: str, order: str = "sequential", **connection: 
     for name in "ab":
         system.add(name, f"{name}.fmu")
     system.connect("a.y", "b.u", **connection)
-    return resolve(system, ports(a=fmi2(f"y output {source}"), b=fmi2(f"u input {target}", guid="{b}")), order)
+    here = ports(a=fmi2(f"y output {source}"), b=fmi2(f"u input {target}", guid="{b}"))
+    return resolved_for(order, system, here)
 
 
 def transformed(source: str, target: str, **connection: Any) -> tuple[float, float]:
@@ -120,7 +126,7 @@ def test_types_that_can_not_be_exchanged() -> None:
     system.add("b", "b.fmu")
     system.drive("b.u", lambda t: "text")
     with pytest.raises(SetupError, match=r"^'b.u' is of type String, whose values can't be exchanged$"):
-        resolve(system, ports(b=fmi2("u input String")), "sequential")
+        resolved_for("sequential", system, ports(b=fmi2("u input String")))
 
 
 # Start values
@@ -243,7 +249,7 @@ def together(**descriptions: ModelDescription) -> ResolvedSystem:
     system = System()
     for name in descriptions:
         system.add(name, f"files/{name}.fmu")
-    return resolve(system, ports(**descriptions), "sequential")
+    return resolved_for("sequential", system, ports(**descriptions))
 
 
 def test_an_fmu_that_allows_one_instance_may_be_alone() -> None:
@@ -273,7 +279,7 @@ def pair(order: str, *connections: tuple[str, str]) -> ResolvedSystem:
         system.connect(source, target)
     variables = "y output Real", "u input Real", "v input Real"
     here = ports(a=fmi2(*variables, feedthrough=True), b=fmi2(*variables, guid="{b}", feedthrough=True))
-    return resolve(system, here, order)
+    return resolved_for(order, system, here)
 
 
 @pytest.mark.parametrize("order", ["sequential", "parallel"])
@@ -293,7 +299,9 @@ def test_an_input_that_nothing_feeds_is_named_and_no_other() -> None:
     system = System()
     system.add("a", "a.fmu", start={"v": 0.0})
     with pytest.raises(SetupError, match=r"^nothing feeds input 'a.u'; connect it"):
-        resolve(system, ports(a=fmi2("y output Real", "u input Real", "v input Real", "w parameter Real")), "parallel")
+        resolved_for(
+            "parallel", system, ports(a=fmi2("y output Real", "u input Real", "v input Real", "w parameter Real"))
+        )
 
 
 @pytest.mark.parametrize("every", [1, 3])
@@ -301,6 +309,6 @@ def test_a_signal_is_sampled_when_its_component_communicates(every: int) -> None
     system = System()
     system.add("a", "a.fmu", every=every)
     system.drive("a.u", lambda t: t, breakpoints=[0.5, 0.75], vectorized=True)
-    (drive,) = resolve(system, ports(a=fmi2("u[1] input Real", "u[2] input Real")), "parallel").drives
+    (drive,) = resolved_for("parallel", system, ports(a=fmi2("u[1] input Real", "u[2] input Real"))).drives
     assert (drive.component, [e.name for e in drive.targets], drive.every) == ("a", ["u[1]", "u[2]"], every)
     assert (drive.breakpoints, drive.vectorized, drive.added, drive.function(3.0)) == ((0.5, 0.75), True, False, 3.0)
