@@ -24,8 +24,8 @@ class Link:
     source: Element
     target_component: str
     target: Element
-    factor: float = 1.0
-    offset: float = 0.0
+    factor: float
+    offset: float
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,154 @@
+"""Names and types of variables: what stands under a name, in which order, and what its type can hold."""
+
+from __future__ import annotations
+
+import zipfile
+from io import BytesIO
+
+import pytest
+from fmpy import read_model_description
+
+from cosim import SetupError, System
+from cosim.system.system import Connection
+from cosim.system.variables import KINDS, Ports, fits, variables_of
+from tests.support.descriptions import fmi2
+
+#: Smallest and largest value of the integer types of C.
+RANGES = {
+    "Int8": (-128, 127),
+    "UInt8": (0, 255),
+    "Int16": (-32768, 32767),
+    "UInt16": (0, 65535),
+    "Int32": (-2147483648, 2147483647),
+    "UInt32": (0, 4294967295),
+    # doubles near 2^63 and 2^64 are 1024 and 2048 apart, and the limits themselves are rounded up
+    "Int64": (-9223372036854775808, 9223372036854774784),
+    "UInt64": (0, 18446744073709549568),
+}
+
+
+def fmi3(*variables: str) -> Ports:
+    """A component from `name Type size size ...`, all inputs."""
+    items = "".join(
+        f'<{kind} name="{name}" valueReference="{k}" causality="input" variability="discrete" start="0">'
+        + "".join(f'<Dimension start="{n}"/>' for n in sizes)
+        + f"</{kind}>"
+        for k, (name, kind, *sizes) in enumerate((v.split() for v in variables), start=1)
+    )
+    text = (
+        '<fmiModelDescription fmiVersion="3.0" modelName="M" instantiationToken="t"><CoSimulation modelIdentifier="M"/>'
+        f"<ModelVariables>{items}</ModelVariables><ModelStructure/></fmiModelDescription>"
+    )
+    archive = BytesIO()
+    with zipfile.ZipFile(archive, "w") as out:
+        out.writestr("modelDescription.xml", text)
+    return Ports("c", read_model_description(archive, validate=False))
+
+
+# Types
+
+
+@pytest.mark.parametrize("kind", RANGES)
+def test_integers_of_fmi_3_hold_what_their_bits_hold(kind: str) -> None:
+    (element,) = fmi3(f"v {kind}").find("v")
+    lower, upper = RANGES[kind]
+    assert element.kind == "integer"
+    assert all(fits(element, float(number)) for number in (lower, upper, 0, 1))
+    outside = [lower - 1, upper + 1, lower - 2048, upper + 4096]
+    if kind.endswith("64"):
+        outside = [-(2.0**63) - 2048.0 if lower else -1.0, 2.0**66]
+    assert not any(fits(element, float(number)) for number in (*outside, 0.5, upper - 0.5 if upper < 2**33 else 0.5))
+
+
+@pytest.mark.parametrize("kind", ["Integer", "Enumeration declaredType=Mode"])
+def test_integers_and_enumerations_of_fmi_2_have_32_bits(kind: str) -> None:
+    (element,) = Ports("c", fmi2(f"v input {kind}")).find("v")
+    assert element.kind == "integer"
+    assert all(fits(element, number) for number in (-2147483648.0, 2147483647.0, 0.0))
+    assert not any(fits(element, number) for number in (-2147483649.0, 2147483648.0, 1.5))
+
+
+def test_reals_hold_any_number_and_booleans_two() -> None:
+    ports = Ports("c", fmi2("r input Real", "b input Boolean"))
+    (real,), (boolean,) = ports.find("r"), ports.find("b")
+    assert all(fits(real, number) for number in (-1e308, 0.5, 5e-324))
+    assert [number for number in (-1.0, 0.0, 0.5, 1.0, 2.0) if fits(boolean, number)] == [0.0, 1.0]
+
+
+def test_kinds_of_all_types_that_can_be_exchanged() -> None:
+    reals = dict.fromkeys(("Real", "Float64", "Float32"), "real")
+    assert reals | dict.fromkeys((*RANGES, "Integer", "Enumeration"), "integer") | {"Boolean": "boolean"} == KINDS
+    assert fmi3("s String").find("s")[0].kind == "String"
+
+
+# Names
+
+
+def names(ports: Ports, name: str) -> list[str]:
+    return [element.name for element in ports.find(name)]
+
+
+def test_elements_of_arrays_of_fmi_3_are_counted_from_1_row_by_row() -> None:
+    ports = fmi3("m Float64 2 3", "s Float64", "v Float64 2")
+    assert names(ports, "m") == ["m[1,1]", "m[1,2]", "m[1,3]", "m[2,1]", "m[2,2]", "m[2,3]"]
+    assert [element.offset for element in ports.find("m")] == [0, 1, 2, 3, 4, 5]
+    assert names(ports, "v") == ["v[1]", "v[2]"]
+    assert (names(ports, "s"), ports.find("s")[0].offset) == (["s"], 0)
+    assert names(ports, "m[2,1]") == ["m[2,1]"]
+    assert [element.name for element in ports.all_elements()][5:] == ["m[2,3]", "s", "v[1]", "v[2]"]
+    assert [variable.name for variable in variables_of(ports.all_elements())] == ["m", "s", "v"]
+    for missing in ("m[0,1]", "m[1]", "v[3]", "v[0]", "s[1]"):
+        with pytest.raises(SetupError, match="has no variable"):
+            ports.find(missing)
+
+
+def test_vectors_of_fmi_2_are_in_the_order_of_their_indices() -> None:
+    ports = Ports("c", fmi2("v[10] input Real", "v[2] input Real", "w[2,1] input Real", "v[1] input Real",
+                            "w[1,2] input Real", "x[a] input Real", "y.z[1] input Real"))  # fmt: skip
+    assert names(ports, "v") == ["v[1]", "v[2]", "v[10]"]
+    assert names(ports, "w") == ["w[1,2]", "w[2,1]"]
+    assert names(ports, "x[a]") == ["x[a]"]
+    assert names(ports, "y.z") == ["y.z[1]"]
+    with pytest.raises(SetupError, match="has no variable 'x'"):
+        ports.find("x")
+
+
+def test_elements_by_causality_are_in_the_order_of_the_description() -> None:
+    ports = Ports("c", fmi2("b input Real", "p parameter Real", "y output Real", "a input Real"))
+    assert [element.name for element in ports.of_causality("input")] == ["b", "a"]
+    assert [element.name for element in ports.of_causality("output")] == ["y"]
+    assert ports.description_of("p").causality == "parameter"
+
+
+def test_undeclared_dependencies_are_on_all_inputs() -> None:
+    variables = "u input Real", "p parameter Real", "v input Real", "y output Real", "z output Real"
+    assert Ports("c", fmi2(*variables)).feedthrough == {"y": set(), "z": set()}
+    assert Ports("c", fmi2(*variables, feedthrough=True)).feedthrough == {"y": {"u", "v"}, "z": {"u", "v"}}
+
+
+# Systems
+
+
+def test_a_connection_is_as_it_stands_unless_told() -> None:
+    system = System()
+    system.connect("a.y", "b.u")
+    assert system.connections == [Connection("a.y", "b.u")] == [Connection("a.y", "b.u", 1.0, 0.0, "equal")]
+
+
+def test_signals_are_sums_only_where_they_disturb() -> None:
+    system = System()
+    system.drive("a.u", abs)
+    system.disturb("a.v", abs, breakpoints=[1], vectorized=True)
+    drive, disturbance = system.signals
+    assert (drive.target, drive.breakpoints, drive.vectorized, drive.added) == ("a.u", (), False, False)
+    assert (disturbance.target, disturbance.breakpoints) == ("a.v", (1.0,))
+    assert (disturbance.vectorized, disturbance.added) == (True, True)
+
+
+def test_a_component_takes_part_in_every_step_and_has_no_start_values_unless_told() -> None:
+    system, start = System(), {"k": 1.0}
+    system.add("a", "a.fmu")
+    system.add("b", "b.fmu", start, 3)
+    assert (system.components["a"].every, system.components["a"].start) == (1, {})
+    start["k"] = 2.0
+    assert (system.components["b"].every, system.components["b"].start) == (3, {"k": 1.0})
