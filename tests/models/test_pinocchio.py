@@ -9,8 +9,7 @@ import pytest
 from scipy.linalg import sqrtm
 
 from fmu_export.trace.trace import trace
-from parallel_robot.paper.reproduce.draw_model import PRINTED_X, PRINTED_Y
-from parallel_robot.paper.reproduce.errata_model import PRINTED_START
+from parallel_robot.paper.reproduce.content import PRINTED_START, PRINTED_X, PRINTED_Y
 from parallel_robot.scenario import load_scenario
 from plant_fmu.dynamics import coriolis_matrix, mass_matrix
 from plant_fmu.kinematics import constraint_bias, constraint_matrix

@@ -8,7 +8,7 @@ from typing import Any
 
 from parallel_robot.paper.report.series import Series, controller_names
 from parallel_robot.paper.reproduce.content import CONDITIONS, Condition, Controller, Runs
-from parallel_robot.paper.reproduce.style import CONTROLLER_LINES
+from parallel_robot.paper.reproduce.figures.style import CONTROLLER_LINES
 
 _CONDITIONS: dict[Condition, str] = {
     "disturbed": "disturbed (mass change and torque)",

@@ -15,14 +15,13 @@ from parallel_robot.paper.report.animation import animation_data, animation_sect
 from parallel_robot.paper.report.claims import (
     claims_section,
     errata_section,
+    readings_section,
     scoreboard,
-    table,
     table1_section,
     theorem_section,
 )
 from parallel_robot.paper.report.curves import curves_data, curves_section
-from parallel_robot.paper.report.prose import prose
-from parallel_robot.paper.report.readings import readings_section
+from parallel_robot.paper.report.prose import prose, table
 from parallel_robot.paper.report.robustness import robustness_section
 from parallel_robot.paper.report.series import all_series, controller_names
 from parallel_robot.paper.reproduce.content import PaperFigure, Reproduction, Runs
@@ -34,7 +33,6 @@ _SCRIPTS = ("data.js", "robot.js", "player.js", "curves.js", "claims.js")
 
 #: A vector figure larger than this goes in as PNG, which phones draw faster (bytes).
 _LARGEST_SVG = 600_000
-
 
 #: Settings of the runs in words, with their units.
 _WORDS = {

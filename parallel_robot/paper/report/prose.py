@@ -1,8 +1,9 @@
-"""Plain text and numbers, set for the page: symbols, powers of ten, subscripts."""
+"""Plain text, numbers and tables, set for the page: symbols, powers of ten, subscripts."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable, Sequence
 from html import escape
 
 _GREEK = {
@@ -27,9 +28,13 @@ _GREEK = {
 
 #: A symbol is a Greek name or one letter; longer words with an underscore are names of variables, and stay.
 _SYMBOL = re.compile(r"(?<![A-Za-z_])(" + "|".join(_GREEK) + r")(?![a-z])")
+
 _INDEX = re.compile(r"(?<!\w)([A-Za-zΓΛΠα-ω])_([A-Za-z0-9]{1,3}(?:_min|_max)?)(?:\[(\d)\])?(?!\w)")
+
 _POWER = re.compile(r"(?<=[\w)|])\^(?:\(([^()]+)\)|(-?\d+|T\b))")
+
 _EXPONENT = re.compile(r"(?<![\w.])(-?\d+(?:\.\d+)?)e([+-]?\d+)(?!\w)")
+
 _MINUS = re.compile(r"(?<![\w)\].])-(?=[\dα-ωΓ]|[A-Z]\b)|(?<= )-(?= )")
 
 
@@ -56,3 +61,23 @@ def _times_power(digits: str, power: int) -> str:
     sign = "−" if digits.startswith("-") else ""
     factor = "" if digits.lstrip("-") == "1" else f"{digits.lstrip('-')}·"
     return f"{sign}{factor}10<sup>{str(power).replace('-', '−')}</sup>"
+
+
+def table(heads: Sequence[str], rows: Iterable[Sequence[str]], caption: str, kind: str = "") -> str:
+    """An HTML table whose cells are HTML already; of class `cards`, its rows become cards on narrow screens."""
+    head = "".join(f'<th scope="col">{h}</th>' for h in heads)
+    body = "\n".join(
+        "<tr>"
+        + "".join(f'<td data-head="{_words(h)}"><div>{c}</div></td>' for h, c in zip(heads, row, strict=True))
+        + "</tr>"
+        for row in rows
+    )
+    return (
+        f'<table class="framed compact {kind}"><caption class="unseen">{caption}</caption>'
+        f"<thead><tr>{head}</tr></thead>\n<tbody>\n{body}\n</tbody></table>"
+    )
+
+
+def _words(html: str) -> str:
+    """The text of HTML, for an attribute."""
+    return re.sub(r"<[^>]*>", "", html)

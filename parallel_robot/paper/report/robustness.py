@@ -6,10 +6,9 @@ from base64 import b64encode
 from html import escape
 from pathlib import Path
 
-from parallel_robot.paper.report.claims import table
-from parallel_robot.paper.report.prose import number, prose
+from parallel_robot.paper.report.prose import number, prose, table
 from parallel_robot.paper.robustness.content import FIGURES, Front, Robustness, StudyFigure
-from parallel_robot.paper.robustness.findings import CONDITION_WORDS, NEAR_IN_WORDS
+from parallel_robot.paper.robustness.text import CONDITION_WORDS, NEAR_IN_WORDS
 
 
 def robustness_section(study: Robustness, folder: Path) -> str:

@@ -8,9 +8,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from parallel_robot.paper.reproduce import gains, model, proof, tracking  # noqa: F401 -- they register their measures
 from parallel_robot.paper.reproduce.content import Claim, Measured, Verdict
-from parallel_robot.paper.reproduce.material import Material
-from parallel_robot.paper.reproduce.measures import MEASURES
+from parallel_robot.paper.reproduce.material import MEASURES, Material
 
 FILE = Path(__file__).with_name("claims.toml")
 

@@ -19,6 +19,15 @@ Condition = Literal["disturbed", "mass change", "disturbance", "nominal"]
 #: Size of the steady errors in the insets of Figs. 8 and 9 (m).
 PRINTED_STEADY_ERROR = 1e-6
 
+#: Largest steady errors (m, rad) that the axes of the insets of Figs. 8-12 can show.
+PRINTED_STEADY = {"x": 6e-6, "y": 12e-6, "theta_a[1]": 4e-5, "theta_a[2]": 6e-5, "theta_a[3]": 8e-5}
+
+#: The printed axes of Fig. 4 (m): they alone say how long the paper's run may have been.
+PRINTED_X, PRINTED_Y = (0.21, 0.224), (0.275, 0.30)
+
+#: Start angles of active and passive joints as printed in section 6 (rad).
+PRINTED_START = (1.3137, 2.9036, -1.4326, -0.8667, 1.4593, 2.972)
+
 #: Those under which all six controllers run.
 CONDITIONS: tuple[Condition, ...] = ("disturbed", "mass change", "nominal")
 

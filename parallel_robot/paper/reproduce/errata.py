@@ -5,30 +5,30 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 
-from parallel_robot.paper.reproduce import errata_gains, errata_model, errata_proof
+from parallel_robot.paper.reproduce import gains, model, proof, tracking
 from parallel_robot.paper.reproduce.content import Erratum
 from parallel_robot.paper.reproduce.material import Material
 
 #: In the order of the paper.
 ERRATA: tuple[Callable[[Material], Erratum], ...] = (
-    errata_model.matrix_b,
-    errata_model.masses,
-    errata_model.uncertainty_sign,
-    errata_proof.lower_bound,
-    errata_proof.upper_bound,
-    errata_proof.lyapunov_rate,
-    errata_proof.decreasing_outside,
-    errata_gains.start_constants,
-    errata_gains.factored_derivative,
-    errata_gains.positive_hessian,
-    errata_gains.concave,
-    errata_gains.corrected_index,
-    errata_model.base_1,
-    errata_model.fig_4_duration,
-    errata_model.mass_support,
-    errata_model.turns,
-    errata_gains.cut_alpha,
-    errata_model.steady_errors,
+    model.matrix_b,
+    model.masses,
+    model.uncertainty_sign,
+    proof.lower_bound,
+    proof.upper_bound,
+    proof.lyapunov_rate,
+    proof.decreasing_outside,
+    gains.start_constants,
+    gains.factored_derivative,
+    gains.positive_hessian,
+    gains.concave,
+    gains.corrected_index,
+    model.base_1,
+    model.fig_4_duration,
+    tracking.mass_support,
+    tracking.turns,
+    gains.cut_alpha,
+    tracking.steady_errors,
 )
 
 

@@ -1,15 +1,15 @@
-"""What claims and errata are judged on: the runs, and what is computed from them once."""
+"""The material of claims and errata: the runs with what is computed from them once, and the register of measures."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
 from parallel_robot.metrics import metrics
-from parallel_robot.paper.reproduce.content import Condition, Runs, TableRow, TheoremCheck
-from parallel_robot.paper.reproduce.motion import Motion
+from parallel_robot.paper.reproduce.content import Condition, Measured, Runs, TableRow, TheoremCheck
 from parallel_robot.paper.reproduce.table import table1
-from parallel_robot.paper.reproduce.theorem import motions, theorem_1
+from parallel_robot.paper.reproduce.theorem import Motion, motions, theorem_1
 
 #: Names of the five tracking errors.
 ERRORS = ("x", "y", "theta_a[1]", "theta_a[2]", "theta_a[3]")
@@ -59,3 +59,24 @@ class Material:
             for c in self.runs.proposed
             for name in ERRORS
         }
+
+
+#: A measure computes from the material the numbers that decide a claim.
+Measure = Callable[[Material], Measured]
+
+#: All measures, by the name that `claims.toml` gives as `metric`.
+MEASURES: dict[str, Measure] = {}
+
+
+def measure(function: Measure) -> Measure:
+    """Register a function as a measure under its own name; a decorator.
+
+    Raises
+    ------
+    ValueError
+        Another measure has that name.
+    """
+    name = function.__name__
+    if MEASURES.setdefault(name, function) is not function:
+        raise ValueError(f"two measures are called {name!r}; rename one")
+    return function

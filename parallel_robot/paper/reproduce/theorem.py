@@ -6,8 +6,101 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from controller_fmu.model import PARAMETERS as CONTROLLER
+from cosim.results.results import Results
 from parallel_robot.paper.reproduce.content import Condition, Controller, Runs, TheoremCheck
-from parallel_robot.paper.reproduce.motion import Motion, motion
+from plant_fmu.dynamics import mass_matrix, uncertain_inertia
+from plant_fmu.model import PARAMETERS as PLANT
+from plant_fmu.reduced import passive_velocity_map
+
+#: Every so many-th communication point is looked at: rates to about 0.3 % at the disturbance's highest frequency.
+EVERY = 2
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A run in the variables of section 4; n points.
+
+    Attributes
+    ----------
+    time : array (n,)
+        In s.
+    M : array (n, 3, 3)
+        Mass matrix (27) with the mass change (kg m^2).
+    error, rate : array (n, 3)
+        theta_e (rad) and theta_e' (rad/s), (32).
+    s : array (n, 3)
+        theta_e' + S theta_e (rad/s).
+    psi : array (n, 2)
+        The estimate of (37).
+    regressor : array (n, 2)
+        |theta_a|^2 and |theta_a'|^2 of (89).
+    g : array (n, 3)
+        Total uncertainty (33) with the disturbance torque in it (N m): what M s' + M' s / 2 is besides tau_a.
+    beta, k : float
+    S : array (3,)
+    """
+
+    time: np.ndarray
+    M: np.ndarray
+    error: np.ndarray
+    rate: np.ndarray
+    s: np.ndarray
+    psi: np.ndarray
+    regressor: np.ndarray
+    g: np.ndarray
+    beta: float
+    k: float
+    S: np.ndarray
+
+    @property
+    def tracking_part(self) -> np.ndarray:
+        """V_theta_e of (42), (n,)."""
+        kinetic = 0.5 * np.einsum("ni,nij,nj->n", self.s, self.M, self.s)
+        V: np.ndarray = kinetic + self.beta * (self.error**2 @ self.S)
+        return V
+
+    def V(self, psi_bar: np.ndarray) -> np.ndarray:
+        """V of (40), (42), (n,), for a parameter psi_bar (2,) of the bound."""
+        V: np.ndarray = self.tracking_part + 0.5 * self.k * ((self.psi - psi_bar) ** 2).sum(axis=1)
+        return V
+
+    def Z(self, psi_bar: np.ndarray) -> np.ndarray:
+        """|Z| (n,), with Z = [theta_e; theta_e'; psi - psi_bar]."""
+        parts = np.column_stack([self.error, self.rate, self.psi - psi_bar])
+        norms: np.ndarray = np.linalg.norm(parts, axis=1)
+        return norms
+
+    @property
+    def least_psi_bar(self) -> np.ndarray:
+        """The least psi_bar (2,) with equal components for which (35), psi_bar^T regressor >= |g|, holds on the run."""
+        needed = np.linalg.norm(self.g, axis=1) / self.regressor.sum(axis=1)
+        return np.full(2, needed.max())
+
+
+def reduced_mass(theta: np.ndarray, X: float, Y: float, Z: float, l: float) -> np.ndarray:
+    """M of (27), (3, 3), at joint angles theta (6,); it doesn't depend on velocities."""
+    N, _ = passive_velocity_map(theta, np.zeros(6), l)
+    P = np.concatenate([np.eye(3), N])
+    M: np.ndarray = P.T @ mass_matrix(theta, X, Y, Z) @ P
+    return M
+
+
+def motion(results: Results, controller: Controller) -> Motion:
+    """Take a closed-loop run apart."""
+    r = results.thinned(EVERY)
+    p, c = PLANT.unpack(PLANT.starts), CONTROLLER.unpack(CONTROLLER.starts)
+    theta = np.column_stack([r["plant.theta_a"], r["plant.theta_b"]])
+    inertia = uncertain_inertia(p.X, p.Y, p.Z, r["plant.dm"], p.l, p.r_a, p.Z / (p.m_b * p.l))
+    M = np.array([reduced_mass(angles, X, Y, Z, p.l) for angles, X, Y, Z in zip(theta, *inertia, strict=True)])
+    error = r["plant.theta_a"] - r["trajectory.theta_ref"]
+    rate = r["plant.omega_a"] - r["trajectory.omega_ref"]
+    s = rate + c.S * error
+    s_rate, M_rate = (np.gradient(values, r.time, axis=0, edge_order=2) for values in (s, M))
+    g = np.einsum("nij,nj->ni", M, s_rate) + 0.5 * np.einsum("nij,nj->ni", M_rate, s) - r["controller.tau_a"]
+    regressor = np.column_stack([(r["plant.theta_a"] ** 2).sum(axis=1), (r["plant.omega_a"] ** 2).sum(axis=1)])
+    return Motion(r.time, M, error, rate, s, r["controller.psi"], regressor, g, controller.beta, float(c.k), c.S)
+
 
 CONDITION: Condition = "disturbed"
 

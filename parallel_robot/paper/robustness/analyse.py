@@ -12,14 +12,12 @@ import numpy as np
 from cosim.output import write_json
 from cosim.versions import versions
 from parallel_robot.paper.reproduce.table import controllers
-from parallel_robot.paper.robustness import draw, draw_gains, rows
+from parallel_robot.paper.robustness import draw, rows
 from parallel_robot.paper.robustness.content import BANDS, DATA, FIGURES, TEXT, Robustness, SourceRow
-from parallel_robot.paper.robustness.findings import findings
-from parallel_robot.paper.robustness.gains import fronts, in_condition
+from parallel_robot.paper.robustness.front import fronts, in_condition
 from parallel_robot.paper.robustness.spread import QUANTILES, bands, sensitivities, spreads
-from parallel_robot.paper.robustness.study import CONDITIONS
-from parallel_robot.paper.robustness.text import in_markdown
-from parallel_robot.paper.robustness.uncertain import SCENARIO, sources
+from parallel_robot.paper.robustness.study import CONDITIONS, SCENARIO, sources
+from parallel_robot.paper.robustness.text import findings, in_markdown
 from parallel_robot.scenario import load_scenario
 
 #: Sizes of the figures (inches).
@@ -59,7 +57,7 @@ def analyse(
     drawings = (
         draw.bands(uncertain_runs, quantiles, nominal, disturbed_from),
         draw.sensitivities(sensitivity, len(uncertain_runs.error)),
-        draw_gains.pareto(gain_runs, front),
+        draw.pareto(gain_runs, front),
     )
     study = Robustness(
         runs=len(uncertain_runs.error),

@@ -8,10 +8,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from cosim.sweep.sensitivity import Uncertain, groups_of, sobol
-from parallel_robot.paper.reproduce.style import ERROR_WORDS, error_unit
+from parallel_robot.paper.reproduce.figures.style import ERROR_WORDS, error_unit
 from parallel_robot.paper.robustness.content import Sensitivity, Spread
 from parallel_robot.paper.robustness.rows import Rows
-from parallel_robot.paper.robustness.uncertain import NO_ORDER
+from parallel_robot.paper.robustness.study import NO_ORDER
 
 #: Shares of the runs below the edges of the bands.
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)

@@ -1,12 +1,158 @@
-"""The study as a page of Markdown."""
+"""The study in words: findings that are computed from its numbers, and a page of Markdown."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
 
 from cosim.sweep.sensitivity import Index
-from parallel_robot.paper.robustness.content import FIGURES, Robustness
-from parallel_robot.paper.robustness.findings import CONDITION_WORDS, NEAR_IN_WORDS
+from parallel_robot.paper.reproduce.content import PRINTED_STEADY
+from parallel_robot.paper.reproduce.figures.style import ERROR_WORDS
+from parallel_robot.paper.robustness.content import (
+    FIGURES,
+    Finding,
+    Front,
+    Place,
+    Placed,
+    Robustness,
+    Sensitivity,
+    Spread,
+)
+from parallel_robot.paper.robustness.front import MORE_EFFORT, NEAR
+from parallel_robot.paper.robustness.rows import Rows
+from parallel_robot.paper.robustness.study import CONDITIONS
+
+#: A group whose total index is surely below this hardly matters.
+_NEGLIGIBLE = 0.05
+
+#: Rank correlations below this are no trend.
+_TREND = 0.2
+
+#: Conditions in words.
+CONDITION_WORDS: Mapping[str, str] = dict(zip(CONDITIONS, ("without sensor noise", "with sensor noise"), strict=True))
+
+
+def findings(
+    rows: Rows,
+    failed: int,
+    spreads: Sequence[Spread],
+    sensitivities: Sequence[Sensitivity],
+    fronts: Sequence[Front],
+) -> tuple[Finding, ...]:
+    """All questions with their answers."""
+    return (
+        _bounded(len(rows.error), failed, spreads),
+        _printed(rows),
+        *(_depends(s) for s in sensitivities),
+        *(_near(front) for front in fronts),
+    )
+
+
+def _bounded(runs: int, failed: int, spreads: Sequence[Spread]) -> Finding:
+    error = spreads[0]
+    return Finding(
+        "Does the tracking stay good under everything that is uncertain?",
+        f"{failed} of {runs} runs failed. The steady error is {error.median:.3g} {error.unit} in the median, in 90 % "
+        f"of the runs between {error.low:.3g} and {error.high:.3g} {error.unit}, at worst {error.largest:.3g} "
+        f"{error.unit}; in the paper's case it is {error.nominal:.3g} {error.unit}.",
+    )
+
+
+def _printed(rows: Rows) -> Finding:
+    reached = {
+        ERROR_WORDS[name]: int((rows.steady_max[name] <= 1e3 * printed).sum())
+        for name, printed in PRINTED_STEADY.items()
+    }
+    some = [f"{number} in {name}" for name, number in reached.items() if number]
+    answer = f"{_listed(some)} do" if some else "none does, in none of the five errors"
+    least = {name: float(np.nanmin(rows.steady_max[name])) for name in ("x", "y")}
+    return Finding(
+        "Does any run reach the steady errors of the insets of Figs. 8 to 12?",
+        f"Of the {len(rows.error)} runs {answer}. The best one has {least['x']:.3g} mm in x, {least['y']:.3g} mm in y; "
+        f"printed are {1e3 * PRINTED_STEADY['x']:.2g} and {1e3 * PRINTED_STEADY['y']:.2g} mm.",
+    )
+
+
+def _depends(sensitivity: Sensitivity) -> Finding:
+    ranked = sorted(sensitivity.indices, key=lambda index: -index.total)
+    matter = [index for index in ranked if index.total_interval[0] > _NEGLIGIBLE]
+    hardly = [index.group for index in ranked if index.total_interval[1] < _NEGLIGIBLE]
+    unclear = [index.group for index in ranked if index not in matter and index.group not in hardly]
+    text = f"On {_listed([_shares(i, sensitivity.trends) for i in matter])}." if matter else "On nothing for sure."
+    if hardly:
+        text += f" Surely under {100 * _NEGLIGIBLE:.0f} %: {_listed(hardly)}."
+    if unclear:
+        text += f" Too few runs to say: {_listed(unclear)}."
+    return Finding(f"What does the {sensitivity.result} depend on?", text)
+
+
+def _shares(index: Index, trends: Mapping[str, float]) -> str:
+    low, high = (100 * end for end in index.total_interval)
+    trend = trends.get(index.group, 0.0)
+    way = "" if abs(trend) < _TREND else ", rising with it" if trend > 0 else ", falling as it grows"
+    return f"the {index.group} ({100 * index.total:.0f} % of the variance, {low:.0f} to {high:.0f} %{way})"
+
+
+def _near(front: Front) -> Finding:
+    one = next(p for p in front.placed if p.controller == "1")
+    others = [p for p in front.placed if p.controller not in ("pd", "1")]
+    return Finding(
+        "Is the optimum of J anywhere near the Pareto front of steady error and control effort, "
+        f"{CONDITION_WORDS[front.condition]}?",
+        f"The optimum for (mu, nu) = (1, 1) is {one.place}: {one.error:.3g} mm at {one.effort:.3g} N m, "
+        f"{_improvements(one)} The other four: {_places(others)}. For comparison: of the "
+        f"{front.gains} gains of the grid {front.near} are on the front or near it, PD is {_pd(front)}. "
+        f"{_reach(front)}",
+    )
+
+
+def _improvements(placed: Placed) -> str:
+    if not placed.dominated_by:
+        text = "and no gains of the grid are better in both."
+    else:
+        text = (
+            f"{placed.dominated_by} gains of the grid are better in both; at no more "
+            f"effort the error can be {_percent(placed.error_alone)} smaller, at no more error the effort "
+            f"{_percent(placed.effort_alone)} smaller."
+        )
+    more = f"{100 * (MORE_EFFORT - 1):.0f} % more effort"
+    return f"{text} For {more} the error can be {placed.error_for_more:.2f} times smaller."
+
+
+def _pd(front: Front) -> Place:
+    return next(p.place for p in front.placed if p.controller == "pd")
+
+
+def _reach(front: Front) -> str:
+    """Where the front goes that the paper's gains do not."""
+    points = len(front.points)
+    return (
+        f"Of the {points} points of the front {front.at_edge} have the largest alpha or beta of the grid, and "
+        f"{front.beyond_proof} a beta above k/(2 max S_ii), which the proof excludes."
+    )
+
+
+def _percent(factor: float) -> str:
+    return f"{100 * (1 - 1 / factor):.2g} %"
+
+
+def _places(placed: Sequence[Placed]) -> str:
+    found = {p.controller: p.place for p in placed}
+    if len(set(found.values())) == 1:
+        return f"all {placed[0].place}"
+    return ", ".join(f"mu/nu = {key} {place}" for key, place in found.items())
+
+
+def _listed(items: Sequence[str]) -> str:
+    return items[0] if len(items) == 1 else f"{', '.join(items[:-1])} and {items[-1]}"
+
+
+#: How near is meant, for readers.
+NEAR_IN_WORDS = (
+    f"on the front: no gains of the grid are better in both; near it: none lower one by more than "
+    f"{100 * (1 - 1 / NEAR):.0f} % without raising the other"
+)
 
 
 def in_markdown(study: Robustness) -> str:

@@ -25,10 +25,9 @@ from fmu_export.modelling.model import Layout
 from parallel_robot import models
 from parallel_robot.paper.reproduce.claims import RELATIONS, Row, judge, rows, verdict
 from parallel_robot.paper.reproduce.content import Verdict
-from parallel_robot.paper.reproduce.draw_model import ends
-from parallel_robot.paper.reproduce.material import Material
-from parallel_robot.paper.reproduce.measure_gains import OTHER_INDICES
-from parallel_robot.paper.reproduce.measures import MEASURES
+from parallel_robot.paper.reproduce.gains import OTHER_INDICES
+from parallel_robot.paper.reproduce.material import MEASURES, Material
+from parallel_robot.paper.reproduce.model import ends
 from parallel_robot.paper.reproduce.table import PRINTED, table1
 from parallel_robot.scenario import load_scenario
 from plant_fmu.kinematics import constraint_matrix, inverse_kinematics

@@ -10,12 +10,11 @@ import pytest
 from scipy.optimize import minimize
 
 from controller_fmu.optimal_gains import PerformanceIndex
-from parallel_robot.paper.reproduce import errata_gains, errata_model, errata_proof
+from parallel_robot.paper.reproduce import gains, proof, tracking
 from parallel_robot.paper.reproduce.content import Erratum
 from parallel_robot.paper.reproduce.errata import ERRATA, find_errata
 from parallel_robot.paper.reproduce.material import Material
-from parallel_robot.paper.reproduce.motion import motion
-from parallel_robot.paper.reproduce.theorem import check, constants
+from parallel_robot.paper.reproduce.theorem import check, constants, motion
 
 
 @pytest.fixture(scope="module")
@@ -74,7 +73,7 @@ def test_lower_bound_is_undercut_by_a_state(material: Material) -> None:
         lambda x: (lambda_M / 2 * (x[1] + S * x[0]) ** 2 + beta * S * x[0] ** 2) / (x @ x), np.array([0.1, 1.0])
     )
     assert found.fun < lambda_M * 0.6
-    expected = errata_proof.lower_bound(material).numbers["lambda_min(Lambda_i)"] / 2
+    expected = proof.lower_bound(material).numbers["lambda_min(Lambda_i)"] / 2
     assert found.fun == pytest.approx(expected, rel=1e-2)
 
 
@@ -136,18 +135,18 @@ def test_an_erratum_is_not_shown_by_runs_without_it(material: Material) -> None:
     values = r.values.copy()
     values[:, column] = np.abs(values[:, column])
     closed = {**runs.closed_loop, ("1", "disturbed"): dataclasses.replace(r, values=values)}
-    assert not errata_model.mass_support(Material(dataclasses.replace(runs, closed_loop=closed))).shown
+    assert not tracking.mass_support(Material(dataclasses.replace(runs, closed_loop=closed))).shown
 
     best = runs.closed_loop["10", "disturbed"]
     values = best.values.copy()
     for actual, desired in (("plant.x_E", "trajectory.x_ref"), ("plant.y_E", "trajectory.y_ref")):
         values[:, best.names.index(actual)] = values[:, best.names.index(desired)]
     closed = {**runs.closed_loop, ("10", "disturbed"): dataclasses.replace(best, values=values)}
-    assert not errata_model.steady_errors(Material(dataclasses.replace(runs, closed_loop=closed))).shown
+    assert not tracking.steady_errors(Material(dataclasses.replace(runs, closed_loop=closed))).shown
 
 
 def test_factored_derivative_is_right_with_2(material: Material) -> None:
-    numbers = errata_gains.factored_derivative(material).numbers
+    numbers = gains.factored_derivative(material).numbers
     assert numbers["with 2"] == pytest.approx(numbers["central difference"], abs=1e-6)
 
 

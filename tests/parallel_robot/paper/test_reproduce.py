@@ -19,8 +19,8 @@ from cosim.errors import CosimError
 from parallel_robot.commands import reproduce as command
 from parallel_robot.paper.reproduce import figures, run, table
 from parallel_robot.paper.reproduce.content import CONDITIONS, Reproduction, Runs
+from parallel_robot.paper.reproduce.figures.style import CONTROLLER_LINES
 from parallel_robot.paper.reproduce.material import Material
-from parallel_robot.paper.reproduce.style import CONTROLLER_LINES
 
 
 @pytest.fixture(scope="module")
@@ -144,7 +144,7 @@ def test_no_text_is_cut_and_every_axis_has_its_unit(runs: Runs) -> None:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    from parallel_robot.paper.reproduce.style import STYLE
+    from parallel_robot.paper.reproduce.figures.style import STYLE
 
     for drawing in figures.drawings(runs):
         with mpl_style.context(STYLE):

@@ -21,16 +21,25 @@ from cosim.sweep.errors import SweepError
 from cosim.sweep.points import Levels, Range
 from cosim.sweep.store import read
 from parallel_robot.paper.report.robustness import robustness_section
-from parallel_robot.paper.reproduce.style import ERROR_NAMES
+from parallel_robot.paper.reproduce.figures.style import ERROR_NAMES
 from parallel_robot.paper.reproduce.table import controllers
-from parallel_robot.paper.robustness import draw, gains, uncertain
+from parallel_robot.paper.robustness import draw
 from parallel_robot.paper.robustness.content import Index, Robustness, RobustnessError, Sensitivity, load
-from parallel_robot.paper.robustness.findings import findings
-from parallel_robot.paper.robustness.gains import fronts
+from parallel_robot.paper.robustness.front import NEAR, fronts, gain_of_others
 from parallel_robot.paper.robustness.rows import Rows
 from parallel_robot.paper.robustness.rows import gains as gain_rows
 from parallel_robot.paper.robustness.spread import bands, spreads
-from parallel_robot.paper.robustness.study import ALPHA, BETA, CONDITIONS, CURVE_PERIOD, monte_carlo
+from parallel_robot.paper.robustness.study import (
+    ALPHA,
+    BETA,
+    CONDITIONS,
+    CURVE_PERIOD,
+    SCENARIO,
+    drawn_by_membership,
+    monte_carlo,
+    sources,
+)
+from parallel_robot.paper.robustness.text import findings
 from parallel_robot.scenario import load_scenario
 from tests.conftest import DEFAULT_FLAVOUR
 from tests.support.html import Elements
@@ -42,7 +51,7 @@ ROOT = Path(__file__).parents[3]
 
 @pytest.mark.parametrize("membership", [Sine(), Triangle(0.1, 0.4, 0.5)])
 def test_a_mean_over_draws_of_a_fuzzy_number_is_its_d_operation(membership):
-    quantile = uncertain.drawn_by_membership(membership)
+    quantile = drawn_by_membership(membership)
     draws = quantile((np.arange(4096) + 0.5) / 4096)
     assert membership.support[0] < draws.min() < draws.max() < membership.support[1]
     for f in (lambda v: v, lambda v: v**2, lambda v: np.exp(3.0 * v)):
@@ -56,12 +65,12 @@ def test_draws_of_the_paper_s_membership_in_closed_form():
     # integral of sin(2 pi v) up to v over that up to 0.5: (1 - cos(2 pi v))/2
     u = np.linspace(0.01, 0.99, 50)
     expected = np.arccos(1.0 - 2.0 * u) / (2.0 * np.pi)
-    assert uncertain.drawn_by_membership(Sine())(u) == pytest.approx(expected, abs=1e-6)
+    assert drawn_by_membership(Sine())(u) == pytest.approx(expected, abs=1e-6)
 
 
 def test_everything_that_the_issue_of_robustness_names_is_varied():
-    scenario = load_scenario(uncertain.SCENARIO)
-    factors = {s.uncertain.factor.name: s.uncertain.factor for s in uncertain.sources(scenario)}
+    scenario = load_scenario(SCENARIO)
+    factors = {s.uncertain.factor.name: s.uncertain.factor for s in sources(scenario)}
     assert set(factors) == {
         "plant.dm.amplitude",
         "plant.dm.phase",
@@ -86,8 +95,8 @@ def test_everything_that_the_issue_of_robustness_names_is_varied():
 
 
 def test_all_steps_see_the_same_noise_and_meet_the_points_of_the_bands():
-    scenario = load_scenario(uncertain.SCENARIO)
-    (steps,) = [s.uncertain.factor for s in uncertain.sources(scenario) if s.uncertain.factor.name == "step_size"]
+    scenario = load_scenario(SCENARIO)
+    (steps,) = [s.uncertain.factor for s in sources(scenario) if s.uncertain.factor.name == "step_size"]
     assert isinstance(steps, Levels)
     for step in steps.values:
         for whole in (CURVE_PERIOD, scenario.stop_time, *(n.period for n in scenario.disturbances.values())):
@@ -178,9 +187,9 @@ def test_answers_follow_the_numbers():
 
 
 def test_near_is_what_is_said():
-    assert pytest.approx(1.0 / 0.9) == gains.NEAR
+    assert pytest.approx(1.0 / 0.9) == NEAR
     grid = np.array([[1.0, 4.0], [2.0, 2.0], [4.0, 1.0]])
-    factors = gains.gain_of_others(np.array([[2.0, 2.0], [3.0, 3.0], [0.5, 9.0], [5.0, 0.5]]), grid)
+    factors = gain_of_others(np.array([[2.0, 2.0], [3.0, 3.0], [0.5, 9.0], [5.0, 0.5]]), grid)
     assert factors.tolist() == [[1.0, 1.0], [1.5, 1.5], [1.0, 1.0], [1.0, 1.0]]
 
 

@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from controller_fmu.optimal_gains import PerformanceIndex
-from parallel_robot.paper.reproduce import style
 from parallel_robot.paper.reproduce.content import Runs
+from parallel_robot.paper.reproduce.figures import style
 
 #: Range of alpha and beta shown.
 LOWEST, HIGHEST = 0.4, 4.0

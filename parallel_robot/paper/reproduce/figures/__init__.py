@@ -5,22 +5,22 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from parallel_robot.paper.reproduce import draw_errors, draw_gains, draw_model, style
 from parallel_robot.paper.reproduce.content import PaperFigure, Runs
+from parallel_robot.paper.reproduce.figures import gains, open_loop, style, tracking
 
 #: Of the figures, as in the paper.
-NUMBERS = (4, 5, 6, 7, *draw_errors.TIME_FIGURES.values(), *draw_errors.ACCUMULATED_FIGURES.values())
+NUMBERS = (4, 5, 6, 7, *tracking.TIME_FIGURES.values(), *tracking.ACCUMULATED_FIGURES.values())
 
 
 def drawings(runs: Runs) -> list[style.Drawing]:
     """All figures, by number."""
     return [
-        draw_model.fig_4(runs),
-        draw_gains.fig_5(runs),
-        draw_gains.fig_6(runs),
-        draw_errors.fig_7(runs),
-        *(draw_errors.error_over_time(runs, name) for name in draw_errors.TIME_FIGURES),
-        *(draw_errors.accumulated_error(runs, name) for name in draw_errors.ACCUMULATED_FIGURES),
+        open_loop.fig_4(runs),
+        gains.fig_5(runs),
+        gains.fig_6(runs),
+        tracking.fig_7(runs),
+        *(tracking.error_over_time(runs, name) for name in tracking.TIME_FIGURES),
+        *(tracking.accumulated_error(runs, name) for name in tracking.ACCUMULATED_FIGURES),
     ]
 
 

@@ -5,30 +5,9 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from cosim.results.results import Results
-from parallel_robot.paper.reproduce import style
-from parallel_robot.paper.reproduce.content import Runs
-from plant_fmu.kinematics import chain_ends
-from plant_fmu.model import PARAMETERS
-
-#: The printed axes of Fig. 4 (m): they alone say how long the paper's run may have been.
-PRINTED_X, PRINTED_Y = (0.21, 0.224), (0.275, 0.30)
-
-
-def ends(results: Results) -> tuple[np.ndarray, np.ndarray]:
-    """Positions x and y (m), each (n, 3), of the ends of the three chains."""
-    P = PARAMETERS.unpack(PARAMETERS.starts)
-    theta = np.column_stack([results["plant.theta_a"], results["plant.theta_b"]])
-    x, y = chain_ends(theta.T, P.l, P.x_A[:, None], P.y_A[:, None])
-    return x.T, y.T
-
-
-def seconds_in_printed_axes(results: Results) -> float:
-    """How long (s) the end effector stays inside the printed axes of Fig. 4; rounding at the start doesn't count."""
-    x, y = results["plant.x_E"], results["plant.y_E"]
-    slack = 1e-9
-    outside = (x < PRINTED_X[0]) | (x > PRINTED_X[1]) | (y < PRINTED_Y[0]) | (y > PRINTED_Y[1] + slack)
-    return float(results.time[np.argmax(outside)] if outside.any() else results.time[-1])
+from parallel_robot.paper.reproduce.content import PRINTED_X, PRINTED_Y, Runs
+from parallel_robot.paper.reproduce.figures import style
+from parallel_robot.paper.reproduce.model import ends, seconds_in_printed_axes
 
 
 def fig_4(runs: Runs) -> style.Drawing:

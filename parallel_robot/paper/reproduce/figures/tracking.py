@@ -10,15 +10,13 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
 
 from parallel_robot.metrics import metrics, tracking_errors
-from parallel_robot.paper.reproduce import style
-from parallel_robot.paper.reproduce.content import Condition, Runs
+from parallel_robot.paper.reproduce.content import PRINTED_STEADY, Condition, Runs
+from parallel_robot.paper.reproduce.figures import style
 
 #: Numbers of the figures of each error over time, and of its accumulation.
 TIME_FIGURES = {name: 8 + i for i, name in enumerate(style.ERROR_NAMES)}
-ACCUMULATED_FIGURES = {name: 13 + i for i, name in enumerate(style.ERROR_NAMES)}
 
-#: What the insets of Figs. 8-12 show as steady errors (m, rad), as printed at their axes.
-PRINTED_STEADY = {"x": 6e-6, "y": 12e-6, "theta_a[1]": 4e-5, "theta_a[2]": 6e-5, "theta_a[3]": 8e-5}
+ACCUMULATED_FIGURES = {name: 13 + i for i, name in enumerate(style.ERROR_NAMES)}
 
 
 def fig_7(runs: Runs) -> style.Drawing:

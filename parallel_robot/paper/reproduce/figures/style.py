@@ -29,6 +29,7 @@ CONTROLLER_LINES: dict[str, dict[str, Any]] = {
 MOST_POINTS = 1500
 
 ERROR_NAMES = {"x": "x", "y": "y", **{f"theta_a[{i}]": rf"$\theta_{{a{i}}}$" for i in (1, 2, 3)}}
+
 ERROR_WORDS = {"x": "x", "y": "y", **{f"theta_a[{i}]": f"active joint {i}" for i in (1, 2, 3)}}
 
 
