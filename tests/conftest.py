@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from cosim.results.figure_process import FigureProcess
 from fmu_export.native.backend import build_native
-from parallel_robot.figure_process import FigureProcess
 from parallel_robot.fmus import build, default_flavour
 from parallel_robot.models import MODELS
 from tests.support.fmi3_gain import build_gain
@@ -66,5 +66,5 @@ def gain3c(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
     """`cosim run` without figures, which take most of the time of a short run."""
-    monkeypatch.setattr(FigureProcess, "start", lambda _: None)
+    monkeypatch.setattr(FigureProcess, "start", lambda *_: None)
     monkeypatch.setattr(FigureProcess, "write", lambda *_: [])

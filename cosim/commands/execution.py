@@ -1,26 +1,34 @@
-"""A run from the command line: with a progress bar, and on the disk where it is too long for memory."""
+"""A run from the command line, whatever the system was read from: make it, write what it recorded, say how it went."""
 
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import shutil
-from collections.abc import Callable, Iterator
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from tqdm import tqdm
 
-from cosim.errors import CosimError
+from cosim.errors import CosimError, MissingExtra, SetupError, nearest
+from cosim.master.extrapolation import Coupling
 from cosim.master.failures import SimulationError, SimulationInterrupted
 from cosim.master.operations import Order
 from cosim.master.simulation import Simulation, number_of_steps
+from cosim.output import OutputError, check_writable, write_json, write_somewhere
+from cosim.results.figure_process import FigureProcess
 from cosim.results.formats import format_of
 from cosim.results.results import Results
 from cosim.results.stored import StoredResults, TableWriter
-from cosim.system.system import System
+from cosim.scenario.metrics import Metric, measured
+from cosim.system.system import AsWritten, System
+from cosim.versions import versions
 
 #: A run that records more values than this is written as it goes, and not kept in memory.
 MOST_VALUES_IN_MEMORY = 10_000_000
@@ -32,17 +40,88 @@ class UsageError(CosimError):
 
 @dataclass(frozen=True)
 class Plan:
-    """Times of a run (s), and the order of its value exchange."""
+    """Times of a run (s), how values are exchanged, and what is recorded when."""
 
     stop_time: float
     step_size: float
-    order: Order
     start_time: float = 0.0
+    order: Order = "sequential"
+    extrapolation: Coupling = "auto"
+    record: Sequence[str] | None = None
+    record_every: int = 1
 
 
-def execute(
-    system: System, plan: Plan, args: argparse.Namespace, folder: Path, formats: list[str]
-) -> Results | StoredResults:
+@dataclass(frozen=True)
+class PreparedRun:
+    """A system and a run of it, ready to be made.
+
+    Attributes
+    ----------
+    source, title : str
+        What the user named, and one line for people.
+    system : System
+    plan : Plan
+    folder : Path
+        Of the results.
+    about : mapping
+        First entries of the summary.
+    details : mapping
+        Entries of the summary that follow those of the run.
+    metrics : mapping
+        Metrics by name.
+    further_metrics : callable, optional
+        Gives more of them, from results with at least one row.
+    report : callable, optional
+        Lines for people, from all metrics.
+    drawing : str, optional
+        `module:function` that draws the results; see `FigureProcess.write`.
+    drawing_arguments : tuple
+    said_path : callable
+        The path of an FMU file as the summary names it.
+    """
+
+    source: str
+    title: str
+    system: System
+    plan: Plan
+    folder: Path
+    about: Mapping[str, Any]
+    details: Mapping[str, Any] = field(default_factory=dict)
+    metrics: Mapping[str, Metric] = field(default_factory=dict)
+    further_metrics: Callable[[Results | StoredResults], Mapping[str, Any]] | None = None
+    report: Callable[[Mapping[str, Any]], Sequence[str]] | None = None
+    drawing: str | None = None
+    drawing_arguments: tuple[Any, ...] = ()
+    said_path: Callable[[str], str] = str
+
+
+def run_prepared(prepared: PreparedRun, args: argparse.Namespace, figures: FigureProcess) -> int:
+    """Run, write results, summary and figures, also of a run that ends early; returns the exit code.
+
+    Raises
+    ------
+    CosimError
+        The run can't be made, or failed; the message says where what was recorded is.
+    """
+    formats = args.format or ["csv"]
+    write = partial(_write, prepared, formats=formats, figures=figures)
+    try:
+        results = execute(prepared, args.realtime, formats)
+    except SetupError as error:
+        raise UsageError(f"{prepared.source}: {error}") from error
+    except SimulationError as error:
+        if error.results is None:
+            raise
+        raise CosimError(f"{error}; {_rescued(write, error.results, prepared.folder, str(error))}") from error
+    except SimulationInterrupted as interrupt:
+        where = _rescued(write, interrupt.results, prepared.folder, str(interrupt))
+        print(f"cosim: {interrupt}; {where}", file=sys.stderr)
+        return 130
+    print(in_words(prepared, write(results)))
+    return 0
+
+
+def execute(prepared: PreparedRun, realtime: float | None, formats: Sequence[str]) -> Results | StoredResults:
     """Run a system; a run that is too long for memory goes to the disk as it comes.
 
     Raises
@@ -50,21 +129,23 @@ def execute(
     SetupError, SimulationError, SimulationInterrupted
         As `Simulation.run`; their results are those on the disk for a long run.
     """
+    plan, folder = prepared.plan, prepared.folder
     with (
-        Simulation(system, order=plan.order, coupling=args.coupling, record=args.record) as simulation,
+        Simulation(prepared.system, order=plan.order, coupling=plan.extrapolation, record=plan.record) as simulation,
         _progress(plan) as progress,
     ):
+        _check_metrics(prepared.metrics, simulation.names)
         run = partial(
             simulation.run,
             plan.stop_time,
             plan.step_size,
             start_time=plan.start_time,
-            record_every=args.record_every,
-            realtime=args.realtime,
+            record_every=plan.record_every,
+            realtime=realtime,
             progress=progress,
         )
         points = number_of_steps(plan.start_time, plan.stop_time, plan.step_size) + 1
-        n_values = points // max(1, args.record_every) * (len(simulation.names) + 1)
+        n_values = points // max(1, plan.record_every) * (len(simulation.names) + 1)
         if n_values <= MOST_VALUES_IN_MEMORY:
             return run()
         path = folder / "results.parquet"
@@ -78,6 +159,16 @@ def execute(
                 error.results = StoredResults(path, error.results.info)
             raise
         return StoredResults(path, results.info)
+
+
+def _check_metrics(metrics: Mapping[str, Metric], recorded: Sequence[str]) -> None:
+    """What a metric is computed from must be recorded, which is known before anything runs."""
+    for name, metric in metrics.items():
+        for variable in metric.variables:
+            if variable not in recorded:
+                raise SetupError(
+                    f"metric '{name}': '{variable}' is not recorded, or is no scalar; {nearest(variable, recorded)}"
+                )
 
 
 def _check_room(folder: Path, n_values: int, files: set[Path]) -> None:
@@ -105,47 +196,83 @@ def _progress(plan: Plan) -> Iterator[Callable[[float], None]]:
         yield report
 
 
-def start_value(assignment: str) -> tuple[str, str, float]:
-    """Instance, variable and number of an option INSTANCE.NAME=VALUE.
+# What a run leaves
 
-    Raises
-    ------
-    UsageError
-        It is written otherwise.
-    """
-    path, equals, text = assignment.partition("=")
-    instance, dot, name = path.partition(".")
+
+def _rescued(write: Callable[..., Any], results: Results | StoredResults, folder: Path, error: str) -> str:
+    """Write what a run had recorded when it ended early; says where, or why not."""
     try:
-        value = float(text)
-    except ValueError:
-        equals = ""
-    if not (equals and dot and name):
-        raise UsageError(f"--set {assignment}: write INSTANCE.NAME=NUMBER, as controller.alpha=2")
-    return instance, name, value
+        write(results, error=error)
+    except OutputError as second:
+        return str(second)
+    return f"what was recorded is in {folder}"
 
 
-def check_overrides(assignments: list[str], system: System, remedy: str) -> None:
-    """A start value of an input that something feeds would have no effect, and no one would notice."""
-    fed = {c.target for c in system.connections} | {s.target for s in system.signals}
-    for assignment in assignments:
-        path = assignment.partition("=")[0]
-        if {path, path.partition("[")[0]} & fed:
-            raise UsageError(f"--set {assignment}: '{path}' is fed by a connection or a signal; {remedy}")
+def _write(
+    prepared: PreparedRun,
+    results: Results | StoredResults,
+    formats: Sequence[str],
+    figures: FigureProcess,
+    error: str | None = None,
+) -> dict[str, Any]:
+    """Write results, unless they are on the disk already, summary and figures; returns the summary."""
+    info = dict(results.info)
+    info["fmus"] = {name: {**fmu, "path": prepared.said_path(fmu["path"])} for name, fmu in info["fmus"].items()}
+    summary = {
+        **prepared.about,
+        **info,
+        **prepared.details,
+        "error": error,
+        "metrics": _metrics(prepared, results) if len(results.time) else None,
+        "versions": versions(),
+    }
+
+    def save(folder: Path) -> None:
+        if isinstance(results, Results):
+            for name in formats:
+                results.save(folder / f"results.{name}")
+
+    def write(folder: Path) -> None:
+        write_json(folder / "summary.json", summary)
+        with ThreadPoolExecutor(max_workers=1) as pool:  # tables are written by C++, which lets Python go on
+            saved = pool.submit(save, folder)
+            if prepared.drawing is not None and len(results.time) > 1:
+                try:
+                    figures.write(prepared.drawing, results, prepared.drawing_arguments, folder)
+                except MissingExtra as missing:
+                    print(f"note: there are no figures, for {missing}")
+        saved.result()
+
+    write_somewhere(write, prepared.folder)
+    return summary
 
 
-def in_words(info: dict[str, Any], plan: Plan) -> list[str]:
-    """What ran, and how, for people; one line each."""
+def _metrics(prepared: PreparedRun, results: Results | StoredResults) -> dict[str, Any]:
+    further = {} if prepared.further_metrics is None else prepared.further_metrics(results)
+    return {**further, **measured(prepared.metrics, results)}
+
+
+def in_words(prepared: PreparedRun, summary: Mapping[str, Any]) -> str:
+    """What ran, how, and what came of it, for people."""
+    plan = prepared.plan
     duration = plan.stop_time - plan.start_time
     lines = [
-        f"{duration:g} s at {plan.step_size * 1e3:g} ms, {plan.order} order: loop {info['loop_time_s']:.2f} s",
-        _coupling(info["coupling"]),
+        prepared.title,
+        f"{duration:g} s at {plan.step_size * 1e3:g} ms, {plan.order} order: loop {summary['loop_time_s']:.2f} s",
+        _coupling(summary["coupling"]),
     ]
-    if pace := info.get("realtime"):
+    if pace := summary.get("realtime"):
         lines.append(
             f"real time times {pace['factor']:g}: {pace['overruns']} overruns, points late by at most "
             f"{pace['lateness_max_s'] * 1e3:.3g} ms, jitter {pace['jitter_rms_s'] * 1e3:.3g} ms rms"
         )
-    return lines
+    if prepared.report is not None:
+        lines += prepared.report(summary["metrics"])
+    if prepared.metrics:
+        values = {name: summary["metrics"][name] for name in prepared.metrics}
+        lines += ["", *(f"{name:<40}{'-' if v is None else f'{v:.6g}':>14}" for name, v in values.items())]
+    what = "results and summary" if prepared.drawing is None else "results, summary and figures"
+    return "\n".join([*lines, f"{what}: {prepared.folder}"])
 
 
 def _coupling(coupling: dict[str, Any]) -> str:
@@ -156,3 +283,75 @@ def _coupling(coupling: dict[str, Any]) -> str:
     if not held:
         return "inputs linear between communication points (second-order coupling)"
     return f"inputs linear between communication points, but for {len(held)} held ones (see summary.json)"
+
+
+# Options that all kinds of systems have in common
+
+
+def results_folder(args: argparse.Namespace, name: str) -> Path:
+    """The folder of the results, which can be written.
+
+    Raises
+    ------
+    OutputError
+        It can't be.
+    """
+    folder: Path = args.out if args.out is not None else Path("results") / name
+    check_writable(folder)
+    return folder
+
+
+def start_value(assignment: str, components: Sequence[str], only: str | None = None) -> tuple[str, str, AsWritten]:
+    """Component, variable and value of an option COMPONENT.NAME=VALUE; NAME=VALUE is one of the `only` component.
+
+    Raises
+    ------
+    UsageError
+        It is written otherwise, or there is no such component.
+    """
+    path, equals, text = assignment.partition("=")
+    component, dot, name = path.partition(".")
+    if only is not None and equals and path and component != only:
+        return only, path, AsWritten(text)
+    if not (equals and dot and name):
+        raise UsageError(f"--set {assignment}: write COMPONENT.NAME=VALUE, as controller.alpha=2")
+    if component not in components:
+        hint = nearest(component, components)
+        raise UsageError(f"--set {assignment}: the system has no component '{component}'; {hint}")
+    return component, name, AsWritten(text)
+
+
+def with_start_values(system: System, assignments: Sequence[str], remedy: str, only: str | None = None) -> System:
+    """A copy of a system with start values of options COMPONENT.NAME=VALUE; the last one of a name holds.
+
+    Those that name no component are for the `only` one, if there is one. A start value of an input that something feeds
+    would have no effect, and no one would notice.
+
+    Raises
+    ------
+    UsageError
+        An option is written otherwise, names no component, or an input that is fed; `remedy` says what to do then.
+    """
+    components = dict(system.components)
+    fed = {c.target for c in system.connections} | {s.target for s in system.signals}
+    for assignment in assignments:
+        component, name, value = start_value(assignment, list(components), only)
+        path = f"{component}.{name}"
+        if {path, path.partition("[")[0]} & fed:
+            raise UsageError(f"--set {assignment}: '{path}' is fed by a connection or a signal; {remedy}")
+        start = {n: v for n, v in components[component].start.items() if n != name} | {name: value}
+        components[component] = dataclasses.replace(components[component], start=start)
+    return dataclasses.replace(system, components=components)
+
+
+def refuse(options: Mapping[str, Any], why: str) -> None:
+    """Refuse options that are given and have no meaning for what is run.
+
+    Raises
+    ------
+    UsageError
+        One of them is given.
+    """
+    for option, value in options.items():
+        if value not in (None, [], False):
+            raise UsageError(f"{option} {why}")

@@ -1,49 +1,51 @@
-"""`cosim run`: couple the FMUs in a scenario or an SSP."""
+"""`cosim run`: couple the FMUs in a scenario or an SSP, or run a single one."""
 
 from __future__ import annotations
 
 import argparse
+from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from cosim.commands.options import add_algorithm_options
+from cosim.results.figure_process import FigureProcess
 from cosim.results.formats import FORMATS, option_help
-from parallel_robot.choices import FLAVOURS, scenario_names
-from parallel_robot.figure_process import FigureProcess
+from cosim.scenario.family import default_scenario, families, named
+
+if TYPE_CHECKING:
+    from cosim.commands.execution import PreparedRun
 
 
 def register(subparsers: Any) -> None:
     """Add the parser of `cosim run`."""
+    known = families()
+    names = [name for family in known.values() for name in family.scenario_names()]
+    defaults = [family.default for family in known.values() if family.default is not None]
     parser = subparsers.add_parser(
         "run",
-        help="run a scenario of the coupled FMUs, or an SSP",
-        description=f"Couple the FMUs in a scenario. Scenarios: {', '.join(scenario_names())}, or a TOML file. Or "
-        "couple those in an SSP, of any system.",
+        help="run a scenario, an SSP, or a single FMU",
+        description="Couple the FMUs in a scenario, or those in an SSP, or run a single FMU. Scenarios: "
+        f"{', '.join([*names, 'or a TOML file'])}.",
     )
-    parser.add_argument("scenario", nargs="?", default="tracking", help="name or path (default %(default)s)")
     parser.add_argument(
-        "--flavour", choices=FLAVOURS, help="default fmi2; pythonfmu where there is no C compiler to build it"
+        "scenario",
+        nargs="?",
+        help="name of a scenario, or path of a TOML file, an SSP or an FMU"
+        + (f" (default {defaults[0]})" if len(defaults) == 1 else ""),
     )
-    parser.add_argument("--fmus", type=Path, default=Path("fmus"), metavar="DIR", help="FMU folder (default fmus)")
     parser.add_argument(
         "--fmu",
         action="append",
         default=[],
-        metavar="INSTANCE=FILE",
-        help="FMU of your own for an instance, as controller=PID.fmu; may be repeated",
+        metavar="COMPONENT=FILE",
+        help="FMU of your own for a component, as controller=PID.fmu; may be repeated",
     )
     parser.add_argument("--step", type=float, metavar="H", help="communication step in s")
+    parser.add_argument("--start", type=float, metavar="T", help="start time in s")
     parser.add_argument("--stop", type=float, metavar="T", help="stop time in s")
-    parser.add_argument("--order", choices=("sequential", "parallel"), help="order of the value exchange")
-    parser.add_argument(
-        "--coupling",
-        choices=("auto", "hold", "linear"),
-        default="auto",
-        help="inputs between communication points: held, or linear (auto: linear where the FMU can)",
-    )
+    add_algorithm_options(parser)
     parser.add_argument("--record", action="append", metavar="NAME", help="record this variable only; may be repeated")
-    parser.add_argument(
-        "--record-every", type=int, default=1, metavar="N", help="record at every N-th communication point"
-    )
+    parser.add_argument("--record-every", type=int, metavar="N", help="record at every N-th communication point")
     parser.add_argument(
         "--format",
         action="append",
@@ -59,22 +61,49 @@ def register(subparsers: Any) -> None:
         "--set",
         action="append",
         default=[],
-        metavar="INSTANCE.NAME=VALUE",
-        help="start value of a variable, as controller.alpha=2; may be repeated",
+        metavar="COMPONENT.NAME=VALUE",
+        help="start value of a variable, as controller.alpha=2: a number, true or false, an item of an enumeration, or "
+        "a text; may be repeated",
     )
-    parser.set_defaults(run=run)
+    parser.add_argument(
+        "--input",
+        type=Path,
+        metavar="FILE.csv",
+        help="inputs of a single FMU: columns of their names, the first one is time",
+    )
+    options = {}
+    for name, family in known.items():
+        group = parser.add_argument_group(f"scenarios of {name}", family.system)
+        family.add_options(group)
+        options[name] = {action.option_strings[0]: action.dest for action in group._group_actions}
+    parser.set_defaults(run=run, family_options=options)
 
 
 def run(args: argparse.Namespace) -> int:
     """Run `cosim run`; returns the exit code, raises CosimError with one line on bad input."""
-    if args.scenario.lower().endswith(".ssp"):
-        from cosim.commands.run_ssp import run_ssp
-
-        return run_ssp(args)
+    if args.scenario is None:
+        args.scenario = default_scenario()
+    ending = Path(args.scenario).suffix.lower()
     with FigureProcess() as figures:
-        if args.realtime is None:  # its start would make the first points late
-            figures.start()
+        if args.realtime is None and ending != ".ssp":  # its start would make the first points late
+            found = named(args.scenario)
+            figures.start("" if found is None else found[0].drawing)
         # NumPy and FMPy take a while to import, meanwhile the other process imports matplotlib
-        from cosim.commands.run_scenario import run_scenario
+        from cosim.commands.execution import run_prepared
 
-        return run_scenario(args, figures)
+        with _prepared(ending, args) as prepared:
+            return run_prepared(prepared, args, figures)
+
+
+def _prepared(ending: str, args: argparse.Namespace) -> AbstractContextManager[PreparedRun]:
+    if ending == ".ssp":
+        from cosim.commands.run_ssp import prepared_ssp
+
+        return prepared_ssp(args)
+    if ending == ".fmu":
+        from cosim.commands.run_fmu import prepared_fmu
+
+        return prepared_fmu(args)
+    from cosim.commands.run_scenario import prepared_scenario
+
+    return prepared_scenario(args)

@@ -1,81 +1,58 @@
-"""`cosim run FILE.ssp`: couple the FMUs in an SSP, of any system, write results and summary."""
+"""`cosim run FILE.ssp`: an SSP, of any system."""
 
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import os
-import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
 
-from cosim.commands.execution import Plan, UsageError, check_overrides, execute, in_words, start_value
-from cosim.errors import CosimError, SetupError, nearest
-from cosim.master.failures import SimulationError, SimulationInterrupted
-from cosim.output import OutputError, check_writable, write_json, write_somewhere
-from cosim.results.results import Results
-from cosim.results.stored import StoredResults
+from cosim.commands.execution import Plan, PreparedRun, UsageError, refuse, results_folder, with_start_values
+from cosim.errors import CosimError
 from cosim.ssp.reader import ReadSystem, read_ssp
-from cosim.system.system import System
-from cosim.versions import versions
 
 
-def run_ssp(args: argparse.Namespace) -> int:
-    """Run `cosim run FILE.ssp`; returns the exit code, raises CosimError with one line on bad input."""
+@contextmanager
+def prepared_ssp(args: argparse.Namespace) -> Iterator[PreparedRun]:
+    """The run of an SSP with the options of the command line.
+
+    Raises
+    ------
+    CosimError
+        The SSP is malformed, or an option makes no sense.
+    """
     path = Path(args.scenario)
-    for option, given in (("--flavour", args.flavour), ("--fmu", args.fmu), ("--seed", args.seed is not None)):
-        if given:
-            raise UsageError(f"{option} is for scenarios; {path} has its own FMUs and no signals")
-    folder: Path = args.out if args.out is not None else Path("results") / path.stem
-    check_writable(folder)
+    further = {option: getattr(args, dest) for known in args.family_options.values() for option, dest in known.items()}
+    refuse(
+        {**further, "--fmu": args.fmu, "--seed": args.seed},
+        f"is for scenarios; {path} has its own FMUs and no signals",
+    )
+    refuse({"--input": args.input}, "is for a single FMU; an SSP has no signals")
+    folder = results_folder(args, path.stem)
     # an FMU whose library is still in use can't be removed on Windows; that must not hide the results
     with TemporaryDirectory(prefix="cosim_ssp_", ignore_cleanup_errors=True) as unpacked:
+
+        def in_archive(text: str) -> str:
+            """A text in which files in the archive are not named after the folder that they were unpacked to."""
+            return text.replace(f"{unpacked}{os.sep}", f"{path}: ")
+
         try:
-            return _run(path, Path(unpacked), folder, args)
+            found = read_ssp(path, Path(unpacked))
+            for note in found.notes:
+                print(f"note: {note}")
+            yield PreparedRun(
+                source=str(path),
+                title=found.name,
+                plan=_plan(found, path, args),
+                system=with_start_values(found.system, args.set, "disconnect it in the SSP"),
+                folder=folder,
+                about={"ssp": str(path), "title": found.name},
+                said_path=in_archive,
+            )
         except CosimError as error:
-            raise CosimError(_as_in_archive(str(error), unpacked, path)) from error
-
-
-def _run(path: Path, unpacked: Path, folder: Path, args: argparse.Namespace) -> int:
-    found = read_ssp(path, unpacked)
-    for note in found.notes:
-        print(f"note: {note}")
-    plan = _plan(found, path, args)
-    system = _with_start_values(found.system, args.set)
-    formats = args.format or ["csv"]
-
-    def write(results: Results | StoredResults, error: str | None = None) -> dict[str, Any]:
-        info = dict(results.info)
-        info["fmus"] = {
-            name: {**fmu, "path": _as_in_archive(fmu["path"], str(unpacked), path)}
-            for name, fmu in info["fmus"].items()
-        }
-        summary = {"ssp": str(path), "title": found.name, **info, "error": error, "versions": versions()}
-        _write(results, summary, folder, formats)
-        return summary
-
-    def rescued(results: Results | StoredResults, error: str) -> str:
-        try:
-            write(results, error)
-        except OutputError as second:
-            return str(second)
-        return f"what was recorded is in {folder}"
-
-    try:
-        results = execute(system, plan, args, folder, formats)
-    except SetupError as error:
-        raise UsageError(f"{path}: {error}") from error
-    except SimulationError as error:
-        if error.results is None:
-            raise
-        raise CosimError(f"{error}; {rescued(error.results, str(error))}") from error
-    except SimulationInterrupted as interrupt:
-        print(f"cosim: {interrupt}; {rescued(interrupt.results, str(interrupt))}", file=sys.stderr)
-        return 130
-    summary = write(results)
-    print("\n".join([found.name, *in_words(summary, plan), f"results and summary: {folder}"]))
-    return 0
+            raise CosimError(in_archive(str(error))) from error
 
 
 def _plan(found: ReadSystem, path: Path, args: argparse.Namespace) -> Plan:
@@ -85,34 +62,13 @@ def _plan(found: ReadSystem, path: Path, args: argparse.Namespace) -> Plan:
         raise UsageError(f"{path} has no default stop time; give one with --stop")
     if step_size is None:
         raise UsageError(f"neither {path} nor its FMUs have a default step; give one with --step")
-    return Plan(stop_time, step_size, args.order or "sequential", found.start_time)
-
-
-def _with_start_values(system: System, assignments: list[str]) -> System:
-    components = dict(system.components)
-    for assignment in assignments:
-        instance, name, value = start_value(assignment)
-        if instance not in components:
-            hint = nearest(instance, components)
-            raise UsageError(f"--set {assignment}: the system has no component '{instance}'; {hint}")
-        start = {n: v for n, v in components[instance].start.items() if n != name} | {name: value}  # the last one holds
-        components[instance] = dataclasses.replace(components[instance], start=start)
-    check_overrides(assignments, system, "disconnect it in the SSP")
-    return dataclasses.replace(system, components=components)
-
-
-def _as_in_archive(text: str, unpacked: str, path: Path) -> str:
-    """A text in which files in the archive are not named after the folder that they were unpacked to."""
-    return text.replace(f"{unpacked}{os.sep}", f"{path}: ")
-
-
-def _write(results: Results | StoredResults, summary: dict[str, Any], folder: Path, formats: list[str]) -> None:
-    """Write results, unless they are on the disk already, and summary."""
-
-    def write(folder: Path) -> None:
-        if isinstance(results, Results):
-            for name in formats:
-                results.save(folder / f"results.{name}")
-        write_json(folder / "summary.json", summary)
-
-    write_somewhere(write, folder)
+    start_time = found.start_time if args.start is None else args.start
+    return Plan(
+        stop_time,
+        step_size,
+        start_time,
+        args.order or "sequential",
+        args.extrapolation or "auto",
+        args.record,
+        1 if args.record_every is None else args.record_every,
+    )

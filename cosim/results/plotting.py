@@ -11,8 +11,8 @@ import numpy as np
 from cosim.errors import needs
 
 with needs("plot"):
-    from matplotlib import pyplot as plt
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 #: Okabe and Ito's colours, which colour-blind readers can tell apart; dashes tell them apart in greyscale.
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
@@ -38,13 +38,22 @@ class Panel:
     values: np.ndarray
 
 
-def draw(time: np.ndarray, panels: Sequence[Panel]) -> list[Axes]:
-    """Draw one to `MOST_PANELS` panels over the same times (n,) in s; returns their axes."""
+def draw(time: np.ndarray, panels: Sequence[Panel], figure: Figure | None = None) -> list[Axes]:
+    """Draw one to `MOST_PANELS` panels over the same times (n,) in s; returns their axes.
+
+    By default the figure is one of pyplot's, which `matplotlib.pyplot.show` shows.
+    """
     n = len(panels)
     columns = -(-n // _ROWS)
     rows = -(-n // columns)
     size = (max(7.0, 4.2 * columns), 0.7 + 1.8 * rows)
-    _, grid = plt.subplots(rows, columns, sharex=True, squeeze=False, figsize=size, layout="constrained")
+    if figure is None:
+        from matplotlib import pyplot as plt  # takes a while to import, and files need none of it
+
+        figure = plt.figure()
+    figure.set_size_inches(size)
+    figure.set_layout_engine("constrained")
+    grid = figure.subplots(rows, columns, sharex=True, squeeze=False)
     places = list(grid.T.flat)  # down the columns, as the names are read
     for axes, panel in zip(places, panels, strict=False):
         _draw_panel(axes, time, panel)

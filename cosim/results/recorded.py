@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     import pyarrow as pa
     from matplotlib.axes import Axes
 
+    from cosim.results.plotting import Panel
+
 
 class Recorded(ABC):
     """Values by name; the common part of `Results` and `StoredResults`.
@@ -130,7 +132,7 @@ class Recorded(ABC):
         if not chosen:
             raise ResultsError("nothing was recorded; there is nothing to plot")
 
-        from cosim.results.plotting import MOST_PANELS, MOST_POINTS, Panel, draw  # matplotlib takes a while to import
+        from cosim.results.plotting import MOST_PANELS, MOST_POINTS, draw  # matplotlib takes a while to import
 
         if len(chosen) > MOST_PANELS:
             first = next(iter(chosen))
@@ -138,6 +140,12 @@ class Recorded(ABC):
                 f"{len(chosen)} variables are too many for one figure; name some, as results.plot('{first}')"
             )
         every = max(1, len(self.time) // MOST_POINTS)
+        return draw(self.time[::every], self.panels(chosen, every))
+
+    def panels(self, chosen: Mapping[str, int | list[int]], every: int = 1) -> list[Panel]:
+        """What is drawn of variables, whose elements stand at these positions: every so many-th row."""
+        from cosim.results.plotting import Panel  # matplotlib takes a while to import
+
         panels = []
         for name, found in chosen.items():
             positions = [found] if isinstance(found, int) else found
@@ -145,7 +153,7 @@ class Recorded(ABC):
             units = {self.units.get(scalar, "") for scalar in scalars}
             labels = [scalar.removeprefix(name) for scalar in scalars]
             panels.append(Panel(name, units.pop() if len(units) == 1 else "", labels, self._values(positions, every)))
-        return draw(self.time[::every], panels)
+        return panels
 
     def _headline(self) -> str:
         return headline(type(self).__name__, self.time, len(self.names), self.info.get("status", ""))

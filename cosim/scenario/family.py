@@ -46,7 +46,7 @@ class ScenarioFamily:
     metric_names : collection of str
         Keys of what `metrics` gives, which metrics of a TOML file can't have.
     drawing : str
-        Function `module:name` that draws results into a folder, as `cosim.results.plotting.write_plot`; called in a
+        Function `module:name` that draws results into a folder, as `cosim.results.plot_file.write_plot`; called in a
         process of its own with the results, the folder, and `drawing_arguments`.
     """
 
@@ -57,7 +57,7 @@ class ScenarioFamily:
     connections: Sequence[Connection] = ()
     optional_inputs: Mapping[str, Any] = {}
     metric_names: Collection[str] = ()
-    drawing: str = "cosim.results.plotting:write_plot"
+    drawing: str = "cosim.results.plot_file:write_plot"
     scenario: ClassVar[type[Scenario]] = Scenario
 
     def scenario_names(self) -> list[str]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from cosim.errors import SetupError, nearest
 from cosim.system.levels import AlgebraicLoop, Node, levels
-from cosim.system.system import Component, Connection, Signal, SignalFunction, System, Units
+from cosim.system.system import AsWritten, Component, Connection, Signal, SignalFunction, System, Units
 from cosim.system.units import UnitsDiffer, conversion
 from cosim.system.variables import KINDS, Element, Ports, fits
 
@@ -190,7 +190,7 @@ def resolve_start_value(port: Ports, name: str, value: Any) -> StartValue:
     if elements[0].kind == "String":
         if not isinstance(value, str):
             raise SetupError(f"{here}: {value!r} is not a text")
-        return StartValue(port.component, tuple(elements), (value,) * len(elements))
+        return StartValue(port.component, tuple(elements), (str(value),) * len(elements))
     value = _as_number(here, elements[0], value)
     try:
         array = np.atleast_1d(np.asarray(value, dtype=float)).ravel()
@@ -208,20 +208,19 @@ def resolve_start_value(port: Ports, name: str, value: Any) -> StartValue:
 
 
 def _as_number(here: str, element: Element, value: Any) -> Any:
-    """The number that a word stands for; other values as they are."""
+    """The number that a word stands for, or a text that a person wrote; other values as they are."""
     if isinstance(value, (list, tuple)):
         return [_as_number(here, element, v) for v in value]
     words = {"false": 0.0, "true": 1.0} if element.kind == "boolean" else element.items
-    if not words or not isinstance(value, str):
+    if not isinstance(value, str) or not (words or isinstance(value, AsWritten)):
         return value
     if value in words:
         return words[value]
     try:
         return float(value)
     except ValueError:
-        raise SetupError(
-            f"{here}: {value!r} is no value of type {element.variable.type}; {nearest(value, words)}"
-        ) from None
+        hint = f"; {nearest(value, words)}" if words else ""
+        raise SetupError(f"{here}: {str(value)!r} is no value of type {element.variable.type}{hint}") from None
 
 
 def _check_number(here: str, element: Element, number: float) -> None:

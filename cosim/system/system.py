@@ -22,6 +22,12 @@ class SizedLater(Protocol):
         ...
 
 
+class AsWritten(str):
+    """A start value as a person wrote it, as an option; the type of its variable says what it means."""
+
+    __slots__ = ()
+
+
 #: What a connection does where the units of its ends differ: an error, a conversion, or nothing.
 Units = Literal["equal", "convert", "ignore"]
 

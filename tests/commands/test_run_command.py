@@ -15,6 +15,7 @@ import signal
 import subprocess
 import sys
 import termios
+from functools import partial
 from pathlib import Path
 
 import matplotlib.image
@@ -24,15 +25,16 @@ import pytest
 from controller_fmu.optimal_gains import PerformanceIndex, optimal_gains
 from cosim.__main__ import main
 from cosim.commands import execution
-from cosim.commands import run_scenario as run_command
+from cosim.results.figure_process import FigureProcess
 from cosim.results.results import Results
 from cosim.results.stored import StoredResults
+from cosim.system.system import System
 from fmu_export.package.record import RECORD
 from parallel_robot import fmus
 from parallel_robot.choices import FLAVOURS
-from parallel_robot.figure_process import FigureProcess
 from parallel_robot.fmus import fmu_path
 from parallel_robot.models import MODELS
+from parallel_robot.scenario import FAMILY, load_scenario
 from tests.conftest import DEFAULT_FLAVOUR
 
 FIGURES = ["path.png", "tracking_errors.png", "torques.png", "psi.png", "closure_error.png"]
@@ -277,7 +279,18 @@ def test_no_line_of_the_table_is_wider_than_100_characters_whatever_the_numbers(
             "closure_error_max": 1.2e-16,
         },
     }
-    table = run_command._table(summary, run_command.load_scenario("tracking"), Path("results/tracking"))
+    scenario = load_scenario("tracking")
+    prepared = execution.PreparedRun(
+        source="tracking",
+        title=scenario.title,
+        system=System(),
+        plan=execution.Plan(scenario.stop_time, scenario.step_size),
+        folder=Path("results/tracking"),
+        about={},
+        report=partial(FAMILY.report, scenario),
+        drawing=FAMILY.drawing,
+    )
+    table = execution.in_words(prepared, summary)
     assert max(map(len, table.splitlines())) <= 100
     rows = [line for line in table.splitlines() if line.startswith(("tracking error", "x ", "theta_a"))]
     assert len({len(row) for row in rows}) == 1  # columns stay aligned
@@ -313,10 +326,10 @@ def test_a_run_over_2_s_shows_its_progress(here, no_figures, capsys, monkeypatch
         (["--seed", "-1"], ["seed", "-1"]),
         (["trackng"], ["'trackng'", "did you mean 'tracking'?"]),
         (["nowhere.toml"], ["'nowhere.toml'"]),
-        (["--set", "controller.alpha"], ["--set controller.alpha", "INSTANCE.NAME=NUMBER"]),
-        (["--set", "controller.alpha=much"], ["--set controller.alpha=much", "INSTANCE.NAME=NUMBER"]),
-        (["--set", "controller.alpha="], ["--set controller.alpha=", "INSTANCE.NAME=NUMBER"]),
-        (["--set", "alpha=1"], ["--set alpha=1", "INSTANCE.NAME=NUMBER"]),
+        (["--set", "controller.alpha"], ["--set controller.alpha", "COMPONENT.NAME=VALUE"]),
+        (["--set", "controller.alpha=much"], ["'controller.alpha'", "'much' is no value of type Real"]),
+        (["--set", "controller.alpha="], ["'controller.alpha'", "'' is no value of type Real"]),
+        (["--set", "alpha=1"], ["--set alpha=1", "COMPONENT.NAME=VALUE"]),
         (["--set", "contoller.alpha=1"], ["'contoller'", "did you mean 'controller'?"]),
         (["--set", "controller.alhpa=1"], ["'controller'", "'alhpa'", "did you mean 'alpha'?"]),
         (["--set", "controller.S[4]=1"], ["'controller'", "S[4]"]),
@@ -467,7 +480,7 @@ def test_ctrl_c_half_way_keeps_what_was_recorded(here):
 def test_an_impossible_out_is_refused_before_anything_runs(here, capsys, monkeypatch, out):
     Path("file").write_text("a regular file")
     for name in ("execute", "write_somewhere"):
-        monkeypatch.setattr(run_command, name, lambda *_, **__: pytest.fail("something ran"))
+        monkeypatch.setattr(execution, name, lambda *_, **__: pytest.fail("something ran"))
     monkeypatch.setattr(fmus, "build_missing", lambda *_: pytest.fail("something was built"))
     assert main(["run", "--out", out]) == 1
     line = error_line(capsys)
@@ -515,7 +528,7 @@ def test_results_that_the_folder_refuses_go_to_another(here, capsys, monkeypatch
     if step == "results.csv":
         monkeypatch.setattr(Results, "save", refuse(Results.save, lambda _, path: path.parent))
     elif step == "summary.json":
-        monkeypatch.setattr(run_command, "write_json", refuse(run_command.write_json, lambda path, _: path.parent))
+        monkeypatch.setattr(execution, "write_json", refuse(execution.write_json, lambda path, _: path.parent))
     else:
         monkeypatch.setattr(FigureProcess, "write", refuse(FigureProcess.write, lambda *a: a[-1]))
     assert main(["run", "--stop", "0.01"]) == 1
@@ -548,8 +561,8 @@ def test_a_failed_run_whose_figures_fail_too_says_both(here, capsys, monkeypatch
     Path("mine.toml").write_text(INDEFINITE, encoding="utf-8")
     start = FigureProcess.start
 
-    def killed(figures):
-        start(figures)
+    def killed(figures, drawing=""):
+        start(figures, drawing)
         figures._process.kill()
 
     monkeypatch.setattr(FigureProcess, "start", killed)

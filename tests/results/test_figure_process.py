@@ -12,12 +12,13 @@ from pathlib import Path
 import pytest
 
 from cosim.output import OutputError
+from cosim.results.figure_process import FigureProcess, as_drawn
 from cosim.results.results import Results
-from parallel_robot.figure_process import FigureProcess, as_drawn
 from parallel_robot.figures import write_figures
 from tests.support.robot_results import made
 
 PLANT = ("plant",)
+DRAWING = "parallel_robot.figures:write_figures"
 
 
 def test_the_process_draws_the_same(tmp_path: Path) -> None:
@@ -26,7 +27,7 @@ def test_the_process_draws_the_same(tmp_path: Path) -> None:
     results = made()
     with FigureProcess() as process:
         process.start()
-        written = process.write(results, "a title", 8.0, tmp_path / "there")
+        written = process.write(DRAWING, results, ("a title", 8.0), tmp_path / "there")
     for path in write_figures(results, "a title", 8.0, tmp_path / "here"):
         assert (tmp_path / "there" / path.name).read_bytes() == path.read_bytes()
         assert tmp_path / "there" / path.name in written
@@ -35,14 +36,14 @@ def test_the_process_draws_the_same(tmp_path: Path) -> None:
 def test_after_a_folder_that_can_t_be_written_another_is(tmp_path: Path) -> None:
     with FigureProcess() as process:
         with pytest.raises(FileNotFoundError, match="nowhere"):
-            process.write(made(20, PLANT), "t", 8.0, tmp_path / "nowhere")
-        assert tmp_path / "closure_error.png" in process.write(made(20, PLANT), "t", 8.0, tmp_path)
+            process.write(DRAWING, made(20, PLANT), ("t", 8.0), tmp_path / "nowhere")
+        assert tmp_path / "closure_error.png" in process.write(DRAWING, made(20, PLANT), ("t", 8.0), tmp_path)
 
 
 def test_an_error_in_drawing_reaches_the_caller(tmp_path: Path) -> None:
     uneven = Results(made(20).time, ["plant.closure_error"], made(10).values[:, :1])
     with FigureProcess() as process, pytest.raises(ValueError, match="same first dimension"):
-        process.write(uneven, "t", 8.0, tmp_path)
+        process.write(DRAWING, uneven, ("t", 8.0), tmp_path)
 
 
 def test_a_process_that_was_ended_is_one_line(tmp_path: Path) -> None:
@@ -52,7 +53,7 @@ def test_a_process_that_was_ended_is_one_line(tmp_path: Path) -> None:
         process._process.kill()
         process._process.wait()
         with pytest.raises(OutputError, match=r"exit code.*; everything else is in .*, run again") as error:
-            process.write(made(20, PLANT), "t", 8.0, tmp_path)
+            process.write(DRAWING, made(20, PLANT), ("t", 8.0), tmp_path)
     assert "\n" not in str(error.value)
 
 
@@ -66,7 +67,7 @@ def test_the_process_ends_with_its_context_even_while_it_starts() -> None:
 @pytest.mark.skipif(os.name == "nt", reason="no SIGKILL")
 def test_the_process_ends_when_its_parent_is_killed(tmp_path: Path) -> None:
     code = (
-        "from parallel_robot.figure_process import FigureProcess\n"
+        "from cosim.results.figure_process import FigureProcess\n"
         "import time\n"
         "with FigureProcess() as process:\n"
         "    process.start()\n"
@@ -96,7 +97,7 @@ def test_modules_in_the_working_folder_are_not_taken_for_others(tmp_path: Path, 
         (tmp_path / f"{name}.py").write_text("raise RuntimeError('the wrong one')", encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     with FigureProcess() as process:
-        assert process.write(made(20, PLANT), "t", 8.0, tmp_path)
+        assert process.write(DRAWING, made(20, PLANT), ("t", 8.0), tmp_path)
 
 
 @pytest.mark.skipif(os.name == "nt", reason="no groups of processes")

@@ -6,6 +6,8 @@ import os
 import pickle
 import subprocess
 import sys
+from contextlib import suppress
+from importlib import import_module
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
@@ -33,9 +35,9 @@ class FigureProcess:
     >>> from cosim import simulate
     >>> with FigureProcess() as figures:
     ...     figures.start()  # it imports matplotlib
-    ...     results = simulate(system, stop_time=0.1, step_size=1e-3)  # meanwhile
-    ...     [path.name for path in figures.write(results, "tracking", 8.0, Path())]
-    ['path.png', 'tracking_errors.png', 'torques.png', 'psi.png', 'closure_error.png']
+    ...     results = simulate(system, stop_time=0.1, step_size=1e-3, record=["plant.x_E", "plant.y_E"])  # meanwhile
+    ...     [path.name for path in figures.write("cosim.results.plot_file:write_plot", results, ("a title",), Path())]
+    ['results.png']
     """
 
     def __init__(self) -> None:
@@ -51,19 +53,36 @@ class FigureProcess:
             self._process.kill()
             self._process.communicate()
 
-    def start(self) -> None:
-        """Start the process, unless it runs; `write` does so too, but then has to wait for it."""
+    def start(self, drawing: str = "") -> None:
+        """Start the process, unless it runs; `write` does so too, but then has to wait for it.
+
+        Parameters
+        ----------
+        drawing : str, optional
+            `module:function` that it will be asked for, to import meanwhile.
+        """
         if self._process is None:
             self._process = subprocess.Popen(
-                [sys.executable, "-P", "-m", __name__],
+                [sys.executable, "-P", "-m", __name__, drawing.partition(":")[0]],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
                 **_APART,
             )
 
-    def write(self, results: Results | StoredResults, title: str, steady_after: float, folder: Path) -> list[Path]:
-        """Draw in the process, as `parallel_robot.figures.write_figures` does, which may raise more.
+    def write(
+        self, drawing: str, results: Results | StoredResults, arguments: tuple[Any, ...], folder: Path
+    ) -> list[Path]:
+        """Draw in the process.
+
+        Parameters
+        ----------
+        drawing : str
+            `module:function` that is called with results of as many rows as a figure can show, the arguments and the
+            folder; returns the files that it has written. What it raises is raised here.
+        results : Results or StoredResults
+        arguments : tuple
+        folder : Path
 
         Raises
         ------
@@ -77,7 +96,7 @@ class FigureProcess:
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         try:
-            pickle.dump((as_drawn(results), title, steady_after, folder), self._process.stdin)
+            pickle.dump((drawing, as_drawn(results), *arguments, folder), self._process.stdin)
             self._process.stdin.flush()
             answer = pickle.load(self._process.stdout)
         except (BrokenPipeError, EOFError):
@@ -100,15 +119,17 @@ def as_drawn(results: Results | StoredResults) -> Results:
 def main() -> None:
     """The process: draw what comes, until nothing more comes."""
     answers, sys.stdout = sys.stdout.buffer, sys.stderr  # nothing else may come between the answers
-    from parallel_robot.figures import write_figures
-
+    for module in ("matplotlib.backends.backend_agg", "cosim.results.results", *filter(None, sys.argv[1:])):
+        with suppress(ImportError):  # said when there is something to draw
+            import_module(module)  # what takes a while, before there is anything to draw
     while True:
         try:
-            job = pickle.load(sys.stdin.buffer)
+            drawing, *job = pickle.load(sys.stdin.buffer)
         except EOFError:
             return
+        module, _, name = drawing.partition(":")
         try:
-            answer: list[Path] | Exception = write_figures(*job)
+            answer: list[Path] | Exception = getattr(import_module(module), name)(*job)
         except Exception as error:
             answer = error
         pickle.dump(answer, answers)

@@ -1,0 +1,125 @@
+"""`cosim run FILE.fmu`: one FMU, its default experiment, and inputs from a CSV file."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from fmpy.model_description import ModelDescription
+
+from cosim.commands.execution import Plan, PreparedRun, UsageError, refuse, results_folder, with_start_values
+from cosim.errors import nearest
+from cosim.fmi.fmu_file import load
+from cosim.regression.inputs import held_inputs
+from cosim.results.results import Results
+from cosim.scenario.signals import interpolated
+from cosim.system.system import Signal, System
+from cosim.system.variables import Element, Ports
+
+#: Communication steps where neither the FMU nor an option says how long one is.
+_STEPS = 500
+
+
+@contextmanager
+def prepared_fmu(args: argparse.Namespace) -> Iterator[PreparedRun]:
+    """The run of one FMU with the options of the command line.
+
+    Raises
+    ------
+    CosimError
+        The FMU can't be run, or an option makes no sense.
+    """
+    path = Path(args.scenario)
+    further = {option: getattr(args, dest) for known in args.family_options.values() for option, dest in known.items()}
+    refuse({**further, "--fmu": args.fmu, "--seed": args.seed}, f"is for scenarios; {path} is a single FMU")
+    component = path.stem.replace(".", "_")
+    folder = results_folder(args, component)
+    description = load(component, path).description
+    ports = Ports(component, description)
+    plan = _plan(description, path, args)
+    system = System()
+    driven = _driven(ports, args.input, plan) if args.input is not None else []
+    targets = [signal.target.partition(".")[2] for signal in driven]
+    held = held_inputs(ports, set(targets))
+    system.add(component, path, start=held)
+    system.signals.extend(driven)
+    if held:
+        print(f"note: inputs held at their start values: {', '.join(held)}")
+    title = description.modelName or path.stem
+    yield PreparedRun(
+        source=str(path),
+        title=title,
+        system=with_start_values(system, args.set, f"take it out of {args.input}", component),
+        plan=plan,
+        folder=folder,
+        about={"fmu": str(path), "title": title},
+        details={"input": None if args.input is None else str(args.input), "driven": targets, "held": list(held)},
+        drawing="cosim.results.plot_file:write_plot",
+        drawing_arguments=(title,),
+    )
+
+
+def _plan(description: ModelDescription, path: Path, args: argparse.Namespace) -> Plan:
+    """The options, and where they say nothing, the default experiment of the FMU."""
+    default = description.defaultExperiment
+    times = {
+        name: float(text)
+        for name in ("startTime", "stopTime", "stepSize")
+        if (text := getattr(default, name, None)) is not None
+    }
+    start_time = times.get("startTime", 0.0) if args.start is None else args.start
+    stop_time = times.get("stopTime") if args.stop is None else args.stop
+    if stop_time is None:
+        raise UsageError(f"{path} has no default stop time; give one with --stop")
+    step_size = times.get("stepSize") if args.step is None else args.step
+    if step_size is None:
+        step_size = (stop_time - start_time) / _STEPS
+        print(f"note: {path} has no default step; it is {step_size:g} s here, {_STEPS} steps in all (--step)")
+    return Plan(
+        stop_time,
+        step_size,
+        start_time,
+        args.order or "sequential",
+        args.extrapolation or "auto",
+        args.record,
+        1 if args.record_every is None else args.record_every,
+    )
+
+
+def _driven(ports: Ports, path: Path, plan: Plan) -> list[Signal]:
+    """A signal for each column of a CSV file: linear between rows for continuous real inputs, held for others."""
+    table = Results.from_csv(path)
+    inputs = {element.name: element for element in ports.of_causality("input")}
+    if not len(table.time):
+        raise UsageError(f"{path}: has no rows")
+    if not np.isfinite(table.values).all() or not (np.diff(table.time) >= 0.0).all():
+        raise UsageError(f"{path}: values must be finite numbers, and times must not descend")
+    if table.time[0] > plan.start_time or table.time[-1] < plan.stop_time:
+        first, last = table.time[[0, -1]].tolist()
+        print(f"note: {path} goes from {first:g} s to {last:g} s; its first and last rows hold outside")
+    signals = []
+    for name in table.names:
+        if name not in inputs:
+            raise UsageError(f"{path}: the FMU has no input '{name}'; {nearest(name, inputs)}")
+        values = table[name][:, np.newaxis]
+        between = _between(inputs[name])
+        differs = np.diff(values[:, 0]) != 0.0
+        jumps = differs if between == "hold" else differs & (np.diff(table.time) == 0.0)
+        signals.append(
+            Signal(
+                f"{ports.component}.{name}",
+                interpolated(table.time, values, between),
+                tuple(np.unique(table.time[1:][jumps]).tolist()),
+                vectorized=True,
+            )
+        )
+    return signals
+
+
+def _between(element: Element) -> Literal["linear", "hold"]:
+    continuous = element.kind == "real" and element.variable.variability in (None, "continuous")
+    return "linear" if continuous else "hold"

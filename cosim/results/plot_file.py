@@ -1,0 +1,47 @@
+"""The plot of a run as a file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from cosim.errors import needs
+from cosim.results.names import grouped
+from cosim.results.plotting import MOST_PANELS, draw
+from cosim.results.results import Results
+
+with needs("plot"):
+    from matplotlib.figure import Figure
+
+
+def write_plot(results: Results, title: str, folder: Path) -> list[Path]:
+    """Draw all that a run recorded, as far as it fits, into a file `results.png`.
+
+    Parameters
+    ----------
+    results : Results
+    title : str
+        Stands above the figure, with a note on variables that did not fit.
+    folder : Path
+
+    Returns
+    -------
+    list of Path
+        The file that was written; none where nothing was recorded.
+
+    Raises
+    ------
+    OSError
+        The file can't be written.
+    """
+    groups = grouped(results.names)
+    chosen = dict(list(groups.items())[:MOST_PANELS])
+    if not chosen:
+        return []
+    if len(chosen) < len(groups):
+        title += f" (the first {len(chosen)} of {len(groups)} variables)"
+    figure = Figure()
+    figure.suptitle(title, fontsize=10, parse_math=False)
+    draw(results.time, results.panels(chosen), figure)
+    path = folder / "results.png"
+    figure.savefig(path)
+    return [path]
