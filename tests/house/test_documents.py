@@ -100,12 +100,19 @@ def test_two_units_for_one_variable_are_noticed() -> None:
         described(f"{head}| `alpha` | 1, s | 0 |\n")
 
 
-@pytest.mark.parametrize("script", ["make_geometry"])
+@pytest.mark.parametrize("script", ["make_diagrams"])
 def test_figures_are_what_their_script_draws(script: str) -> None:
     figures = runpy.run_path(str(ROOT / f"docs/{script}.py"))["FIGURES"]
     assert figures
     for path, draw in figures.items():
         assert path.read_text(encoding="utf-8") == draw(), f"{path.name}: run docs/{script}.py"
+
+
+def test_the_figure_of_the_architecture_has_every_room() -> None:
+    figure = (ROOT / "docs/architecture.svg").read_text(encoding="utf-8")
+    rooms = [path.parent.name for path in (ROOT / "cosim").glob("*/__init__.py")]
+    assert len(rooms) > 8
+    assert [room for room in rooms if not re.search(rf"\b{room}\b", figure)] == []
 
 
 def test_links_of_the_documents_lead_somewhere() -> None:

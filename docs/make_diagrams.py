@@ -1,8 +1,8 @@
-"""Draw the figures of the model pages: the robot's geometry, and the desired path.
+"""Draw the diagrams of the documentation: the robot's geometry, the desired path, and the rooms of the project.
 
-python docs/make_geometry.py      # writes plant_fmu/geometry.svg and trajectory_fmu/path.svg
+python docs/make_diagrams.py      # writes plant_fmu/geometry.svg, trajectory_fmu/path.svg, docs/architecture.svg
 
-Both are computed from the models, so that angles and lengths are those of the equations.
+Geometry and path are computed from the models, so that angles and lengths are those of the equations.
 """
 
 from __future__ import annotations
@@ -37,6 +37,7 @@ def style() -> str:
     return (
         "text{font:italic 19px 'STIX Two Text',Georgia,'Times New Roman',serif}"
         ".plain{font:15px system-ui,'Segoe UI',Helvetica,Arial,sans-serif}"
+        ".bold{font-weight:600}.small{font-size:13px}"
         ".line{fill:none;stroke-linecap:round;stroke-linejoin:round}"
         f"{colours(LIGHT)}@media(prefers-color-scheme:dark){{{colours(DARK)}}}"
     )
@@ -84,6 +85,17 @@ class Drawing:
         corners = np.stack([tip, tip - 10.0 * along + 4.0 * across, tip - 10.0 * along - 4.0 * across])
         data = "M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in corners) + "Z"
         self._lines.append(f'<path class="f-{colour}" d="{data}"/>')
+
+    def panel(self, x: float, y: float, width: float, height: float, colour: str, strength: float = 1.6) -> None:
+        """A rounded frame."""
+        self._lines.append(
+            f'<rect class="line s-{colour}" stroke-width="{strength:g}" x="{x:g}" y="{y:g}" width="{width:g}" '
+            f'height="{height:g}" rx="6"/>'
+        )
+
+    def words(self, x: float, y: float, text: str, kind: str = "plain", colour: str = "ink") -> None:
+        """Text in letters of the page, from the left."""
+        self._lines.append(f'<text class="{kind} f-{colour}" x="{x:g}" y="{y:g}">{text}</text>')
 
     def text(self, at: np.ndarray, text: str, colour: str = "ink", anchor: str = "middle", plain: bool = False) -> None:
         """Text; `_{...}` sets a subscript, `^{...}` a superscript."""
@@ -244,8 +256,69 @@ def path() -> str:
     return drawing.svg()
 
 
+#: Rooms of `cosim` from the highest to the lowest: names, and what each is about or more names.
+ROOMS = (
+    ("commands", "the program: run, sweep, compare, validate"),
+    ("scenario \u00b7 ssp \u00b7 sweep", "regression \u00b7 analysis"),
+    ("master", "simulation, algorithm, run, recording"),
+    ("results", "result objects, file formats, plots"),
+    ("system", "components, connections, units, levels"),
+    ("fmi", "FMU files and their instances"),
+    ("loop", "compiled: walks a table of operations"),
+)
+
+
+def architecture() -> str:
+    """The packages and rooms, each above those that it imports, and where FMU files come from and go to."""
+    drawing = Drawing(640, 700, "Packages and rooms of the project: each imports only what stands below it")
+    drawing.panel(24, 24, 592, 62, "accent", 2.2)
+    drawing.words(40, 49, "parallel_robot", "plain bold", "accent")
+    drawing.words(40, 72, "the paper's system: wiring, scenarios, metrics, figures, the paper itself")
+    drawing.panel(24, 116, 366, 560, "active", 2.2)
+    drawing.words(40, 142, "cosim", "plain bold", "active")
+    drawing.words(92, 142, "the master; it knows no robot")
+    for row, (name, about) in enumerate(ROOMS):
+        drawing.panel(40, 156 + 64 * row, 334, 54, "active", 1.2)
+        drawing.words(52, 179 + 64 * row, name, "plain bold")
+        drawing.words(52, 199 + 64 * row, about, "plain bold" if "\u00b7" in about else "plain small")
+    drawing.words(40, 630, "errors, versions: below all", "plain small", "faint")
+    drawing.words(40, 656, "Every room may import those below it.", "plain small", "faint")
+    drawing.panel(430, 116, 186, 92, "passive", 2.2)
+    for row, name in enumerate(("plant_fmu", "controller_fmu", "trajectory_fmu")):
+        drawing.words(446, 142 + 24 * row, name, "plain bold", "passive")
+    drawing.panel(430, 240, 186, 300, "passive", 2.2)
+    drawing.words(446, 266, "fmu_export", "plain bold", "passive")
+    rooms = (("back ends", "native, pythonfmu"), ("package", "descriptions, archive"), ("trace", "numpy to equations"))
+    for row, (name, about) in enumerate((*rooms, ("modelling", "Model, Layout"))):
+        drawing.panel(444, 280 + 64 * row, 158, 54, "passive", 1.2)
+        drawing.words(454, 303 + 64 * row, name, "plain bold")
+        drawing.words(454, 323 + 64 * row, about, "plain small")
+    drawing.panel(430, 590, 186, 62, "ink", 2.2)
+    drawing.words(446, 616, "FMU files", "plain bold")
+    drawing.words(446, 637, "ours or anybody's", "plain small")
+
+    def arrow(*points: tuple[float, float], colour: str = "ink", dash: str = "") -> None:
+        line = np.array(points)
+        drawing.path(line, colour, 1.8, dash)
+        drawing.head(line[-1], line[-1] - line[-2], colour)
+
+    arrow((207, 86), (207, 114))
+    arrow((523, 86), (523, 114))
+    arrow((616, 162), (628, 162), (628, 499), (604, 499))
+    arrow((374, 183), (410, 183), (410, 307), (428, 307), dash="5 4")
+    arrow((523, 540), (523, 588), colour="passive")
+    drawing.words(533, 570, "builds", "plain small", "passive")
+    arrow((430, 620), (410, 620), (410, 503), (376, 503), colour="active")
+    drawing.words(392, 640, "loads", "plain small", "active")
+    return drawing.svg()
+
+
 #: File -> what draws it.
-FIGURES = {ROOT / "plant_fmu/geometry.svg": geometry, ROOT / "trajectory_fmu/path.svg": path}
+FIGURES = {
+    ROOT / "plant_fmu/geometry.svg": geometry,
+    ROOT / "trajectory_fmu/path.svg": path,
+    ROOT / "docs/architecture.svg": architecture,
+}
 
 if __name__ == "__main__":
     for file, draw in FIGURES.items():
