@@ -234,7 +234,7 @@ def test_arrays_of_another_size(n: int, size: int) -> None:
 
 def test_numbers_that_are_not_changed_keep_every_bit() -> None:
     third = 1.0 / 3.0
-    assert value_of([third, -0.0]).fit("v", None, {}, relative=False) == [third, -0.0]
+    assert repr(value_of([third, -0.0]).fit("v", None, {}, relative=False)) == repr([third, -0.0])
     assert value_of([1.0, 2.0], factor=3.0, offset=0.5).fit("v", None, {}, relative=False) == [3.5, 6.5]
     assert value_of([1.0], offset=0.5).fit("v", None, {}, relative=False) == [1.5]
     assert value_of([1.0], factor=3.0).fit("v", None, {}, relative=False) == [3.0]
@@ -294,3 +294,73 @@ def test_binary_values_are_refused(fmus: dict[str, Path], tmp_path: Path) -> Non
     text = parameter_set("length Real 1.0").replace("<ssv:Real value=", "<ssv:Binary value=").replace('1.0"/>', '00"/>')
     with pytest.raises(SSPError, match=r"v\.ssp: resources/v\.ssv: 'length' is binary, which is not supported$"):
         given(tmp_path, fmus, "absolute", binding(more=' source="resources/v.ssv"'), v_ssv=text)
+
+
+# Connectors of systems
+
+
+def handed_down(
+    tmp_path: Path, fmus: dict[str, Path], connector: str, value: str, first: str, second: str = ""
+) -> float:
+    """A value at a connector of a system, through one of a system in it, to an absolute temperature in K."""
+    inner = connectors("input in") + elements(component("c", "absolute", "input length"))
+    sub = f'<ssd:System name="s">{inner}{connections(connection(".in", "c.length", "", second))}</ssd:System>'
+    outer = connectors(f"input out {connector}".strip()) + bindings(binding(f"out Real {value}")) + elements(sub)
+    text = with_temperatures(description(outer + connections(connection(".out", "s.in", "", first))))
+    return start(archive(tmp_path / "h.ssp", text, fmus))["s/c.length"]
+
+
+AS_IT_IS = ' suppressUnitConversion="true"'
+
+
+@pytest.mark.parametrize(
+    ("connector", "value", "first", "second", "expected"),
+    [
+        # a connector without a unit has that of what it feeds
+        ("", "20.0 degC", "", "", 293.15),
+        ("", "20.0", "", "", 20.0),
+        ("degC", "20.0", "", "", 293.15),
+        ("degC", "100.0 degF", "", "", 250.0),
+        # where that is told apart, it has none, and a number is taken as it is
+        ("", "20.0 degC", AS_IT_IS, "", 20.0),
+        ("", "20.0 degC", "", AS_IT_IS, 20.0),
+        ("degC", "20.0", AS_IT_IS, "", 20.0),
+        ("degC", "20.0", "", AS_IT_IS, 20.0),
+    ],
+)
+def test_units_through_connectors_of_systems(
+    fmus: dict[str, Path], tmp_path: Path, connector: str, value: str, first: str, second: str, expected: float
+) -> None:
+    assert handed_down(tmp_path, fmus, connector, value, first, second) == pytest.approx(expected, rel=1e-14)
+
+
+def test_texts_go_through_connectors_of_systems_as_they_are(probe: dict[str, Path], tmp_path: Path) -> None:
+    def system(inner: str) -> str:
+        parts = elements(component("p", "probe", "parameter journal"))
+        way = connections(connection(".in", "p.journal", inner))
+        return description(connectors("parameter in") + bindings(binding("in String text")) + parts + way)
+
+    assert start(archive(tmp_path / "s.ssp", system(""), probe))["p.journal"] == "text"
+    with pytest.raises(SSPError, match=r"'in' is a text and can't be transformed on its way to 'p\.journal'$"):
+        start(archive(tmp_path / "t.ssp", system(linear(2)), probe))
+
+
+# What nothing feeds
+
+
+def test_inputs_keep_the_start_values_of_the_fmu(tmp_path: Path) -> None:
+    """Of arrays each element its own, or all the same; Booleans are true where they are."""
+    types = compiled(tmp_path, "fmi3_types")
+    own = {
+        'causality="input" start="0 0"><Dimension start="2"/></Float64>': 'causality="input" start="1.5 -2.5">'
+        '<Dimension start="2"/></Float64>',
+        'causality="input" start="0 0"><Dimension start="2"/></Float32>': 'causality="input" start="0.5">'
+        '<Dimension start="2"/></Float32>',
+        'start="false false"': 'start="true false"',
+    }
+    changed = {"types": redescribed(types, tmp_path / "own.fmu", own)}
+    found = start(archive(tmp_path / "s.ssp", description(elements(component("c", "types"))), changed))
+    assert [found[f"c.Float64[{i}]"] for i in (1, 2)] == [1.5, -2.5]
+    assert [found[f"c.Float32[{i}]"] for i in (1, 2)] == [0.5, 0.5]
+    assert [found[f"c.Boolean[{i}]"] for i in (1, 2)] == [1.0, 0.0]
+    assert [found[f"c.Int8[{i}]"] for i in (1, 2)] == [0.0, 0.0]
