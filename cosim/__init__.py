@@ -16,43 +16,76 @@ from typing import TYPE_CHECKING, Any
 
 #: Name -> module; loaded when first used, since fmpy takes a while to import.
 _MODULES = {
+    "ArgumentError": "cosim.errors",
+    "Component": "cosim.system.system",
+    "Connection": "cosim.system.system",
     "CosimError": "cosim.errors",
+    "Coupling": "cosim.master.extrapolation",
+    "FormatError": "cosim.results.formats",
+    "MissingExtra": "cosim.errors",
+    "Order": "cosim.master.operations",
+    "OutputError": "cosim.output",
     "Results": "cosim.results.results",
+    "ResultsError": "cosim.errors",
     "SetupError": "cosim.errors",
     "Signal": "cosim.system.system",
+    "SignalFunction": "cosim.system.system",
     "Simulation": "cosim.master.simulation",
     "SimulationError": "cosim.master.failures",
     "SimulationInterrupted": "cosim.master.failures",
+    "Sink": "cosim.master.recording",
     "StoredResults": "cosim.results.stored",
     "System": "cosim.system.system",
     "TableWriter": "cosim.results.stored",
+    "Units": "cosim.system.system",
     "simulate": "cosim.master.simulation",
 }
 
 __all__ = [
+    "ArgumentError",
+    "Component",
+    "Connection",
     "CosimError",
+    "Coupling",
+    "FormatError",
+    "MissingExtra",
+    "Order",
+    "OutputError",
     "Results",
+    "ResultsError",
     "SetupError",
     "Signal",
+    "SignalFunction",
     "Simulation",
     "SimulationError",
     "SimulationInterrupted",
+    "Sink",
     "StoredResults",
     "System",
     "TableWriter",
+    "Units",
+    "__version__",
     "simulate",
 ]
 
 if TYPE_CHECKING:
-    from cosim.errors import CosimError, SetupError
+    __version__: str
+    from cosim.errors import ArgumentError, CosimError, MissingExtra, ResultsError, SetupError
+    from cosim.master.extrapolation import Coupling
     from cosim.master.failures import SimulationError, SimulationInterrupted
+    from cosim.master.operations import Order
+    from cosim.master.recording import Sink
     from cosim.master.simulation import Simulation, simulate
+    from cosim.output import OutputError
+    from cosim.results.formats import FormatError
     from cosim.results.results import Results
     from cosim.results.stored import StoredResults, TableWriter
-    from cosim.system.system import Signal, System
+    from cosim.system.system import Component, Connection, Signal, SignalFunction, System, Units
 else:
 
     def __getattr__(name: str) -> Any:
+        if name == "__version__":
+            return import_module("cosim.versions").package_version()
         if name not in _MODULES:
             raise AttributeError(f"module 'cosim' has no attribute {name!r}")
         return getattr(import_module(_MODULES[name]), name)

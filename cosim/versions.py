@@ -5,15 +5,25 @@ from __future__ import annotations
 import platform
 from importlib.metadata import PackageNotFoundError, version
 
-_DISTRIBUTIONS = ("closed-chain-cosim", "fmpy", "numpy", "scipy")
+#: Name of this project as a distribution.
+_DISTRIBUTION = "closed-chain-cosim"
+
+_PACKAGES = (_DISTRIBUTION, "fmpy", "numpy", "scipy")
+
+
+def package_version() -> str:
+    """Version of this package; "not installed" in a checkout that was never installed."""
+    return _version(_DISTRIBUTION)
 
 
 def versions() -> dict[str, str]:
     """Versions of Python, the platform and the packages that a result depends on."""
     found = {"python": platform.python_version(), "platform": platform.platform()}
-    for name in _DISTRIBUTIONS:
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            found[name] = "not installed"
-    return found
+    return found | {name: _version(name) for name in _PACKAGES}
+
+
+def _version(name: str) -> str:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return "not installed"

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 from importlib.metadata import version as _version
+from pathlib import Path
 
 from docutils import nodes
 from latex2mathml.converter import convert as _mathml
@@ -10,6 +12,10 @@ from sphinx.application import Sphinx
 from sphinx.writers.html5 import HTML5Translator
 
 from cosim.results.formats import markdown_table as _formats
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from errors_tree import errors_tree as _errors
 
 project = "closed-chain-cosim"
 author = "the closed-chain-cosim authors"
@@ -21,9 +27,9 @@ extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphin
 # Pages are plain Markdown, readable without this site too; headings are link targets, as they are for Git hosts.
 myst_heading_anchors = 3
 myst_enable_extensions = ["dollarmath", "substitution"]
-myst_substitutions = {"formats": _formats()}  # {{ formats }} in a page
-# model pages and changelog begin and end as files of their own
-suppress_warnings = ["myst.header"]
+myst_substitutions = {"formats": _formats(), "errors": _errors()}  # {{ formats }} in a page
+# model pages and changelog begin and end as files of their own; some names are there twice, as one error for each root
+suppress_warnings = ["myst.header", "ref.python"]
 
 # Docstrings: numpy style, `code` in single backticks.
 default_role = "code"

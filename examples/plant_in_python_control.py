@@ -4,7 +4,7 @@ import control
 import numpy as np
 
 from fmu_export import to_control
-from parallel_robot.models import MODELS
+from parallel_robot import MODELS
 
 model = MODELS["plant"]
 robot = to_control(model, name="robot")  # a control.NonlinearIOSystem

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from cosim.regression.fixture import FmuRegression
+from cosim.regression import FmuRegression
 
 REFERENCE = Path(__file__).resolve().parents[1] / "reference"
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from cosim import Signal, Simulation
-from parallel_robot.scenario import load_scenario
+from parallel_robot import load_scenario
 
 system = load_scenario("tracking").system(Path("fmus"), "fmi2")
 recorded = ["plant.x_E", "plant.y_E", "trajectory.x_ref", "trajectory.y_ref"]

@@ -7,35 +7,63 @@ from typing import TYPE_CHECKING, Any
 
 #: Name -> module; loaded when first used, since casadi and python-control take a while to import.
 _MODULES = {
+    "ArgumentError": "fmu_export.errors",
+    "BinariesMissing": "fmu_export.pythonfmu.binary",
+    "CompositionError": "fmu_export.trace.composition",
     "DefaultExperiment": "fmu_export.modelling.model",
+    "DocumentationError": "fmu_export.package.documentation",
     "Layout": "fmu_export.modelling.model",
+    "MissingExtra": "fmu_export.errors",
     "Model": "fmu_export.modelling.model",
+    "ModelError": "fmu_export.errors",
     "Requirement": "fmu_export.modelling.model",
+    "StartValueError": "fmu_export.package.start_values",
+    "ToolchainError": "fmu_export.native.toolchain",
+    "TraceError": "fmu_export.errors",
     "Variable": "fmu_export.modelling.model",
     "build_native": "fmu_export.native.backend",
     "build_pythonfmu": "fmu_export.pythonfmu.backend",
     "build_script": "fmu_export.pythonfmu.script",
+    "compose": "fmu_export.trace.composition",
     "to_control": "fmu_export.control_backend",
+    "write_start_values": "fmu_export.package.start_values",
 }
 
 __all__ = [
+    "ArgumentError",
+    "BinariesMissing",
+    "CompositionError",
     "DefaultExperiment",
+    "DocumentationError",
     "Layout",
+    "MissingExtra",
     "Model",
+    "ModelError",
     "Requirement",
+    "StartValueError",
+    "ToolchainError",
+    "TraceError",
     "Variable",
     "build_native",
     "build_pythonfmu",
     "build_script",
+    "compose",
     "to_control",
+    "write_start_values",
 ]
 
 if TYPE_CHECKING:
     from fmu_export.control_backend import to_control
+    from fmu_export.errors import ArgumentError, MissingExtra, ModelError, TraceError
     from fmu_export.modelling.model import DefaultExperiment, Layout, Model, Requirement, Variable
     from fmu_export.native.backend import build_native
+    from fmu_export.native.toolchain import ToolchainError
+    from fmu_export.package.documentation import DocumentationError
+    from fmu_export.package.start_values import StartValueError, write_start_values
     from fmu_export.pythonfmu.backend import build_pythonfmu
+    from fmu_export.pythonfmu.binary import BinariesMissing
     from fmu_export.pythonfmu.script import build_script
+    from fmu_export.trace.composition import CompositionError, compose
 else:
 
     def __getattr__(name: str) -> Any:

@@ -11,6 +11,7 @@ import control
 import numpy as np
 from scipy.integrate import solve_ivp
 
+from cosim.errors import CosimError
 from fmu_export.control_backend import parameter_array, to_control
 from parallel_robot.models import MODELS
 from parallel_robot.wiring import CONNECTIONS
@@ -127,7 +128,7 @@ def solve(
         t_eval = np.unique(np.append(times[wanted], end))
         solution = solve_ivp(rate, (begin, end), x, method="DOP853", rtol=rtol, atol=rtol / 100, t_eval=t_eval)
         if not solution.success:
-            raise RuntimeError(f"the closed loop can't be integrated beyond t = {solution.t[-1]:.6g} s")
+            raise CosimError(f"the closed loop can't be integrated beyond t = {solution.t[-1]:.6g} s")
         states[wanted] = solution.y.T[np.isin(solution.t, times[wanted])]
         x = solution.y[:, -1]
     return ContinuousSolution(times, states)

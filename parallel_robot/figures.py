@@ -7,13 +7,16 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
-from matplotlib.image import imsave
 
+from cosim.errors import needs
 from cosim.results.results import Results
 from parallel_robot.metrics import tracking_errors
+
+with needs("plot"):
+    from matplotlib.axes import Axes
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+    from matplotlib.image import imsave
 
 #: Okabe and Ito's colours, which colour-blind readers can tell apart; dashes tell them apart in greyscale.
 _COLOURS = ("#0072B2", "#D55E00", "#009E73")

@@ -15,6 +15,7 @@ import control
 import numpy as np
 from scipy.linalg import block_diag, expm, null_space
 
+from cosim.errors import ArgumentError
 from fmu_export.control_backend import parameter_array, to_control
 from fmu_export.modelling.model import Layout
 from parallel_robot.continuous_loop import ContinuousSolution, solve
@@ -170,7 +171,7 @@ def largest_stable_step(
 
     Raises
     ------
-    ValueError
+    ArgumentError
         The loop is unstable even at the shortest step: there is no stable one.
     """
     times = np.linspace(0.0, duration, points)
@@ -184,7 +185,7 @@ def largest_stable_step(
     if first_unstable is None:
         return float("inf")
     if first_unstable == 0:
-        raise ValueError(
+        raise ArgumentError(
             f"the closed loop is unstable even at a step of {_SHORTEST} s; change the gains alpha, beta, S or k"
         )
     lower, upper = steps[first_unstable - 1], steps[first_unstable]

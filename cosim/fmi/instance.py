@@ -24,6 +24,7 @@ import numpy as np
 from fmpy.fmi1 import FMICallException
 from fmpy.model_description import ModelDescription, ModelVariable
 
+from cosim.errors import CosimError
 from cosim.loop.binding import Operation, loop_library
 
 #: FMI type -> (name in the C functions, C type), for FMI 2.0 and for FMI 3.0.
@@ -70,7 +71,7 @@ def _dispatch_fmi2(environment: int | None, name: bytes, status: int, category: 
 _LOGGER = fmi2.fmi2CallbackLoggerTYPE(_dispatch_fmi2)
 
 
-class CallFailed(Exception):
+class CallFailed(CosimError):
     """A call of an FMU returned an error; the text names the function and the status."""
 
 

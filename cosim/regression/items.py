@@ -79,7 +79,7 @@ def no_case(fmu: Path, config: pytest.Config) -> str:
     return f"{fmu.name}: no reference of it in {where}; make one with --fmu-rebaseline {fmu.stem}"
 
 
-class Differences(Exception):
+class Differences(CosimError):
     """An FMU leaves its reference; the text has one line for each finding."""
 
 
@@ -87,7 +87,7 @@ class _Plain(pytest.Item):
     """A test whose failures are told in their own words."""
 
     def repr_failure(self, excinfo: pytest.ExceptionInfo[BaseException], *args: Any) -> Any:
-        if isinstance(excinfo.value, CosimError | Differences):
+        if isinstance(excinfo.value, CosimError):
             return str(excinfo.value)
         return super().repr_failure(excinfo, *args)
 

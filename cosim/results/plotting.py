@@ -48,7 +48,8 @@ def draw(time: np.ndarray, panels: Sequence[Panel], figure: Figure | None = None
     rows = -(-n // columns)
     size = (max(7.0, 4.2 * columns), 0.7 + 1.8 * rows)
     if figure is None:
-        from matplotlib import pyplot as plt  # takes a while to import, and files need none of it
+        with needs("plot"):
+            from matplotlib import pyplot as plt  # takes a while to import, and files need none of it
 
         figure = plt.figure()
     figure.set_size_inches(size)

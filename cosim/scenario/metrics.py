@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cosim.errors import nearest
+from cosim.errors import ArgumentError, nearest
 from cosim.results.results import Results
 from cosim.results.stored import StoredResults
 
@@ -55,7 +55,7 @@ class Metric:
 
     def __post_init__(self) -> None:
         if self.measure not in MEASURES:
-            raise ValueError(f"measure = {self.measure!r} is unknown; {nearest(self.measure, MEASURES)}")
+            raise ArgumentError(f"measure = {self.measure!r} is unknown; {nearest(self.measure, MEASURES)}")
 
     @property
     def variables(self) -> tuple[str, ...]:

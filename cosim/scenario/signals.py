@@ -20,7 +20,7 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 
-from cosim.errors import ResultsError, SetupError, nearest
+from cosim.errors import ArgumentError, ResultsError, SetupError, nearest
 from cosim.results.results import Results
 
 #: Value (size,) of a signal at a time (s), or values (n, size) at times (n,).
@@ -158,7 +158,7 @@ class Ramp(Shape, name="ramp"):
 
     def __post_init__(self) -> None:
         if not self.start_time < self.end_time:
-            raise ValueError(f"end_time = {self.end_time!r} s must be later than start_time = {self.start_time!r} s")
+            raise ArgumentError(f"end_time = {self.end_time!r} s must be later than start_time = {self.start_time!r} s")
 
     def function(self, size: int, seed: int, target: str) -> SignalFunction:  # noqa: ARG002 -- nothing random
         """The signal for an input of some size."""
@@ -197,9 +197,9 @@ class PulseTrain(Shape, name="pulses"):
 
     def __post_init__(self) -> None:
         if not 0.0 < self.width < self.period:
-            raise ValueError(f"width = {self.width!r} s must be positive and less than the period {self.period!r} s")
+            raise ArgumentError(f"width = {self.width!r} s must be positive and less than the period {self.period!r} s")
         if not 1 <= self.pulses <= _MOST_COMPONENTS:
-            raise ValueError(f"pulses = {self.pulses!r} must be between 1 and {_MOST_COMPONENTS}")
+            raise ArgumentError(f"pulses = {self.pulses!r} must be between 1 and {_MOST_COMPONENTS}")
 
     def function(self, size: int, seed: int, target: str) -> SignalFunction:  # noqa: ARG002 -- nothing random
         """The signal for an input of some size."""
@@ -275,11 +275,11 @@ class Multisine(Shape, name="multisine"):
 
     def __post_init__(self) -> None:
         if self.rms < 0.0:
-            raise ValueError(f"rms = {self.rms!r} must not be negative")
+            raise ArgumentError(f"rms = {self.rms!r} must not be negative")
         if not 0.0 <= self.lowest <= self.highest:
-            raise ValueError(f"the band [{self.lowest!r}, {self.highest!r}] Hz must not be negative and must ascend")
+            raise ArgumentError(f"the band [{self.lowest!r}, {self.highest!r}] Hz must not be negative and must ascend")
         if not 1 <= self.components <= _MOST_COMPONENTS:
-            raise ValueError(f"components = {self.components!r} must be between 1 and {_MOST_COMPONENTS}")
+            raise ArgumentError(f"components = {self.components!r} must be between 1 and {_MOST_COMPONENTS}")
 
     def function(self, size: int, seed: int, target: str) -> SignalFunction:
         """The signal for an input of some size; each target gets its own, the same for the same seed."""
@@ -338,9 +338,9 @@ class Noise(Shape, name="noise"):
 
     def __post_init__(self) -> None:
         if self.rms < 0.0:
-            raise ValueError(f"rms = {self.rms!r} must not be negative")
+            raise ArgumentError(f"rms = {self.rms!r} must not be negative")
         if not self.period >= _SHORTEST:
-            raise ValueError(f"period = {self.period!r} s must be at least {_SHORTEST:g} s")
+            raise ArgumentError(f"period = {self.period!r} s must be at least {_SHORTEST:g} s")
 
     def function(self, size: int, seed: int, target: str) -> SignalFunction:
         """The signal for an input of some size; each target gets its own, the same for the same seed."""
@@ -388,21 +388,21 @@ class CsvColumn(Shape, name="table"):
 
     def __post_init__(self) -> None:
         if self.between not in ("linear", "hold"):
-            raise ValueError(f"between = {self.between!r} is unknown; {nearest(self.between, ('linear', 'hold'))}")
+            raise ArgumentError(f"between = {self.between!r} is unknown; {nearest(self.between, ('linear', 'hold'))}")
         try:
             table = Results.from_csv(self.file)  # here, since a worker elsewhere does not have the file
             content = Path(self.file).read_bytes()
         except (ResultsError, OSError) as error:
-            raise ValueError(str(error)) from error
+            raise ArgumentError(str(error)) from error
         names = [self.column] if self.column in table.names else []
         names = names or [n for n in table.names if n.rpartition("[")[0] == self.column]
         if not names:
-            raise ValueError(f"{self.file}: there is no column '{self.column}'; {nearest(self.column, table.names)}")
+            raise ArgumentError(f"{self.file}: there is no column '{self.column}'; {nearest(self.column, table.names)}")
         values = table.values[:, [table.names.index(name) for name in names]]
         if not (len(table.time) and np.isfinite(table.time).all() and np.isfinite(values).all()):
-            raise ValueError(f"{self.file}: needs rows of finite numbers")
+            raise ArgumentError(f"{self.file}: needs rows of finite numbers")
         if not (np.diff(table.time) >= 0.0).all():
-            raise ValueError(f"{self.file}: the times must not descend")
+            raise ArgumentError(f"{self.file}: the times must not descend")
         object.__setattr__(self, "sha256", hashlib.sha256(content).hexdigest())
         self.__dict__["_rows"] = table.time, values  # no field: they are no part of what a TOML file says
 

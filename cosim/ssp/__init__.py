@@ -3,3 +3,38 @@
 An SSP is a zip archive of FMUs, of `SystemStructure.ssd`, which says how they are connected, and of parameter sets
 (SSV) and mappings of their names (SSM).
 """
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+#: Name -> module; loaded when first used: the schemas take a while to read, and need the extra ssp.
+_MODULES = {
+    "Experiment": "cosim.ssp.writer",
+    "ParameterSet": "cosim.ssp.writer",
+    "ReadSystem": "cosim.ssp.reader",
+    "SSPError": "cosim.ssp.schema",
+    "read_ssp": "cosim.ssp.reader",
+    "write_ssp": "cosim.ssp.writer",
+}
+
+__all__ = [
+    "Experiment",
+    "ParameterSet",
+    "ReadSystem",
+    "SSPError",
+    "read_ssp",
+    "write_ssp",
+]
+
+if TYPE_CHECKING:
+    from cosim.ssp.reader import ReadSystem, read_ssp
+    from cosim.ssp.schema import SSPError
+    from cosim.ssp.writer import Experiment, ParameterSet, write_ssp
+else:
+
+    def __getattr__(name: str) -> Any:
+        if name not in _MODULES:
+            raise AttributeError(f"module 'cosim.ssp' has no attribute {name!r}")
+        return getattr(import_module(_MODULES[name]), name)

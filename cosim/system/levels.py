@@ -9,11 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Set
 
+from cosim.errors import CosimError
+
 #: A variable of the system: (component, variable).
 Node = tuple[str, str]
 
 
-class AlgebraicLoop(Exception):
+class AlgebraicLoop(CosimError):
     """Outputs depend on themselves at the same instant; `path` runs once around the loop."""
 
     def __init__(self, path: list[Node]) -> None:

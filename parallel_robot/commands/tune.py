@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cosim.errors import needs
+from cosim.errors import ArgumentError, needs
 
 if TYPE_CHECKING:
     from controller_fmu.optimal_gains import OptimalGains, PerformanceIndex
@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
     from controller_fmu.optimal_gains import PerformanceIndex, optimal_gains
 
     if args.table and not (args.mu is args.nu is args.write is None):
-        raise ValueError("--table takes mu and nu from the paper: leave out --mu, --nu and --write, or --table")
+        raise ArgumentError("--table takes mu and nu from the paper: leave out --mu, --nu and --write, or --table")
     S = _diagonal(args.S)
     s_a, s_b = _lyapunov_constants(args, S)
     D2, D4 = psi_moments(membership_from_text(args.membership), shared=not args.independent)
@@ -96,9 +96,9 @@ def run(args: argparse.Namespace) -> int:
 def _diagonal(numbers: list[float]) -> np.ndarray:
     """S_ii (3,) in 1/s from one number or three."""
     if len(numbers) not in (1, 3):
-        raise ValueError(f"--S has {len(numbers)} numbers; give one for all joints, or three")
+        raise ArgumentError(f"--S has {len(numbers)} numbers; give one for all joints, or three")
     if not all(np.isfinite(number) and number > 0 for number in numbers):
-        raise ValueError(f"--S {' '.join(map(repr, numbers))}: every S_ii must be a finite number greater than 0")
+        raise ArgumentError(f"--S {' '.join(map(repr, numbers))}: every S_ii must be a finite number greater than 0")
     return np.array(numbers * 3 if len(numbers) == 1 else numbers)
 
 
@@ -106,7 +106,7 @@ def _lyapunov_constants(args: argparse.Namespace, S: np.ndarray) -> tuple[float,
     """s_a and s_b from the plant, from the options, or else the paper's."""
     if args.from_plant:
         if not (args.s_a is args.s_b is None):
-            raise ValueError("--from-plant computes s_a and s_b: leave out --s-a and --s-b, or --from-plant")
+            raise ArgumentError("--from-plant computes s_a and s_b: leave out --s-a and --s-b, or --from-plant")
         from parallel_robot.start import lyapunov_start_constants
 
         return lyapunov_start_constants(S)

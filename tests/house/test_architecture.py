@@ -94,7 +94,7 @@ def allowed(module: str, imported: str) -> bool:
     if inside(imported, "plant_fmu", "controller_fmu", "trajectory_fmu", "parallel_robot"):
         return False
     if inside(imported, "fmu_export"):
-        return inside(module, "cosim.commands")
+        return inside(module, "cosim.commands") or (module, imported) == ("cosim.__main__", "fmu_export.errors")
     if inside(imported, "cosim"):
         return floor(imported) <= floor(module)
     return True

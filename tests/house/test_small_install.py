@@ -43,7 +43,7 @@ BASE = modules_of(PROJECT["dependencies"])
 EXTRAS = {extra: modules_of(PROJECT["optional-dependencies"][extra]) for extra in FOR_USERS}
 OPTIONAL = set().union(*EXTRAS.values()) - BASE
 
-#: Run before everything else in a process: packages that can't be imported, as if they were not installed.
+#: Run at the start of a process and of those that it starts: packages that can't be imported, as if not installed.
 WITHOUT = """
 import importlib.metadata, sys
 
@@ -63,16 +63,18 @@ importlib.metadata.Distribution.from_name = from_name
 sys.meta_path.insert(0, Absent())
 """
 
-PROGRAM = "from cosim.__main__ import main\nsys.exit(main(sys.argv[1:]))\n"
+PROGRAM = "import sys\nfrom cosim.__main__ import main\nsys.exit(main(sys.argv[1:]))\n"
 
 
 def process(
     code: str, folder: Path, *arguments: str | Path, absent: set[str] = OPTIONAL
 ) -> subprocess.CompletedProcess[str]:
     """A process in which some packages are not installed."""
-    script = f"ABSENT = {sorted(absent)!r}\n{WITHOUT}\n{code}"
-    environment = {k: v for k, v in os.environ.items() if not k.startswith("COV")}
-    command = [sys.executable, "-c", script, *map(str, arguments)]
+    site = folder / "without"
+    site.mkdir(exist_ok=True)
+    (site / "sitecustomize.py").write_text(f"ABSENT = {sorted(absent)!r}\n{WITHOUT}")
+    environment = {k: v for k, v in os.environ.items() if not k.startswith("COV")} | {"PYTHONPATH": str(site)}
+    command = [sys.executable, "-c", code, *map(str, arguments)]
     return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, env=environment)
 
 
@@ -130,10 +132,10 @@ def test_the_base_couples_fmus_and_writes_all_formats(folder: Path) -> None:
 
 def test_every_module_of_the_base_is_imported(tmp_path: Path) -> None:
     """The packages themselves, and all of cosim that is not about an extra."""
-    about_extras = ("cosim.ssp", "cosim.sweep", "cosim.regression", "cosim.results.plotting", "cosim.analysis")
+    about_extras = ("cosim.ssp", "cosim.sweep", "cosim.regression", "cosim.results.plot", "cosim.analysis")
     modules = [*PACKAGES, "cosim.sweep.points", "cosim.regression"]
     modules += [m for m in sources() if m.startswith("cosim.") and not m.startswith((*about_extras, "cosim.__main__"))]
-    modules = [m for m in modules if not m.startswith("cosim.commands.run_")]
+    modules = [m for m in modules if m != "cosim.commands.run_ssp"]
     assert len(modules) > 30
     done = process(f"for module in {modules!r}:\n    __import__(module)", tmp_path)
     assert done.returncode == 0, done.stderr
@@ -155,6 +157,19 @@ def test_commands_of_the_base_run(folder: Path, command: list[str]) -> None:
     done = process(PROGRAM, folder, *command)
     assert done.returncode == 0, done.stderr
     assert done.stdout
+
+
+@pytest.mark.parametrize("command", [["run", "fmus/fmi2/RobotTrajectory.fmu"], ["run", "tracking"], ["run", "my.toml"]])
+def test_runs_of_the_base_write_all_but_figures(folder: Path, command: list[str]) -> None:
+    (folder / "my.toml").write_text(
+        '[run]\nstop_time = 0.1\nstep_size = 1e-3\n[components.path]\nfmu = "fmus/fmi2/RobotTrajectory.fmu"\n'
+    )
+    done = process(PROGRAM, folder, *command, "--stop", "0.1", "--out", "out")
+    assert done.returncode == 0, done.stderr
+    assert {"results.csv", "summary.json"} == {path.name for path in (folder / "out").iterdir()}
+    note = "note: there are no figures, for matplotlib is not installed"
+    assert f'{note}; install it with: pip install "{NAME}[plot]"\n' in done.stdout, done.stdout
+    assert done.stderr == ""
 
 
 #: Extra -> code that needs it, and a package that it lacks then.

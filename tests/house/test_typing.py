@@ -6,9 +6,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import cosim
-import fmu_export
-
 SCRIPT = """
 from pathlib import Path
 
@@ -54,10 +51,3 @@ def test_a_strict_type_checker_takes_good_scripts_and_finds_mistakes(tmp_path: P
     assert len(found) == len(WRONG), done.stdout
     for number, (line, message) in enumerate(zip(found, WRONG.values(), strict=True), start=2):
         assert line.startswith(f"bad.py:{number}: error: {message}")
-
-
-def test_every_public_name_is_there_and_documented() -> None:
-    for package in (cosim, fmu_export):
-        for name in package.__all__:
-            assert getattr(package, name).__doc__, name
-        assert sorted(package.__all__) == sorted(package._MODULES)

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from cosim.errors import ArgumentError
 from parallel_robot.paper.reproduce import gains, model, proof, tracking  # noqa: F401 -- they register their measures
 from parallel_robot.paper.reproduce.content import Claim, Measured, Verdict
 from parallel_robot.paper.reproduce.material import MEASURES, Material
@@ -28,7 +29,7 @@ class Row:
 
     Raises
     ------
-    ValueError
+    ArgumentError
         The row has neither or both, or names a measure or relation that is not there.
     """
 
@@ -43,9 +44,9 @@ class Row:
 
     def __post_init__(self) -> None:
         if bool(self.metric) == bool(self.reason):
-            raise ValueError(f"claim {self.id!r}: give either a metric or the reason why it can't be judged")
+            raise ArgumentError(f"claim {self.id!r}: give either a metric or the reason why it can't be judged")
         if self.metric and (self.metric not in MEASURES or self.relation not in RELATIONS or self.threshold is None):
-            raise ValueError(f"claim {self.id!r}: metric, relation or threshold is missing or unknown")
+            raise ArgumentError(f"claim {self.id!r}: metric, relation or threshold is missing or unknown")
 
 
 def rows(file: Path = FILE) -> tuple[Row, ...]:
@@ -53,13 +54,13 @@ def rows(file: Path = FILE) -> tuple[Row, ...]:
 
     Raises
     ------
-    ValueError
+    ArgumentError
         A row is malformed, or an id is there twice.
     """
     data = tomllib.loads(file.read_text(encoding="utf-8"))
     found = tuple(Row(**{**row, "runs": tuple(row.get("runs", ()))}) for row in data["claim"])
     if len({row.id for row in found}) < len(found):
-        raise ValueError(f"{file.name}: an id is there twice")
+        raise ArgumentError(f"{file.name}: an id is there twice")
     return found
 
 

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
+from cosim.errors import ArgumentError
 from parallel_robot.metrics import metrics
 from parallel_robot.paper.reproduce.content import Condition, Measured, Runs, TableRow, TheoremCheck
 from parallel_robot.paper.reproduce.table import table1
@@ -73,10 +74,10 @@ def measure(function: Measure) -> Measure:
 
     Raises
     ------
-    ValueError
+    ArgumentError
         Another measure has that name.
     """
     name = function.__name__
     if MEASURES.setdefault(name, function) is not function:
-        raise ValueError(f"two measures are called {name!r}; rename one")
+        raise ArgumentError(f"two measures are called {name!r}; rename one")
     return function

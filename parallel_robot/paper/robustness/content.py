@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from cosim.errors import CosimError
+from cosim.errors import ArgumentError, CosimError
 from cosim.sweep.sensitivity import Index
 
 #: Files of the study in its folder.
@@ -223,7 +223,7 @@ def load(folder: Path) -> Robustness:
 def _study(data: Mapping[str, Any]) -> Robustness:
     fields = {f.name for f in dataclasses.fields(Robustness)}
     if set(data) != fields:
-        raise ValueError("other fields")
+        raise ArgumentError("other fields")
     return Robustness(
         **{
             **data,
