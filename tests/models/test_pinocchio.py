@@ -197,7 +197,7 @@ def test_steady_errors_are_millimetres_for_pinocchio_too(path: np.ndarray) -> No
     desired = np.array([desired_path(t, TRAJECTORY.starts)[0] for t in TIMES])
     steady = np.abs(path - desired)[TRACKING.steady_after <= TIMES].max(axis=0)
     print(f"largest steady errors {1e3 * steady} mm")
-    assert steady == pytest.approx([3.7e-3, 4.4e-3], abs=0.15e-3)
+    assert steady == pytest.approx([3.713e-3, 4.314e-3], abs=0.01e-3)
 
 
 def test_open_loop_is_the_same_and_leaves_the_axes_of_fig_4() -> None:

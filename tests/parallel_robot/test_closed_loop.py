@@ -118,8 +118,8 @@ def steady_errors(results: Results) -> tuple[float, float]:
 def test_steady_errors_are_millimetres_not_the_papers_micrometres(robot_fmus: Path) -> None:
     """A finding: the printed law with the printed gains does not reach the 1e-6 m of the insets of Figs. 8, 9."""
     x, y = steady_errors(run(robot_fmus, 1e-3, "auto"))
-    assert x == pytest.approx(3.7e-3, abs=0.15e-3)
-    assert y == pytest.approx(4.4e-3, abs=0.15e-3)
+    assert x == pytest.approx(3.713e-3, abs=1e-6)
+    assert y == pytest.approx(4.314e-3, abs=1e-6)  # the 4.3 mm of the README
 
 
 def test_steady_errors_fall_as_mu_over_nu_rises_and_lie_below_pd(robot_fmus: Path) -> None:
