@@ -1,4 +1,4 @@
-"""`cosim compare`: hold a result against a reference, one line a finding."""
+"""`cosim compare`: compare a result with a reference, one line a finding."""
 
 from __future__ import annotations
 

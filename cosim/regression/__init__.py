@@ -1,4 +1,4 @@
-"""Regression of FMUs: run them under fixed inputs and hold the results against references.
+"""Regression of FMUs: run them with fixed inputs and compare the results with references.
 
 >>> from cosim.regression import Tolerances, compare
 """

@@ -35,7 +35,7 @@ class Funnel:
 
 
 def funnel(reference: Curve, result: Curve, time_shift: float, allowed: float) -> Funnel:
-    """Hold a result against the funnel around its reference.
+    """Compare a result with the funnel around its reference.
 
     The funnel is what rectangles of half width `time_shift` and half height `allowed` cover when they run along the
     reference, which is a polygon. Both curves must be finite and begin and end at the same times.

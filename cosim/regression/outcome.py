@@ -56,7 +56,7 @@ def share(signal: SignalComparison) -> float:
 
 
 def check(case: Case, fmu: Path, interface: Interface, *, isolated: bool = True, timeout: float = TIMEOUT) -> Outcome:
-    """Run an FMU for a case and hold the results against the reference.
+    """Run an FMU for a case and compare the results with the reference.
 
     Parameters
     ----------

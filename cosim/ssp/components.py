@@ -47,7 +47,7 @@ def members_of(system: System) -> Members:
     SetupError
         It can't be simulated.
     SSPError
-        It has what SSP has no word for.
+        It has what an SSP can't describe.
     """
     fmus = {name: load(name, c.fmu) for name, c in system.components.items()}
     ports = {name: Ports(name, fmu.description) for name, fmu in fmus.items()}
@@ -56,10 +56,10 @@ def members_of(system: System) -> Members:
     members = Members({n: Member(f, ports[n], sources[n]) for n, f in fmus.items()}, [], [])
     for component in system.components.values():
         if component.every != 1:
-            raise SSPError(f"component '{component.name}' has steps of its own (every); SSP has no word for that")
+            raise SSPError(f"component '{component.name}' has steps of its own (every); an SSP can't describe that")
     for signal in system.signals:
         if signal.added:
-            raise SSPError(f"a signal is added to '{signal.target}'; SSP has no word for that")
+            raise SSPError(f"a signal is added to '{signal.target}'; an SSP can't describe that")
     for connection in system.connections:
         (source, elements), (target, inputs) = (_elements(p, ports) for p in (connection.source, connection.target))
         for a, b in zip(elements, inputs, strict=True):

@@ -15,7 +15,7 @@ from cosim.ssp.schema import NAMESPACES, SSPError
 from cosim.system.variables import Element, Ports
 from cosim.versions import versions
 
-#: How libcosim and OMSimulator note the communication step, for which SSP has no word.
+#: How libcosim and OMSimulator note the communication step, which the standard has no element for.
 _ANNOTATIONS: dict[str, tuple[str, tuple[str, ...], Callable[[str], dict[str, str]]]] = {
     "com.opensimulationplatform": (
         "http://opensimulationplatform.com/SSP/OSPAnnotations",

@@ -65,7 +65,7 @@ def write_ssp(
 ) -> None:
     """Write a system as an SSP.
 
-    Vectors are connected element by element. Signals, for which SSP has no word, are left out: inputs that they feed
+    Vectors are connected element by element. Signals, which an SSP can't describe, are left out: inputs that they feed
     keep the start values of the FMUs, unless a tool sets them. They don't become inputs of the system, since libcosim
     opens no SSP in which those are connected.
 

@@ -171,10 +171,10 @@ def test_what_an_ssp_can_not_say(small: Path, tmp_path: Path) -> None:
 
     system = loop(small / "fmi2")
     system.disturb("gain.u[1]", lambda t: 1.0)
-    refused(system, r"^a signal is added to 'gain.u\[1\]'; SSP has no word for that$")
+    refused(system, r"^a signal is added to 'gain.u\[1\]'; an SSP can't describe that$")
     system = System()
     system.add("slow", small / "fmi2" / "Gain.fmu", start={"u": 0.0}, every=2)
-    refused(system, r"^component 'slow' has steps of its own \(every\); SSP has no word for that$")
+    refused(system, r"^component 'slow' has steps of its own \(every\); an SSP can't describe that$")
     system = loop(small / "fmi2")
     refused(system, "there is no component 'gian'; did you mean 'gain'", ParameterSet("s", "gian", {}))
     refused(system, "has no variable 'KK'; did you mean 'K'", ParameterSet("s", "gain", {"KK": 1.0}))
