@@ -230,7 +230,7 @@ def main() -> None:
     parser.add_argument("--json", type=Path, metavar="FILE", help="write all figures there")
     options = parser.parse_args()
     build_missing(options.fmus, "fmi2")
-    study, files = robot_study({"tracking": load_scenario("tracking")}, options.fmus, ["fmi2"], {}, "auto")
+    study, files = robot_study({"tracking": load_scenario("tracking")}, options.fmus, ["fmi2"])
     found = rates(study, files, options.points, options.rounds)
     one, many = (found[way] for way in ("sweep, 1 worker", f"sweep, {CORES} workers"))
     bare, bares = found["bare loop"], found[f"bare loops, {CORES} processes"]

@@ -18,7 +18,7 @@ ROWS = 100_000
 
 def measure_sweeps(folder: Path) -> Section:
     """Rates of sweeps with one worker and with all, and how fast results are read."""
-    study, files = robot_study({"tracking": load_scenario("tracking")}, folder, ["fmi2"], {}, "auto")
+    study, files = robot_study({"tracking": load_scenario("tracking")}, folder, ["fmi2"])
     found = rates(study, files, POINTS, ROUNDS)
     bare, one, bares, many = found.values()
     more, machine = ratio(many, one), ratio(bares, bare)

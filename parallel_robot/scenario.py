@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -76,6 +76,7 @@ class RobotFamily(ScenarioFamily):
     optional_inputs = OPTIONAL_INPUTS
     metric_names = ("tracking", "control_effort", "closure_error_max", "steady_after")
     drawing = "parallel_robot.figures:write_figures"
+    study = "parallel_robot.sweep:RobotStudy"
 
     def add_options(self, parser: argparse._ActionsContainer) -> None:
         """Add --flavour and --fmus."""
@@ -95,10 +96,54 @@ class RobotFamily(ScenarioFamily):
         from parallel_robot.commands.robot_fmus import chosen_flavour, make_ready  # the models take a while to import
 
         assert isinstance(scenario, RobotScenario)
-        folder = Path("fmus") if options.fmus is None else options.fmus
+        folder = _folder(options)
         flavour = chosen_flavour(folder, options.flavour)
         make_ready(folder, flavour)
         return scenario.with_flavour(folder, flavour)
+
+    def add_sweep_options(self, parser: argparse._ActionsContainer) -> None:
+        """Add --flavour, for several of them, and --fmus."""
+        parser.add_argument("--flavour", metavar="F,F", help=f"flavours of the FMUs, of {', '.join(FLAVOURS)}")
+        parser.add_argument("--fmus", type=Path, metavar="DIR", help="FMU folder (default fmus)")
+
+    def alternatives(self, options: argparse.Namespace) -> tuple[str, Sequence[str]]:
+        """Flavours that are asked for, or the default one.
+
+        Raises
+        ------
+        ScenarioError
+            There is no such flavour.
+        """
+        from parallel_robot.commands.robot_fmus import chosen_flavour  # the models take a while to import
+
+        if options.flavour is None:
+            return "flavour", [chosen_flavour(_folder(options), None)]
+        flavours = options.flavour.split(",")
+        for flavour in flavours:
+            if flavour not in FLAVOURS:
+                raise ScenarioError(
+                    f"--flavour {options.flavour}: '{flavour}' is unknown; {nearest(flavour, FLAVOURS)}"
+                )
+        return "flavour", flavours
+
+    def prepared_alternative(
+        self, scenarios: Mapping[str, Scenario], alternative: str, options: argparse.Namespace
+    ) -> dict[str, Scenario]:
+        """The scenarios with FMUs of a flavour; missing ones are built.
+
+        Raises
+        ------
+        BuildError
+            As `parallel_robot.fmus.build`.
+        """
+        from parallel_robot.commands.robot_fmus import make_ready
+
+        make_ready(_folder(options), alternative)
+        prepared: dict[str, Scenario] = {}
+        for label, scenario in scenarios.items():
+            assert isinstance(scenario, RobotScenario)
+            prepared[label] = scenario.with_flavour(_folder(options), alternative)
+        return prepared
 
     def metrics(self, scenario: Scenario, results: Results | StoredResults) -> dict[str, Any]:
         """Tracking errors, control effort, closure error."""
@@ -133,6 +178,10 @@ class RobotFamily(ScenarioFamily):
                 f"largest closure error {metrics['closure_error_max']:.2g} m",
             ]
         return lines
+
+
+def _folder(options: argparse.Namespace) -> Path:
+    return Path("fmus") if options.fmus is None else Path(options.fmus)
 
 
 FAMILY = RobotFamily()

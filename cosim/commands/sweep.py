@@ -1,34 +1,39 @@
-"""`cosim sweep`: many runs of a scenario, on all cores of this machine or on a cluster."""
+"""`cosim sweep`: many runs of a system, on all cores of this machine or on a cluster."""
 
 from __future__ import annotations
 
 import argparse
 import dataclasses
+import os
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from tqdm import tqdm
 
-from cosim.errors import nearest
+from cosim.commands.options import add_algorithm_options
+from cosim.errors import CosimError
+from cosim.scenario.family import ScenarioFamily, default_scenario, families, family_name
+from cosim.scenario.scenario import Scenario, ScenarioComponent
 from cosim.sweep.errors import SweepError
 from cosim.sweep.points import DESIGNS, Factor, Levels, Range, advice, design, parse_factor, parse_whole_numbers
-from parallel_robot.choices import FLAVOURS, scenario_names
-from parallel_robot.commands.robot_fmus import chosen_flavour, make_ready
-from parallel_robot.scenario import RobotScenario, load_scenario
 
 if TYPE_CHECKING:
+    from cosim.scenario.metrics import Metric
     from cosim.sweep.store import SweepSummary
 
-_DESCRIPTION = f"""\
-Run a scenario at many points: start values of variables, seeds, scenarios, FMU files.
+_DESCRIPTION = """\
+Run a system at many points: start values of variables, seeds, scenarios, FMU files.
 
 Each run becomes a row of metrics in Parquet files, also a run that fails. A sweep that was stopped
 goes on when the same command is given again. docs/sweeps.md plans large ones.
 
-Scenarios: {", ".join(scenario_names())}, or TOML files; several of them are a factor.
+Scenarios: {names}TOML files, or SSP files; several of them are a factor.
 """
 
 _EXAMPLES = """\
@@ -36,37 +41,41 @@ examples:
   cosim sweep --vary controller.alpha=0.5:3:11 --vary controller.beta=1,1.5,2 --seeds 1:10
   cosim sweep --vary controller.alpha=0.5:3 --vary plant.tau_d.rms=0:0.05 --design sobol --points 1024
   cosim sweep tracking pd --flavour fmi2,fmi3 --seeds 1:100 --scheduler tcp://head:8786
+  cosim sweep tanks.ssp --vary pump.mode=low,high --metric highest=max:tank.level
 """
 
 
 def register(subparsers: Any) -> None:
     """Add the parser of `cosim sweep`."""
+    known = families()
+    names = [name for family in known.values() for name in family.scenario_names()]
     parser = subparsers.add_parser(
         "sweep",
-        help="run a scenario at many points, on all cores or a Dask cluster",
-        description=_DESCRIPTION,
+        help="run a system at many points, on all cores or a Dask cluster",
+        description=_DESCRIPTION.format(names="".join(f"{name}, " for name in names)),
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("scenario", nargs="*", default=["tracking"], help="names or paths (default tracking)")
+    defaults = [family.default for family in known.values() if family.default is not None]
+    default = f" (default {defaults[0]})" if len(defaults) == 1 else ""
+    parser.add_argument("scenario", nargs="*", help=f"names or paths{default}")
     what = parser.add_argument_group("what is varied")
     what.add_argument(
         "--vary",
         action="append",
         default=[],
-        metavar="INSTANCE.NAME=VALUES",
+        metavar="COMPONENT.NAME=VALUES",
         help="a start value, or a number of a signal (plant.tau_d.rms): LOW:HIGH, LOW:HIGH:LEVELS or VALUE,VALUE,...; "
-        "may be repeated",
+        "values are numbers, true and false, items of an enumeration, or texts; may be repeated",
     )
     what.add_argument("--seeds", metavar="FIRST:LAST", help="seeds of the random signals: FIRST:LAST or SEED,SEED,...")
     what.add_argument("--step", metavar="H,H", help="communication steps in s")
-    what.add_argument("--flavour", metavar="F,F", help=f"flavours of the FMUs, of {', '.join(FLAVOURS)}")
     what.add_argument(
         "--fmu",
         action="append",
         default=[],
-        metavar="INSTANCE=FILE,FILE",
-        help="FMU files of an instance in place of those of the flavour; may be repeated",
+        metavar="COMPONENT=FILE,FILE",
+        help="FMU files of a component in place of those of the scenario; may be repeated",
     )
     points = parser.add_argument_group("which points")
     points.add_argument(
@@ -77,49 +86,86 @@ def register(subparsers: Any) -> None:
     )
     points.add_argument("--points", type=int, metavar="N", help="number of points of lhs and sobol")
     points.add_argument("--design-seed", type=int, default=0, metavar="S", help="fixes lhs and sobol (default 0)")
-    run_ = parser.add_argument_group("how they run")
-    run_.add_argument("--fmus", type=Path, default=Path("fmus"), metavar="DIR", help="FMU folder (default fmus)")
-    run_.add_argument("--stop", type=float, metavar="T", help="stop time in s")
-    run_.add_argument("--order", choices=("sequential", "parallel"), help="order of the value exchange")
-    run_.add_argument(
-        "--coupling",
-        choices=("auto", "hold", "linear"),
-        default="auto",
-        help="inputs between communication points: held, or linear (auto: linear where the FMU can)",
+    measured = parser.add_argument_group("what is measured")
+    measured.add_argument(
+        "--metric",
+        action="append",
+        default=[],
+        metavar="NAME=MEASURE:VARIABLE",
+        help="a column of the rows, besides the metrics of the scenario: final, max, rms, ... of a variable; "
+        "NAME=MEASURE:VARIABLE:OTHER for a difference, @T behind it for the part from T on; may be repeated",
     )
-    run_.add_argument("--curves", type=float, metavar="P", help="keep the errors over time, each P s, with the metrics")
+    measured.add_argument(
+        "--curves", type=float, metavar="P", help="keep what is measured over time too, with a point each P s"
+    )
+    run_ = parser.add_argument_group("how they run")
+    run_.add_argument("--stop", type=float, metavar="T", help="stop time in s")
+    add_algorithm_options(run_)
     run_.add_argument("--out", type=Path, metavar="DIR", help="results folder (default results/sweep-<scenario>)")
     run_.add_argument("--workers", type=int, metavar="N", help="processes on this machine (default: one for each core)")
     run_.add_argument("--scheduler", metavar="ADDRESS", help="run on the Dask cluster there, as tcp://head:8786")
-    parser.set_defaults(run=run)
+    options = {}
+    for name, family in known.items():
+        group = parser.add_argument_group(f"scenarios of {name}", family.system)
+        family.add_sweep_options(group)
+        options[name] = {action.option_strings[0]: action.dest for action in group._group_actions}
+    parser.set_defaults(run=run, family_options=options)
 
 
 def run(args: argparse.Namespace) -> int:
     """Run `cosim sweep`; returns the exit code, raises CosimError with one line on bad input."""
-    steps = parse_factor(f"step_size={args.step}") if args.step is not None else None
-    scenarios = {text: _with_options(load_scenario(text), args, steps) for text in args.scenario}
-    if len(scenarios) < len(args.scenario):
+    args.scenario = args.scenario or [default_scenario()]
+    if len(set(args.scenario)) < len(args.scenario):
         raise SweepError(f"scenarios {' '.join(args.scenario)}: one is named twice")
-    varied = [parse_factor(text) for text in args.vary]
-    flavours = _flavours(args)
-    own_fmus = _own_fmus(args.fmu)
+    # an FMU whose library is still in use can't be removed on Windows
+    with TemporaryDirectory(prefix="cosim_sweep_", ignore_cleanup_errors=True) as unpacked:
+        try:
+            return _run(args, Path(unpacked))
+        except CosimError as error:
+            if unpacked not in str(error):
+                raise
+            raise CosimError(str(error).replace(f"{unpacked}{os.sep}", "")) from error
+
+
+@dataclass(frozen=True)
+class _System:
+    """Scenarios of one system, by what the user wrote, and their family."""
+
+    scenarios: Mapping[str, Scenario]
+    family: ScenarioFamily
+
+
+def _run(args: argparse.Namespace, unpacked: Path) -> int:
+    steps = parse_factor(f"step_size={args.step}") if args.step is not None else None
     if isinstance(steps, Range):
         raise SweepError(f"--step {args.step}: a range; write H,H,... or LOW:HIGH:LEVELS")
+    system = _read(args, steps, unpacked)
+    varied = [parse_factor(text) for text in args.vary]
+    own_fmus = _own_fmus(args.fmu)
+    alternative, alternatives = system.family.alternatives(args)
     varied += [steps] if steps is not None and len(steps.values) > 1 else []
-    factors = [*_discrete(scenarios, flavours, own_fmus, args.seeds), *varied]
-    points = design(args.design, factors, args.points, args.design_seed)
+    discrete = _discrete(system.scenarios, {alternative: tuple(alternatives)}, own_fmus, args.seeds)
+    points = design(args.design, [*discrete, *varied], args.points, args.design_seed)
 
     # Dask and Arrow take a while to import, and wrong options should be told at once
     from cosim.sweep.engine import sweep
-    from parallel_robot.sweep import check, robot_study
+    from cosim.sweep.scenario_study import check, study_of_alternatives
 
-    for flavour in flavours:
-        make_ready(args.fmus, flavour)
-    study, files = robot_study(scenarios, args.fmus, flavours, own_fmus, args.coupling, args.curves)
+    prepared = {a: system.family.prepared_alternative(system.scenarios, a, args) for a in alternatives}
+    module, _, name = system.family.study.partition(":")
+    study, files = study_of_alternatives(
+        getattr(import_module(module), name),
+        {label: {a: prepared[a][label] for a in alternatives} for label in system.scenarios},
+        own_fmus,
+        alternative=alternative,
+        optional_inputs=system.family.optional_inputs,
+        curve_period=args.curves,
+    )
     check(study, files, varied)
     if note := advice(args.design, len(points)):
         print(note)
-    folder = args.out if args.out is not None else Path("results") / f"sweep-{next(iter(scenarios.values())).name}"
+    first = next(iter(system.scenarios.values()))
+    folder = args.out if args.out is not None else Path("results") / f"sweep-{first.name}"
     with sweep_progress(len(points)) as progress:
         summary = sweep(study, files, points, folder, scheduler=args.scheduler, workers=args.workers, progress=progress)
     print(sweep_table(summary, folder))
@@ -129,43 +175,118 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _with_options(scenario: RobotScenario, args: argparse.Namespace, steps: Levels | Range | None) -> RobotScenario:
-    step = float(steps.values[0]) if isinstance(steps, Levels) else None
-    given = {"step_size": step, "stop_time": args.stop, "order": args.order}
+def _read(args: argparse.Namespace, steps: Levels | None, unpacked: Path) -> _System:
+    """The scenarios that are named, with the options of the command line."""
+    from cosim.scenario.reading import load_with_family  # takes a while to import
+
+    scenarios: dict[str, Scenario] = {}
+    of: dict[str, ScenarioFamily] = {}
+    for number, text in enumerate(args.scenario):
+        if Path(text).suffix.lower() == ".ssp":
+            scenarios[text], of[text] = _of_ssp(Path(text), unpacked / f"{number}", args, steps), ScenarioFamily()
+        else:
+            scenarios[text], of[text] = load_with_family(text)
+    family = next(iter(of.values()))
+    for text, other in of.items():
+        if family_name(other) != family_name(family):
+            raise SweepError(f"{text}: its system is another one than that of {args.scenario[0]}; sweep them apart")
+    for name, options in args.family_options.items():
+        if name != family_name(family):
+            for option, dest in options.items():
+                if getattr(args, dest) is not None:
+                    raise SweepError(f"{option} is for scenarios of {name}; leave it out")
+    metrics = _metrics(args.metric, scenarios, family)
+    return _System({text: _with_options(s, args, steps, metrics) for text, s in scenarios.items()}, family)
+
+
+def _of_ssp(path: Path, unpacked: Path, args: argparse.Namespace, steps: Levels | None) -> Scenario:
+    """The system of an SSP and its default experiment."""
+    from cosim.ssp.reader import read_ssp  # takes a while to import
+
+    unpacked.mkdir()
+    found = read_ssp(path, unpacked)
+    for note in found.notes:
+        print(f"note: {note}")
+    if found.stop_time is None and args.stop is None:
+        raise SweepError(f"{path} has no default stop time; give one with --stop")
+    if found.step_size is None and steps is None:
+        raise SweepError(f"neither {path} nor its FMUs have a default step; give one with --step")
+    components = found.system.components
+    return Scenario(
+        name=path.stem,
+        title=found.name,
+        components={name: ScenarioComponent(c.fmu, c.every) for name, c in components.items()},
+        stop_time=found.stop_time or 0.0,
+        step_size=found.step_size or 0.0,
+        start_time=found.start_time,
+        start={name: c.start for name, c in components.items()},
+        connections=tuple(found.system.connections),
+    )
+
+
+def _with_options(
+    scenario: Scenario, args: argparse.Namespace, steps: Levels | None, metrics: Mapping[str, Metric]
+) -> Scenario:
+    given = {
+        "step_size": None if steps is None else float(steps.values[0]),
+        "stop_time": args.stop,
+        "order": args.order,
+        "extrapolation": args.extrapolation,
+        "metrics": {**scenario.metrics, **metrics} if metrics else None,
+    }
     return dataclasses.replace(scenario, **{k: v for k, v in given.items() if v is not None})
 
 
-def _flavours(args: argparse.Namespace) -> list[str]:
-    if args.flavour is None:
-        return [chosen_flavour(args.fmus, None)]
-    flavours = args.flavour.split(",")
-    for flavour in flavours:
-        if flavour not in FLAVOURS:
-            raise SweepError(f"--flavour {args.flavour}: '{flavour}' is unknown; {nearest(flavour, FLAVOURS)}")
-    return list(flavours)
+def _metrics(texts: list[str], scenarios: Mapping[str, Scenario], family: ScenarioFamily) -> dict[str, Metric]:
+    """Metrics from `NAME=MEASURE:VARIABLE`, `NAME=MEASURE:VARIABLE:OTHER`, both with `@T` behind."""
+    from cosim.scenario.metrics import Metric
+
+    found: dict[str, Metric] = {}
+    taken = {*family.metric_names, *(name for scenario in scenarios.values() for name in scenario.metrics)}
+    for text in texts:
+        name, _, rest = text.partition("=")
+        what, at, after = rest.partition("@")
+        measure, *variables = what.split(":")
+        try:
+            time = float(after) if at else None
+        except ValueError:
+            variables = []
+        if not name or len(variables) not in (1, 2) or not all(variables):
+            raise SweepError(f"--metric {text}: write NAME=MEASURE:VARIABLE[:OTHER][@T], as error=rms:a.y:a.u@8")
+        if name in taken or name in found:
+            raise SweepError(f"--metric {text}: there is a metric '{name}' already; choose another name")
+        try:
+            found[name] = Metric(variables[0], measure, variables[1] if len(variables) == 2 else None, time)
+        except ValueError as error:
+            raise SweepError(f"--metric {text}: {error}") from None
+    return found
 
 
 def _own_fmus(texts: list[str]) -> dict[str, list[Path]]:
     own: dict[str, list[Path]] = {}
     for text in texts:
-        instance, equals, paths = text.partition("=")
-        if not (instance and equals and paths) or instance in own:
-            raise SweepError(f"--fmu {text}: write INSTANCE=FILE,FILE, once for each instance")
-        own[instance] = [Path(path) for path in paths.split(",")]
+        component, equals, paths = text.partition("=")
+        if not (component and equals and paths) or component in own:
+            raise SweepError(f"--fmu {text}: write COMPONENT=FILE,FILE, once for each component")
+        own[component] = [Path(path) for path in paths.split(",")]
     return own
 
 
 def _discrete(
-    scenarios: dict[str, RobotScenario], flavours: list[str], own_fmus: dict[str, list[Path]], seeds: str | None
+    scenarios: Mapping[str, Scenario],
+    alternatives: Mapping[str, tuple[str, ...]],
+    own_fmus: Mapping[str, list[Path]],
+    seeds: str | None,
 ) -> Iterator[Factor]:
     """Factors that are no numbers, slowest first: neighbouring points then share what is expensive to set up."""
     if len(scenarios) > 1:
         yield Levels("scenario", tuple(scenarios))
-    if len(flavours) > 1:
-        yield Levels("flavour", tuple(flavours))
-    for instance, paths in own_fmus.items():
+    for name, values in alternatives.items():
+        if len(values) > 1:
+            yield Levels(name, values)
+    for component, paths in own_fmus.items():
         if len(paths) > 1:
-            yield Levels(f"{instance}.fmu", tuple(map(str, paths)))
+            yield Levels(f"{component}.fmu", tuple(map(str, paths)))
     if seeds is not None:
         levels = parse_whole_numbers("seed", seeds)
         if any(int(seed) < 0 for seed in levels.values):

@@ -48,6 +48,8 @@ class ScenarioFamily:
     drawing : str
         Function `module:name` that draws results into a folder, as `cosim.results.plot_file.write_plot`; called in a
         process of its own with the results, the folder, and `drawing_arguments`.
+    study : str
+        Class `module:name` of its sweeps, a subclass of `cosim.sweep.scenario_study.ScenarioStudy`.
     """
 
     system: str = ""
@@ -58,6 +60,7 @@ class ScenarioFamily:
     optional_inputs: Mapping[str, Any] = {}
     metric_names: Collection[str] = ()
     drawing: str = "cosim.results.plot_file:write_plot"
+    study: str = "cosim.sweep.scenario_study:ScenarioStudy"
     scenario: ClassVar[type[Scenario]] = Scenario
 
     def scenario_names(self) -> list[str]:
@@ -66,6 +69,23 @@ class ScenarioFamily:
 
     def add_options(self, parser: argparse._ActionsContainer) -> None:
         """Add options of its own to `cosim run`; their defaults must be None."""
+
+    def add_sweep_options(self, parser: argparse._ActionsContainer) -> None:
+        """Add options of its own to `cosim sweep`, by default those of `cosim run`; their defaults must be None."""
+        self.add_options(parser)
+
+    def alternatives(self, options: argparse.Namespace) -> tuple[str, Sequence[str]]:  # noqa: ARG002 -- for subclasses
+        """What a sweep can vary besides variables, as kinds of FMUs: the name of the factor and its values."""
+        return "", [""]
+
+    def prepared_alternative(
+        self,
+        scenarios: Mapping[str, Scenario],
+        alternative: str,  # noqa: ARG002 -- for subclasses
+        options: argparse.Namespace,
+    ) -> dict[str, Scenario]:
+        """The scenarios of a sweep, as `prepared` gives them, with the FMUs of an alternative."""
+        return {label: self.prepared(scenario, options) for label, scenario in scenarios.items()}
 
     def prepared(self, scenario: Scenario, options: argparse.Namespace) -> Scenario:  # noqa: ARG002 -- for subclasses
         """The scenario with an FMU for every component, all of which exist: this is where those that miss are built.

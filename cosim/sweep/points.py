@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -77,7 +78,10 @@ Factor = Levels | Range
 
 
 def parse_factor(text: str) -> Factor:
-    """A factor of numbers from `NAME=LOW:HIGH`, `NAME=LOW:HIGH:LEVELS` (evenly spaced) or `NAME=VALUE,VALUE,...`.
+    """A factor from `NAME=LOW:HIGH`, `NAME=LOW:HIGH:LEVELS` (evenly spaced) or `NAME=VALUE,VALUE,...`.
+
+    Values of a list are numbers, or texts if one of them is no number: true and false, items of an enumeration, texts.
+    In double quotes a number is a text.
 
     Raises
     ------
@@ -87,8 +91,8 @@ def parse_factor(text: str) -> Factor:
     name, equals, values = text.partition("=")
     if not (equals and name and values):
         raise SweepError(f"'{text}' is no factor; {_FORMS}")
-    if ":" not in values:
-        return Levels(name, tuple(_number(text, v) for v in values.split(",")))
+    if ":" not in values or '"' in values:
+        return Levels(name, _listed(text, values))
     ends = values.split(":")
     if len(ends) not in (2, 3):
         raise SweepError(f"'{text}' has {len(ends)} numbers between colons; {_FORMS}")
@@ -99,6 +103,17 @@ def parse_factor(text: str) -> Factor:
     if not 2 <= count <= _MOST_LEVELS:
         raise SweepError(f"'{text}': {count} levels of a range; use 2 to {_MOST_LEVELS}")
     return Levels(name, tuple(np.linspace(range_.low, range_.high, count).tolist()))
+
+
+def _listed(where: str, values: str) -> tuple[Value, ...]:
+    """Values of a list: all numbers, or all texts."""
+    items = re.findall(r'("[^"]*"|[^,]*),', f"{values},")
+    if not all(item.strip('"') for item in items):
+        raise SweepError(f"'{where}': there is an empty value; {_FORMS}")
+    try:
+        return tuple(float(item) for item in items)
+    except ValueError:
+        return tuple(item.strip('"') for item in items)
 
 
 def parse_whole_numbers(name: str, text: str) -> Levels:

@@ -14,6 +14,7 @@ import hashlib
 import json
 import os
 import time as clock
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -89,7 +90,7 @@ class Store:
     Raises
     ------
     SweepError
-        The folder holds another sweep.
+        The folder holds another sweep, or two columns have the same name.
     OutputError
         It can't be written.
     """
@@ -104,6 +105,10 @@ class Store:
         curves: Sequence[str] = (),
         now: Callable[[], float] = clock.monotonic,
     ) -> None:
+        columns = Counter(["index", *points.names, *metrics, *curves, "error"])
+        for name, times in columns.items():
+            if times > 1:
+                raise SweepError(f"two columns are named '{name}'; give the metric another name")
         self.folder = folder
         self._points = points
         self._types = dict.fromkeys(metrics, pa.float64()) | dict.fromkeys(curves, pa.list_(pa.float32()))

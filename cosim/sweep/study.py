@@ -30,6 +30,10 @@ class PlannedRun:
         Start values `component.variable`.
     signals : sequence of Signal
         In place of those of the system with the same targets.
+    start_time : float
+        In s.
+    record_every : int
+        Record at every so many communication points.
     """
 
     variant: Hashable
@@ -37,6 +41,8 @@ class PlannedRun:
     step_size: float
     start: Mapping[str, Any] = field(default_factory=dict)
     signals: Sequence[Signal] = ()
+    start_time: float = 0.0
+    record_every: int = 1
 
 
 class Study(Protocol):
@@ -74,12 +80,12 @@ class Study(Protocol):
 
 
 def check_start(simulation: Simulation, factor: Factor) -> None:
-    """Whether a start value can be varied: at least one of its values must be accepted, for the others are error rows.
+    """Whether a start value can be varied: at least one of its numbers must be accepted, for the others are error rows.
 
     Raises
     ------
     SweepError
-        All are refused: there is no such variable, it can't be set, or something feeds it.
+        All are refused: there is no such variable, it can't be set, or something feeds it; or a text is refused.
     """
     refused = None
     for value in (factor.low, factor.high) if isinstance(factor, Range) else factor.values:
@@ -87,6 +93,11 @@ def check_start(simulation: Simulation, factor: Factor) -> None:
             simulation._extra_starts({factor.name: value})
         except SetupError as error:
             refused = error
+            if isinstance(value, str):  # a misspelt word is no experiment
+                break
         else:
-            return
+            if not isinstance(value, str):
+                return
+    if refused is None:
+        return
     raise SweepError(f"{factor.name}: {refused}") from refused

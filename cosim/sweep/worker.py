@@ -110,7 +110,14 @@ def _row(key: str, study: Study, index: int, point: Mapping[str, Value], timer: 
         planned = study.plan(point)
         simulation = _simulation(key, study, planned.variant)
         with timer:
-            results = simulation.run(planned.stop_time, planned.step_size, start=planned.start, signals=planned.signals)
+            results = simulation.run(
+                planned.stop_time,
+                planned.step_size,
+                start_time=planned.start_time,
+                start=planned.start,
+                signals=planned.signals,
+                record_every=planned.record_every,
+            )
             return Row(index, study.row(planned, results), None)
     except WorkerTrouble:
         raise

@@ -14,10 +14,11 @@ from cosim.scenario.scenario import ScenarioError
 from cosim.scenario.signals import Noise
 from cosim.sweep.errors import SweepError
 from cosim.sweep.points import Levels, Range, parse_factor
+from cosim.sweep.scenario_study import check
 from fmu_export.package.start_values import write_start_values
 from parallel_robot.metrics import metrics, tracking_errors
 from parallel_robot.scenario import load_scenario
-from parallel_robot.sweep import METRICS, RobotStudy, _flat, check, robot_study
+from parallel_robot.sweep import METRICS, RobotStudy, flat, robot_study
 from tests.conftest import DEFAULT_FLAVOUR
 
 
@@ -34,7 +35,7 @@ def scenario(name: str = "tracking"):
 @pytest.fixture(scope="module")
 def made(robot_fmus: Path) -> tuple[RobotStudy, dict[str, Path]]:
     scenarios = {name: scenario(name) for name in ("tracking", "pd")}
-    return robot_study(scenarios, robot_fmus, [DEFAULT_FLAVOUR], {}, "auto")
+    return robot_study(scenarios, robot_fmus, [DEFAULT_FLAVOUR])
 
 
 def run(made: tuple[RobotStudy, dict[str, Path]], point: dict) -> dict:
@@ -49,7 +50,7 @@ def by_simulate(robot_fmus: Path, changed) -> dict:
     results = simulate(
         changed.system(robot_fmus, DEFAULT_FLAVOUR), changed.stop_time, changed.step_size, order=changed.order
     )
-    return dict(_flat(metrics(results, changed.steady_after)))
+    return dict(flat(metrics(results, changed.steady_after)))
 
 
 def without_times(row: dict) -> dict:
@@ -91,7 +92,7 @@ def test_a_factor_does_what_the_same_change_of_the_scenario_does(made, robot_fmu
 
 def test_the_noise_of_a_sensor_and_the_step_are_factors(robot_fmus):
     noisy = scenario("tracking-noise")
-    made = robot_study({"tracking-noise": noisy}, robot_fmus, [DEFAULT_FLAVOUR], {}, "auto")
+    made = robot_study({"tracking-noise": noisy}, robot_fmus, [DEFAULT_FLAVOUR])
     point = {"controller.theta_a.rms": 2e-3, "controller.omega_a.period": 0.01, "step_size": 2e-3, "seed": 4}
     changed = dataclasses.replace(
         noisy,
@@ -115,7 +116,7 @@ def test_the_noise_of_a_sensor_and_the_step_are_factors(robot_fmus):
 
 
 def test_rows_have_curves_of_the_errors_where_asked(robot_fmus):
-    made = robot_study({"tracking": scenario()}, robot_fmus, [DEFAULT_FLAVOUR], {}, "auto", curve_period=0.1)
+    made = robot_study({"tracking": scenario()}, robot_fmus, [DEFAULT_FLAVOUR], curve_period=0.1)
     study, files = made
     assert study.curves == tuple(f"tracking.{e}.curve" for e in ("x", "y", "theta_a[1]", "theta_a[2]", "theta_a[3]"))
     fine, coarse = (run(made, {"step_size": step}) for step in (1e-3, 2e-3))
@@ -139,7 +140,8 @@ def test_flavours_and_fmu_files_are_factors(robot_fmus, tmp_path):
     write_start_values(tuned, {"alpha": 2.5})
     first = robot_fmus / DEFAULT_FLAVOUR / "RobotController.fmu"
     flavours = list(dict.fromkeys([DEFAULT_FLAVOUR, "pythonfmu"]))
-    made = robot_study({"tracking": scenario()}, robot_fmus, flavours, {"controller": [first, tuned]}, "hold")
+    held = dataclasses.replace(scenario(), extrapolation="hold")
+    made = robot_study({"tracking": held}, robot_fmus, flavours, {"controller": [first, tuned]})
     study, files = made
     assert len(files) == 3 * len(flavours) + 1
     plain, changed = ({"controller.fmu": str(path)} for path in (first, tuned))
@@ -164,11 +166,11 @@ def test_neighbours_with_the_same_seed_share_their_signals(made):
 
 def test_what_a_run_does_not_have_is_none(robot_fmus):
     short = dataclasses.replace(load_scenario("open-loop"), stop_time=0.01)
-    row = run(robot_study({"open-loop": short}, robot_fmus, [DEFAULT_FLAVOUR], {}, "auto"), {})
+    row = run(robot_study({"open-loop": short}, robot_fmus, [DEFAULT_FLAVOUR]), {})
     assert row["tracking.x.max"] is None
     assert row["closure_error_max"] < 1e-9
     early = dataclasses.replace(load_scenario("tracking"), stop_time=0.01)
-    row = run(robot_study({"tracking": early}, robot_fmus, [DEFAULT_FLAVOUR], {}, "auto"), {})
+    row = run(robot_study({"tracking": early}, robot_fmus, [DEFAULT_FLAVOUR]), {})
     assert row["tracking.x.steady_max"] is None
     assert row["tracking.x.max"] > 0.0
 
@@ -177,15 +179,14 @@ def test_the_fingerprint_holds_all_that_decides(made, robot_fmus):
     study, _ = made
     fingerprint = json.dumps(study.fingerprint())
     assert json.loads(fingerprint) == study.fingerprint()
+    held = {label: dataclasses.replace(s, extrapolation="hold") for label, s in study.scenarios.items()}
     changed = [
-        robot_study({"tracking": scenario()}, robot_fmus, [DEFAULT_FLAVOUR], {}, "auto"),
-        robot_study(dict(study.scenarios), robot_fmus, [DEFAULT_FLAVOUR], {}, "hold"),
+        robot_study({"tracking": scenario()}, robot_fmus, [DEFAULT_FLAVOUR]),
+        robot_study(held, robot_fmus, [DEFAULT_FLAVOUR]),
         robot_study(
             {**study.scenarios, "pd": dataclasses.replace(scenario("pd"), seed=2)},
             robot_fmus,
             [DEFAULT_FLAVOUR],
-            {},
-            "auto",
         ),
     ]
     assert len({fingerprint, *(json.dumps(other.fingerprint()) for other, _ in changed)}) == 4
@@ -227,7 +228,7 @@ def test_values_that_some_runs_can_not_have_are_their_rows(made):
 
 def test_a_step_that_does_not_fit_is_one_line(robot_fmus):
     odd = dataclasses.replace(scenario(), step_size=0.07)
-    study, files = robot_study({"tracking": odd}, robot_fmus, [DEFAULT_FLAVOUR], {}, "auto")
+    study, files = robot_study({"tracking": odd}, robot_fmus, [DEFAULT_FLAVOUR])
     with pytest.raises(SweepError, match=r"not a whole number of steps of 0\.07 s; stop at 0\.28 s or 0\.35 s"):
         check(study, files, [])
 
@@ -239,13 +240,13 @@ def test_a_step_that_does_not_fit_is_one_line(robot_fmus):
 def test_fmu_files_that_make_no_sense_are_one_line(robot_fmus, own, says):
     paths = {instance: [Path(p) for p in names] for instance, names in own.items()}
     with pytest.raises(SweepError) as error:
-        robot_study({"tracking": scenario()}, robot_fmus, [DEFAULT_FLAVOUR], paths, "auto")
+        robot_study({"tracking": scenario()}, robot_fmus, [DEFAULT_FLAVOUR], paths)
     assert says in str(error.value)
 
 
 def test_what_is_no_fmu_is_one_line(robot_fmus, tmp_path):
     (tmp_path / "text.fmu").write_text("no archive")
     own = {"plant": [tmp_path / "text.fmu"]}
-    study, files = robot_study({"tracking": scenario()}, robot_fmus, [DEFAULT_FLAVOUR], own, "auto")
+    study, files = robot_study({"tracking": scenario()}, robot_fmus, [DEFAULT_FLAVOUR], own)
     with pytest.raises(SweepError, match="not an FMU"):
         check(study, files, [])

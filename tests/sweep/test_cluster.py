@@ -109,7 +109,7 @@ def counter_points(n: int, deadly: tuple[int, ...] = ()) -> Points:
 def test_a_worker_is_killed_half_way_and_all_rows_are_those_of_a_plain_loop(cluster, robot_fmus, tmp_path):
     """On top: FMUs travel once to each worker, also to one that comes later, and not again for the next sweep."""
     scenario = dataclasses.replace(load_scenario("tracking"), stop_time=STOP_TIME)
-    study, files = robot_study({"tracking": scenario}, robot_fmus, [DEFAULT_FLAVOUR], {}, "auto")
+    study, files = robot_study({"tracking": scenario}, robot_fmus, [DEFAULT_FLAVOUR])
     factors = [Range("controller.alpha", 0.5, 3.0), Range("controller.beta", 1.0, 2.0)]
     points = design("sobol", factors, 48, seed=1)
     first, _ = cluster.worker(), cluster.worker()
@@ -145,7 +145,8 @@ def test_a_worker_is_killed_half_way_and_all_rows_are_those_of_a_plain_loop(clus
         assert set(counts) >= set(files)
         assert len(counts) == len(files) + 1  # and the study
         assert set(counts.values()) == {1}
-    other, _ = robot_study({"tracking": scenario}, robot_fmus, [DEFAULT_FLAVOUR], {}, "hold")
+    held = dataclasses.replace(scenario, extrapolation="hold")
+    other, _ = robot_study({"tracking": held}, robot_fmus, [DEFAULT_FLAVOUR])
     sweep(other, files, design("sobol", factors, 2), tmp_path / "other", scheduler=cluster.address)
     for counts in cluster.ask(arrivals).values():
         assert len(counts) == len(files) + 2

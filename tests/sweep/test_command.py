@@ -106,7 +106,7 @@ def test_ctrl_c_in_a_terminal_ends_it_in_one_line_and_the_same_command_goes_on(h
         (["--seeds", "5:1"], "smaller number first"),
         (["--seeds=-3:1"], "0 or greater"),
         (["--seeds", "1:2", "--flavour", "fmi4"], "did you mean 'fmi"),
-        (["--seeds", "1:2", "--fmu", "controller"], "INSTANCE=FILE"),
+        (["--seeds", "1:2", "--fmu", "controller"], "COMPONENT=FILE"),
         (["--seeds", "1:2", "--fmu", "controller=nowhere.fmu"], "nowhere.fmu"),
         (["--seeds", "1:2", "--step", "0.07"], "not a whole number of steps"),
         (["--step", "0.001,0.07"], "not a whole number of steps of 0.07 s"),

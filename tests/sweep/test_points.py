@@ -29,6 +29,9 @@ def test_a_factor_is_a_range_levels_or_a_list():
     assert parse_factor("a.x=-1:1:5") == Levels("a.x", (-1.0, -0.5, 0.0, 0.5, 1.0))
     assert parse_factor("a.x[1]=1,1.5,2e-3") == Levels("a.x[1]", (1.0, 1.5, 0.002))
     assert parse_factor("a.x=7") == Levels("a.x", (7.0,))
+    assert parse_factor("a.b=true,false") == Levels("a.b", ("true", "false"))
+    assert parse_factor("a.mode=low,2") == Levels("a.mode", ("low", "2"))
+    assert parse_factor('a.name="3","1,5:2"') == Levels("a.name", ("3", "1,5:2"))
     assert parse_whole_numbers("seed", "3:6") == Levels("seed", (3, 4, 5, 6))
     assert parse_whole_numbers("seed", "9,2") == Levels("seed", (9, 2))
 
@@ -39,8 +42,11 @@ def test_a_factor_is_a_range_levels_or_a_list():
         ("a.x", "no factor"),
         ("=1", "no factor"),
         ("a.x=", "no factor"),
-        ("a.x=one", "'one' is not a number"),
-        ("a.x=1,,2", "'' is not a number"),
+        ("a.x=one:2", "'one' is not a number"),
+        ("a.x=1,,2", "empty value"),
+        ("a.x=1,", "empty value"),
+        ('a.x="",1', "empty value"),
+        ("a.x=on,off,on", "'on' twice"),
         ("a.x=3:0.5", "empty"),
         ("a.x=1:1", "empty"),
         ("a.x=nan", "not a finite number"),

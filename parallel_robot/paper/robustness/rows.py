@@ -9,11 +9,12 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 
+from cosim.sweep.scenario_study import SCENARIO
 from cosim.sweep.store import read
 from parallel_robot.paper.reproduce.figures.style import ERROR_NAMES
 from parallel_robot.paper.robustness.study import ALPHA, BETA, CONDITIONS, CURVE_PERIOD, GAINS, MONTE_CARLO
 from parallel_robot.scenario import load_scenario
-from parallel_robot.sweep import SCENARIO, curve_name
+from parallel_robot.sweep import curve_name
 
 _INTEGRAL = "control_effort.integral"
 

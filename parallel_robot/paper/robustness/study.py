@@ -12,11 +12,12 @@ import numpy as np
 from controller_fmu.membership import Membership, Sine
 from cosim.sweep.errors import SweepError
 from cosim.sweep.points import Levels, Points, Range
+from cosim.sweep.scenario_study import SCENARIO as SCENARIO_FACTOR
+from cosim.sweep.scenario_study import SEED, STEP, check
 from cosim.sweep.sensitivity import Uncertain, base_for, saltelli
 from parallel_robot.paper.reproduce.table import controllers
 from parallel_robot.scenario import RobotScenario, load_scenario
-from parallel_robot.sweep import SCENARIO as SCENARIO_FACTOR
-from parallel_robot.sweep import SEED, STEP, RobotStudy, check, robot_study
+from parallel_robot.sweep import RobotStudy, robot_study
 from plant_fmu.model import PARAMETERS
 
 #: Scenario of the Monte Carlo runs.
@@ -180,7 +181,7 @@ def gains(fmus: Path, flavour: str, levels: int) -> Sweep:
 
 def _sweep(name: str, fmus: Path, flavour: str, scenarios: Sequence[str], points: Points) -> Sweep:
     loaded = {scenario: load_scenario(scenario) for scenario in scenarios}
-    study, files = robot_study(loaded, fmus, [flavour], {}, "auto", CURVE_PERIOD)
+    study, files = robot_study(loaded, fmus, [flavour], curve_period=CURVE_PERIOD)
     discrete = ("scenario", "seed")
     check(study, files, [f for f in points.factors if f.name not in discrete])
     return Sweep(name, study, files, points)
