@@ -8,6 +8,7 @@ import time
 from pathlib import Path
 
 from cosim.errors import CosimError
+from fmu_export import ModelError
 from parallel_robot.choices import FLAVOURS
 from parallel_robot.fmus import INSTANCES, build
 
@@ -30,7 +31,7 @@ def main(arguments: list[str] | None = None) -> int:
         try:
             for path in build(options.fmus, flavour, options.fmu or INSTANCES, all_platforms=options.all_platforms):
                 print(f"{path}  {path.stat().st_size / 1024:.0f} kB")
-        except CosimError as error:  # the other flavours may still be built
+        except (CosimError, ModelError) as error:  # the other flavours may still be built
             print(f"build_fmus.py: {error}", file=sys.stderr)
             failed = True
     print(f"built in {time.perf_counter() - began:.1f} s")

@@ -94,7 +94,7 @@ def test_own_controller_in_plain_python(folder: Path, capsys: pytest.CaptureFixt
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ("controller", "--fmu controller: write INSTANCE=FILE"),
+        ("controller", "--fmu controller: write COMPONENT=FILE"),
         ("ctrl=fmus/fmi2/RobotController.fmu", "the scenario has no component 'ctrl'; did you mean 'controller'"),
         ("controller=none.fmu", "component 'controller': none.fmu: there is no such FMU file"),
         ("controller=fmus/fmi2/RobotTrajectory.fmu", "'controller.theta_ref' is an output and can't be the target"),
