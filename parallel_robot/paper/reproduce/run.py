@@ -17,14 +17,14 @@ from parallel_robot.paper.reproduce.content import Reproduction, Runs
 from parallel_robot.paper.reproduce.errata import ERRATA, show
 from parallel_robot.paper.reproduce.figures import NUMBERS, write_figures
 from parallel_robot.paper.reproduce.material import Material
-from parallel_robot.paper.reproduce.runs import number_of_runs
+from parallel_robot.paper.reproduce.runs import Plan
 
 Progress = Callable[[str], None]
 
 
 def number_of_steps() -> int:
     """How often `run_all` and `reproduce` together report progress."""
-    return number_of_runs() + len(NUMBERS) + len(rows()) + len(ERRATA)
+    return Plan().number_of_runs + len(NUMBERS) + len(rows()) + len(ERRATA)
 
 
 def reproduce(runs: Runs, folder: Path, progress: Progress = lambda what: None) -> Reproduction:

@@ -6,7 +6,7 @@ A run of the paper's 15 s takes about 50 ms, less than what a second process wou
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -122,9 +122,13 @@ ASSUMPTIONS = (
 
 
 def all_readings(
-    simulation: Simulation, scenario: RobotScenario, controller: Controller, progress: Progress
+    simulation: Simulation,
+    scenario: RobotScenario,
+    controller: Controller,
+    assumptions: Sequence[Assumption],
+    progress: Progress,
 ) -> tuple[Reading, ...]:
-    """Run all assumptions.
+    """Make one run for each assumption.
 
     Parameters
     ----------
@@ -133,11 +137,12 @@ def all_readings(
     scenario : RobotScenario
     controller : Controller
         With the gains that the factors multiply.
+    assumptions : sequence of Assumption
     progress : callable
         Called with a word on each run.
     """
     readings = []
-    for assumption in ASSUMPTIONS:
+    for assumption in assumptions:
         stop_time, step_size = assumption.stop_time or scenario.stop_time, assumption.step_size or scenario.step_size
         gains = {"alpha": assumption.alpha * controller.alpha, "beta": assumption.beta * controller.beta}
         start = {f"controller.{name}": value for name, value in {**gains, **assumption.start}.items()}
@@ -162,13 +167,41 @@ def _reading(assumption: Assumption, results: Results, steady_after: float) -> R
     )
 
 
-def number_of_runs() -> int:
-    """How many runs `run_all` makes."""
-    six = len(controllers())
-    return six * (len(CONDITIONS) + 1 + len(SEEDS) * len(LEVELS)) + (six - 1) + len(ASSUMPTIONS) + 1
+@dataclass(frozen=True)
+class Plan:
+    """Which runs `run_all` makes; the default is all that the reproduction needs.
+
+    Attributes
+    ----------
+    controllers : tuple of Controller
+        PD first; mu/nu = 1 must be among them.
+    seeds : tuple of int
+    levels : tuple of float
+        Rms (N m). Each seed with each level is one more disturbance torque, beside none.
+    assumptions : tuple of Assumption
+    """
+
+    controllers: tuple[Controller, ...] = field(default_factory=controllers)
+    seeds: tuple[int, ...] = SEEDS
+    levels: tuple[float, ...] = LEVELS
+    assumptions: tuple[Assumption, ...] = ASSUMPTIONS
+
+    @property
+    def number_of_runs(self) -> int:
+        """How many runs these are."""
+        n = len(self.controllers)
+        torques = 1 + len(self.seeds) * len(self.levels)
+        return n * (len(CONDITIONS) + torques) + (n - 1) + len(self.assumptions) + 1
+
+    def torques(self) -> Iterator[tuple[int, float]]:
+        """Seed and rms (N m) of each disturbance torque, first of none."""
+        yield 0, 0.0
+        for rms in self.levels:
+            for seed in self.seeds:
+                yield seed, rms
 
 
-def run_all(folder: Path, progress: Progress = lambda what: None) -> Runs:
+def run_all(folder: Path, progress: Progress = lambda what: None, plan: Plan | None = None) -> Runs:
     """Make all runs.
 
     Parameters
@@ -177,6 +210,8 @@ def run_all(folder: Path, progress: Progress = lambda what: None) -> Runs:
         Holds `fmi2/RobotPlant.fmu` and the other two FMUs.
     progress : callable
         Called with a word on each run that has been made.
+    plan : Plan, optional
+        Fewer runs than the whole reproduction needs.
 
     Raises
     ------
@@ -186,7 +221,7 @@ def run_all(folder: Path, progress: Progress = lambda what: None) -> Runs:
         An FMU failed.
     """
     scenario = load_scenario("tracking")
-    six = controllers()
+    plan = plan or Plan()
     closed_loop: dict[tuple[str, Condition], Results] = {}
     accumulated: dict[tuple[str, int, float], dict[str, float]] = {}
     pd_same_beta: dict[str, dict[str, dict[str, float]]] = {}
@@ -200,22 +235,22 @@ def run_all(folder: Path, progress: Progress = lambda what: None) -> Runs:
 
         for condition in CONDITIONS:
             acting = signals(scenario, condition)
-            for controller in six:
+            for controller in plan.controllers:
                 closed_loop[controller.key, condition] = run(controller, acting)
         acting = signals(scenario, "disturbed")
-        for controller in six[1:]:
+        for controller in plan.controllers[1:]:
             results = run(dataclasses.replace(controller, alpha=0.0), acting)
             pd_same_beta[controller.key] = metrics(results, scenario.steady_after)["tracking"]
-        for seed, rms in _disturbances():
+        for seed, rms in plan.torques():
             acting = signals(dataclasses.replace(scenario, seed=seed), "disturbed", rms)
-            for controller in six:
+            for controller in plan.controllers:
                 found = metrics(run(controller, acting), scenario.steady_after)["tracking"]
                 accumulated[controller.key, seed, rms] = {name: e["accumulated"] for name, e in found.items()}
-        one = next(c for c in six if c.key == "1")
-        readings = all_readings(simulation, scenario, one, progress)
+        one = next(c for c in plan.controllers if c.key == "1")
+        readings = all_readings(simulation, scenario, one, plan.assumptions, progress)
         info = closed_loop["1", "disturbed"].info
     return Runs(
-        controllers=six,
+        controllers=plan.controllers,
         closed_loop=closed_loop,
         open_loop=_open_loop(folder, progress),
         accumulated=accumulated,
@@ -234,13 +269,6 @@ def run_all(folder: Path, progress: Progress = lambda what: None) -> Runs:
             "mass_change": dataclasses.asdict(scenario.signals[MASS_CHANGE]),
         },
     )
-
-
-def _disturbances() -> Iterator[tuple[int, float]]:
-    yield 0, 0.0
-    for rms in LEVELS:
-        for seed in SEEDS:
-            yield seed, rms
 
 
 def _open_loop(folder: Path, progress: Progress) -> Results:

@@ -40,7 +40,6 @@ from trajectory_fmu.model import MODEL as TRAJECTORY
 ROWS = rows()
 TIMES = np.arange(0, 15001, 5) * 1e-3
 STEADY = TIMES >= 8.0
-PROPOSED = ("0.1", "0.2", "1", "5", "10")
 BETA_PRINTED = {f"{mu / nu:g}": float(beta) for mu, nu, _, beta, _ in PRINTED}
 ALPHA_PRINTED = {f"{mu / nu:g}": float(alpha) for mu, nu, alpha, _, _ in PRINTED}
 P = PLANT.unpack(PLANT.starts)
@@ -56,6 +55,10 @@ class Oracle:
 
     def __init__(self, material: Material) -> None:
         self.runs = material.runs
+        self.proposed = [
+            key for key in ("0.1", "0.2", "1", "5", "10") if key in {c.key for c in material.runs.controllers}
+        ]
+        self.torques = len({(seed, rms) for _, seed, rms in material.runs.accumulated if rms > 0.0})
         self.material = material
         self._continuous: dict[tuple[float, float], np.ndarray] = {}
 
@@ -172,7 +175,7 @@ def bound_exists(o: Oracle) -> Verdict:
 
 
 def estimate_near_quarter(o: Oracle) -> Verdict:
-    return outcome(np.sin(2 * np.pi * o.Z_parts(key)[1].max()) >= 0.5 for key in PROPOSED)
+    return outcome(np.sin(2 * np.pi * o.Z_parts(key)[1].max()) >= 0.5 for key in o.proposed)
 
 
 def lyapunov_falls(o: Oracle) -> Verdict:
@@ -212,7 +215,7 @@ def ultimately_bounded(o: Oracle) -> Verdict:
 
 
 def errors_vanish(o: Oracle) -> Verdict:
-    sizes = (np.linalg.norm(o.Z_parts(key)[0], axis=1) for key in PROPOSED)
+    sizes = (np.linalg.norm(o.Z_parts(key)[0], axis=1) for key in o.proposed)
     return outcome(size[STEADY].max() < 0.01 * size[0] for size in sizes)
 
 
@@ -286,37 +289,37 @@ def ratio_alone(o: Oracle) -> Verdict:
 
 
 def gains_cost_effort(o: Oracle) -> Verdict:
-    return outcome(rises([float((o.raw(key)["plant.tau_a"] ** 2).sum() * 1e-3) for key in PROPOSED]))
+    return outcome(rises([float((o.raw(key)["plant.tau_a"] ** 2).sum() * 1e-3) for key in o.proposed]))
 
 
 # --- tracking: the continuous loop ---
 
 
-def below_pd(o: Oracle, keys: Iterable[str] = PROPOSED) -> Verdict:
+def below_pd(o: Oracle, keys: Iterable[str] | None = None) -> Verdict:
     pd = o.steady("pd")
-    return outcome(met for key in keys for met in o.steady(key) < pd)
+    return outcome(met for key in keys or o.proposed for met in o.steady(key) < pd)
 
 
 def below_pd_same_beta(o: Oracle) -> Verdict:
-    return outcome(met for key in PROPOSED for met in o.steady(key) < o.steady(key, alpha=0.0))
+    return outcome(met for key in o.proposed for met in o.steady(key) < o.steady(key, alpha=0.0))
 
 
 def smaller_error_mass_change(o: Oracle) -> Verdict:
     def steady(key: str) -> np.ndarray:
         return np.abs(o.raw_errors(key, "mass change")[8000:]).max(axis=0)
 
-    return outcome(met for key in PROPOSED for met in steady(key) < steady("pd"))
+    return outcome(met for key in o.proposed for met in steady(key) < steady("pd"))
 
 
 def sums(o: Oracle, power: int, limit: float = 1.0) -> Verdict:
     """Sums of |error|^power over the continuous loop, against those of PD."""
     pd = (np.abs(o.errors("pd")) ** power).sum(axis=0)
-    return outcome(m for key in PROPOSED for m in (np.abs(o.errors(key)) ** power).sum(axis=0) < limit**power * pd)
+    return outcome(m for key in o.proposed for m in (np.abs(o.errors(key)) ** power).sum(axis=0) < limit**power * pd)
 
 
 def printed_steady_errors(o: Oracle) -> Verdict:
     limits = np.array([6e-6, 12e-6, 4e-5, 6e-5, 8e-5])
-    return outcome(met for key in PROPOSED for met in o.steady(key) <= limits)
+    return outcome(met for key in o.proposed for met in o.steady(key) <= limits)
 
 
 def zone(o: Oracle, keys: Iterable[str], narrow: bool) -> Verdict:
@@ -332,14 +335,14 @@ def faster_response(o: Oracle) -> Verdict:
         distance = np.hypot(*o.errors(key)[:, :2].T)
         return float(np.interp(-distance[0] / 2, -distance[40:200], TIMES[40:200]))
 
-    return outcome(half_time(key) < half_time("pd") for key in PROPOSED)
+    return outcome(half_time(key) < half_time("pd") for key in o.proposed)
 
 
 def disturbance_rejection(o: Oracle) -> Verdict:
     def added(key: str) -> np.ndarray:
         return ((o.raw_errors(key) - o.raw_errors(key, "mass change"))[4000:] ** 2).sum(axis=0)
 
-    return outcome(met for key in PROPOSED for met in added(key) < added("pd"))
+    return outcome(met for key in o.proposed for met in added(key) < added("pd"))
 
 
 def pd_not_settling(o: Oracle) -> Verdict:
@@ -348,7 +351,7 @@ def pd_not_settling(o: Oracle) -> Verdict:
 
 
 def error_falls_with_ratio(o: Oracle) -> Verdict:
-    return outcome(met for low, high in pairwise(PROPOSED) for met in o.steady(high) < o.steady(low))
+    return outcome(met for low, high in pairwise(o.proposed) for met in o.steady(high) < o.steady(low))
 
 
 # --- other torques ---
@@ -361,7 +364,7 @@ def table_of(o: Oracle, key: str) -> np.ndarray:
 
 
 def accumulated_any(o: Oracle) -> Verdict:
-    return outcome(met for key in PROPOSED for met in (table_of(o, key) < table_of(o, "pd")).all(axis=0))
+    return outcome(met for key in o.proposed for met in (table_of(o, key) < table_of(o, "pd")).all(axis=0))
 
 
 def raised(o: Oracle, key: str) -> np.ndarray:
@@ -377,7 +380,7 @@ def better_in_all(o: Oracle) -> Verdict:
         added = {k: ((o.raw_errors(k) - o.raw_errors(k, "mass change"))[4000:] ** 2).sum(axis=0) for k in (key, "pd")}
         return [others["accuracy"] == "holds", halved[key] < halved["pd"], bool((added[key] < added["pd"]).all())]
 
-    return outcome(met for key in PROPOSED for met in every(key))
+    return outcome(met for key in o.proposed for met in every(key))
 
 
 INDEPENDENT: dict[str, Callable[[Oracle], Verdict]] = {
@@ -392,7 +395,7 @@ INDEPENDENT: dict[str, Callable[[Oracle], Verdict]] = {
     "uniformly-bounded": uniformly_bounded,
     "ultimately-bounded": ultimately_bounded,
     "errors-vanish": errors_vanish,
-    "gains-shrink-ball": lambda o: outcome(rises([ALPHA_PRINTED[k] * BETA_PRINTED[k] for k in PROPOSED])),
+    "gains-shrink-ball": lambda o: outcome(rises([ALPHA_PRINTED[k] * BETA_PRINTED[k] for k in o.proposed])),
     "gains-cost-effort": gains_cost_effort,
     "minimum-of-index": minimum_of_index,
     "positive-hessian": positive_hessian,
@@ -400,7 +403,7 @@ INDEPENDENT: dict[str, Callable[[Oracle], Verdict]] = {
     "unique-optimum": unique_optimum,
     "table-1": table_1,
     "gains-rise": lambda o: outcome(
-        rises([ALPHA_PRINTED[k] for k in PROPOSED]) + rises([BETA_PRINTED[k] for k in PROPOSED])
+        rises([ALPHA_PRINTED[k] for k in o.proposed]) + rises([BETA_PRINTED[k] for k in o.proposed])
     ),
     "ratio-alone": ratio_alone,
     "smaller-steady-error": lambda o: below_pd(o, ["1"]),
@@ -409,7 +412,7 @@ INDEPENDENT: dict[str, Callable[[Oracle], Verdict]] = {
     "smaller-error-mass-change": smaller_error_mass_change,
     "smaller-error-throughout": lambda o: sums(o, 2),
     "printed-steady-errors": printed_steady_errors,
-    "narrow-zone": lambda o: zone(o, PROPOSED, narrow=True),
+    "narrow-zone": lambda o: zone(o, o.proposed, narrow=True),
     "pd-no-narrow-zone": lambda o: zone(o, ["pd"], narrow=False),
     "faster-response": faster_response,
     "disturbance-rejection": disturbance_rejection,
@@ -418,9 +421,9 @@ INDEPENDENT: dict[str, Callable[[Oracle], Verdict]] = {
     "accumulated-smaller": lambda o: sums(o, 1),
     "accumulated-much-smaller": lambda o: sums(o, 1, 0.5),
     "accumulated-any-disturbance": accumulated_any,
-    "smaller-without-disturbance": lambda o: outcome(n == 20 for key in PROPOSED for n in raised(o, key)),
-    "pd-no-regularity": lambda o: outcome(n < 20 for n in raised(o, "pd")),
-    "more-regular-than-pd": lambda o: outcome(m for key in PROPOSED for m in raised(o, key) > raised(o, "pd")),
+    "smaller-without-disturbance": lambda o: outcome(n == o.torques for key in o.proposed for n in raised(o, key)),
+    "pd-no-regularity": lambda o: outcome(n < o.torques for n in raised(o, "pd")),
+    "more-regular-than-pd": lambda o: outcome(m for key in o.proposed for m in raised(o, key) > raised(o, "pd")),
     "better-in-all": better_in_all,
 }
 

@@ -255,6 +255,7 @@ def test_the_paper_s_case_is_that_of_a_run_alone(finished, study, robot_fmus):
     assert curves[which] == pytest.approx(1e3 * errors["x"][::100], rel=1e-6)
 
 
+@pytest.mark.slow
 def test_a_killed_study_goes_on_and_comes_to_the_same(finished, robot_fmus, tmp_path, capsys, monkeypatch):
     command = [sys.executable, "-m", "cosim", *arguments(robot_fmus, tmp_path / "out")]
     started = subprocess.Popen(command, env={**os.environ, "PYTHONPATH": str(ROOT)}, start_new_session=True)
