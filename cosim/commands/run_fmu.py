@@ -11,7 +11,15 @@ from typing import Literal
 import numpy as np
 from fmpy.model_description import ModelDescription
 
-from cosim.commands.execution import Plan, PreparedRun, UsageError, refuse, results_folder, with_start_values
+from cosim.commands.execution import (
+    Plan,
+    PreparedRun,
+    UsageError,
+    refuse,
+    results_folder,
+    start_value,
+    with_start_values,
+)
 from cosim.errors import nearest
 from cosim.fmi.fmu_file import load
 from cosim.regression.inputs import held_inputs
@@ -44,7 +52,8 @@ def prepared_fmu(args: argparse.Namespace) -> Iterator[PreparedRun]:
     system = System()
     driven = _driven(ports, args.input, plan) if args.input is not None else []
     targets = [signal.target.partition(".")[2] for signal in driven]
-    held = held_inputs(ports, set(targets))
+    set_ = {start_value(assignment, [component], component)[1] for assignment in args.set}
+    held = held_inputs(ports, set(targets) | set_)
     system.add(component, path, start=held)
     system.signals.extend(driven)
     if held:

@@ -114,6 +114,33 @@ def test_sweep() -> None:
     assert (np.diff(errors) < 0.0).all()  # the robust part makes them smaller
 
 
+def test_tanks(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A system without a robot, whose FMUs are made on the spot."""
+    for name in ("build.py", "tanks.toml"):
+        shutil.copy(example(f"tanks/{name}"), folder)
+    assert python("build.py") == "built Tank.fmu\nbuilt LevelController.fmu\n"
+    assert main(["run", "tanks.toml", "--out", "a"]) == 0
+    shown = capsys.readouterr().out
+    page = (ROOT / "docs/scenarios.md").read_text(encoding="utf-8")
+    for metric in ("error_rms", "highest_level", "pumped"):  # as the page says
+        (line,) = (line for line in shown.splitlines() if line.startswith(metric))
+        assert line in page
+    # Torricelli's law and the leak, from what was recorded
+    results = Results.from_csv("a/results.csv")
+    outflow = 0.01 * np.sqrt(2.0 * 9.81 * results["upper.level"])
+    volume = 0.5 * (results["upper.level"][-1] - results["upper.level"][0])
+    flow = results["controller.flow"]  # it jumps once, between two rows, of which the trapezoid knows nothing
+    within = 0.1 * np.abs(np.diff(flow)).max()
+    assert volume == pytest.approx(np.trapezoid(flow - outflow, results.time), abs=within)
+    lower = 0.01 * np.sqrt(2.0 * 9.81 * results["lower.level"])
+    volume = 0.5 * (results["lower.level"][-1] - results["lower.level"][0])
+    assert volume == pytest.approx(np.trapezoid(0.9 * outflow - lower, results.time), abs=2e-4)
+    # the code of the page, in the same folder
+    (code,) = blocks("scenarios.md", "python")
+    Path("page.py").write_text(code + "print(results['lower.level'][-1])\n", encoding="utf-8")
+    assert float(python("page.py")) == results["lower.level"][-1]
+
+
 def test_plant_in_python_control() -> None:
     out = python(example("plant_in_python_control.py"))
     poles = [complex(p) for p in out.split("poles (1/s): ")[1].splitlines()[0].split()]

@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+import json
 import math
+import pickle
+from dataclasses import dataclass
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cosim.errors import SetupError
+from cosim.scenario import signals as signals_module
+from cosim.scenario.family import ScenarioFamily
+from cosim.scenario.reading import scenario_from
 from cosim.scenario.signals import (
     SHAPES,
     Constant,
@@ -18,6 +26,8 @@ from cosim.scenario.signals import (
     Noise,
     PulseTrain,
     Ramp,
+    Shape,
+    ShapedSignal,
     Sine,
     Step,
 )
@@ -260,3 +270,141 @@ def test_seed_and_target_fix_the_noise():
 def test_noise_that_makes_no_sense_is_refused(change, says):
     with pytest.raises(ValueError, match=says):
         noise(**change)
+
+
+# Shapes with jumps, and tables
+
+T = np.array([-1.0, 0.0, 0.999, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 10.0])
+
+
+@pytest.mark.parametrize(
+    ("shape", "expected", "breakpoints"),
+    [
+        (Constant(2.5), [2.5] * 10, ()),
+        (Step(1.0, 3.0), [0, 0, 0, 3, 3, 3, 3, 3, 3, 3], (1.0,)),
+        (Step(time=1.0, after=3.0, before=-1.0), [-1, -1, -1, 3, 3, 3, 3, 3, 3, 3], (1.0,)),
+        (Ramp(1.0, 3.0, 4.0), [0, 0, 0, 0, 1, 2, 3, 4, 4, 4], ()),
+        (Ramp(1.0, 3.0, after=-1.0, before=1.0), [1, 1, 1, 1, 0.5, 0, -0.5, -1, -1, -1], ()),
+        (PulseTrain(5.0, 2.0, 1.0, 2), [0, 5, 5, 0, 0, 5, 5, 0, 0, 0], (0.0, 1.0, 2.0, 3.0)),
+        (PulseTrain(5.0, 2.0, 0.5, 1, 1.0, 1.0), [1, 1, 1, 5, 1, 1, 1, 1, 1, 1], (1.0, 1.5)),
+    ],
+)
+def test_shapes_on_paper(shape, expected, breakpoints):
+    function = shape.function(2, SEED, "a.b")
+    assert function(T).tolist() == [[value, value] for value in expected]
+    assert sampled(function, T).tolist() == function(T).tolist()
+    assert shape.breakpoints == breakpoints
+
+
+def test_a_pulse_train_is_behind_each_of_its_breakpoints():
+    train = PulseTrain(1.0, 0.1, 0.03, 1000, start_time=0.7)
+    edges = np.array(train.breakpoints)
+    assert len(edges) == 2000
+    assert (train.function(1, SEED, "a.b")(edges)[:, 0] == np.tile([1.0, 0.0], 1000)).all()
+
+
+@pytest.mark.parametrize(
+    ("make", "says"),
+    [
+        (lambda: Ramp(1.0, 1.0, 2.0), "end_time = 1.0 s must be later than start_time = 1.0 s"),
+        (lambda: PulseTrain(1.0, 1.0, 1.0, 1), "width = 1.0 s must be positive and less than the period"),
+        (lambda: PulseTrain(1.0, 1.0, 0.0, 1), "width = 0.0 s must be positive"),
+        (lambda: PulseTrain(1.0, 1.0, 0.5, 0), "pulses = 0 must be between 1 and"),
+        (lambda: PulseTrain(1.0, 1.0, 0.5, 10**9), "must be between 1 and"),
+    ],
+)
+def test_shapes_that_make_no_sense_are_refused(make, says):
+    with pytest.raises(ValueError, match=says):
+        make()
+
+
+@pytest.fixture
+def csv(tmp_path):
+    path = tmp_path / "in.csv"
+    path.write_text("time,u,v[1],v[2]\n0,1,0,0\n1,3,0,0\n1,5,7,8\n3,1,7,8\n", encoding="utf-8")
+    return str(path)
+
+
+def test_a_table_is_linear_between_its_rows_and_jumps_at_equal_times(csv):
+    shape = CsvColumn(csv, "u")
+    times = np.array([-1.0, 0.0, 0.5, 0.9999, 1.0, 2.0, 3.0, 9.0])
+    values = shape.function(1, SEED, "a.b")(times)
+    assert values[:, 0] == pytest.approx([1.0, 1.0, 2.0, 2.9998, 5.0, 3.0, 1.0, 1.0], rel=1e-14)
+    assert sampled(shape.function(1, SEED, "a.b"), times).tolist() == values.tolist()
+    assert shape.breakpoints == (1.0,)
+
+
+def test_a_table_holds_its_rows_if_told(csv):
+    shape = CsvColumn(csv, "u", "hold")
+    values = shape.function(1, SEED, "a.b")(np.array([-1.0, 0.0, 0.9999, 1.0, 2.9999, 3.0, 9.0]))
+    assert values[:, 0].tolist() == [1.0, 1.0, 1.0, 5.0, 5.0, 1.0, 1.0]
+    assert shape.breakpoints == (1.0, 3.0)
+
+
+def test_a_table_feeds_vectors_by_element_or_all_alike(csv):
+    assert CsvColumn(csv, "v").function(2, SEED, "a.b")(2.0).tolist() == [7.0, 8.0]
+    assert CsvColumn(csv, "v").breakpoints == (1.0,)
+    assert CsvColumn(csv, "u").function(3, SEED, "a.b")(2.0).tolist() == [3.0, 3.0, 3.0]
+    with pytest.raises(SetupError, match=r"'v' has 2 columns for the 3 of 'a\.b'"):
+        CsvColumn(csv, "v").function(3, SEED, "a.b")
+
+
+def test_a_table_goes_where_its_file_does_not_and_knows_its_content(csv):
+    shape = CsvColumn(csv, "u")
+    Path(csv).write_text("time,u\n0,0\n", encoding="utf-8")
+    other = CsvColumn(csv, "u")
+    Path(csv).unlink()
+    assert pickle.loads(pickle.dumps(shape)).function(1, SEED, "a.b")(2.0).tolist() == [3.0]
+    assert other != shape
+    assert set(shape.as_data()) == {"shape", "file", "column", "between", "sha256"}
+    assert json.loads(json.dumps(shape.as_data()))["shape"] == "table"
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "says"),
+    [
+        ("time,u\n0,0\n", ("w",), "there is no column 'w'"),
+        ("time,u\n0,0\n", ("u", "cubic"), "between = 'cubic' is unknown"),
+        ("time,u\n", ("u",), "needs rows of finite numbers"),
+        ("time,u\n0,nan\n", ("u",), "needs rows of finite numbers"),
+        ("time,u\n1,0\n0,0\n", ("u",), "the times must not descend"),
+        ("u,time\n1,0\n", ("u",), "the first column must be 'time'"),
+        (None, ("u",), "can't be read as CSV"),
+    ],
+)
+def test_a_table_that_makes_no_sense_is_refused(tmp_path, text, options, says):
+    path = tmp_path / "in.csv"
+    if text is not None:
+        path.write_text(text, encoding="utf-8")
+    with pytest.raises(ValueError, match=says):
+        CsvColumn(str(path), *options)
+
+
+@pytest.mark.parametrize("shape", [Sine(1.0, 1.0), multisine(), noise(), Step(0.5, 1.0)])
+def test_a_signal_of_a_shape_waits_for_the_size_of_its_input(shape):
+    signal = ShapedSignal(shape, SEED, "a.b")
+    assert signal.for_size(3)(0.7).tolist() == shape.function(3, SEED, "a.b")(0.7).tolist()
+    # runs of equal signals share samples, which are compared by their functions
+    assert ShapedSignal(shape, SEED, "a.b").for_size(3) is signal.for_size(3)
+    assert signal.for_size(2) is not signal.for_size(3)
+
+
+def test_a_shape_of_one_s_own_is_one_class(monkeypatch):
+    monkeypatch.setattr("cosim.scenario.signals.SHAPES", dict(SHAPES))
+
+    @dataclass(frozen=True)
+    class Parabola(Shape, name="parabola"):
+        height: float
+
+        def function(self, size, seed, target):  # noqa: ARG002 -- nothing random
+            return lambda times: np.repeat(self.height * np.square(times)[..., np.newaxis], size, axis=-1)
+
+    data = {
+        "components": {"a": {"fmu": "a.fmu"}},
+        "run": {"stop_time": 1.0, "step_size": 0.1},
+        "signals": {"a.u": {"shape": "parabola", "height": 2}},
+    }
+    monkeypatch.setattr("cosim.scenario.reading.SHAPES", signals_module.SHAPES)
+    scenario = scenario_from(data, "mine", Path(), ScenarioFamily())
+    assert scenario.signals == {"a.u": Parabola(2.0)}
+    assert scenario.system().signals[0].function_for(1)(3.0).tolist() == [18.0]

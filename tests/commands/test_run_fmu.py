@@ -1,0 +1,193 @@
+"""`cosim run FILE.fmu`: one FMU, its default experiment, values of every type, and inputs from a CSV file."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cosim.__main__ import main
+from cosim.results.results import Results
+from tests.support.small_fmus import TANK, build, compiled, redescribed
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Tank.fmu, which takes linear inputs; probe.fmu with inputs of every type; smooth.fmu with a continuous one."""
+    folder = build(tmp_path_factory.mktemp("made"), "fmi2", TANK)
+    probe = compiled(folder, "fmi2_probe")
+    discrete = '<ScalarVariable name="u" valueReference="0" causality="input" variability="discrete">'
+    redescribed(probe, folder / "smooth.fmu", {discrete: discrete.replace("discrete", "continuous")})
+    return folder
+
+
+@pytest.fixture
+def here(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, no_figures: None) -> Path:
+    for path in made.glob("*.fmu"):
+        (tmp_path / path.name).symlink_to(path)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def results(name: str) -> Results:
+    return Results.from_csv(f"results/{name}/results.csv")
+
+
+def summary(name: str) -> dict:
+    return json.loads(Path(f"results/{name}/summary.json").read_text(encoding="utf-8"))
+
+
+def error_line(capsys: pytest.CaptureFixture[str]) -> str:
+    said = capsys.readouterr().err
+    assert said.startswith("cosim: ")
+    assert said.count("\n") == 1
+    return said
+
+
+@pytest.mark.usefixtures("here")
+def test_the_default_experiment_of_the_fmu(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", "Tank.fmu"]) == 0
+    found = results("Tank")
+    assert found.time == pytest.approx(np.arange(11) * 0.1, abs=1e-15)
+    assert found.names == ["Tank.a", "Tank.b", "Tank.x"]
+    assert not found.values.any()
+    shown = capsys.readouterr().out
+    assert "note: inputs held at their start values: a, b" in shown
+    assert "results, summary and figures: results/Tank" in shown
+    about = summary("Tank")
+    assert (about["fmu"], about["title"], about["status"]) == ("Tank.fmu", "Tank", "completed")
+    assert (about["held"], about["driven"], about["metrics"]) == (["a", "b"], [], {})
+
+
+@pytest.mark.usefixtures("here")
+def test_times_and_start_values_of_options(capsys: pytest.CaptureFixture[str]) -> None:
+    options = ["--start", "2", "--stop", "3", "--step", "0.25", "--set", "Tank.x_start=1", "--set", "a=0.5"]
+    assert main(["run", "Tank.fmu", *options, "--record-every", "2"]) == 0
+    assert "held at their start values: b\n" in capsys.readouterr().out
+    found = results("Tank")
+    assert found.time.tolist() == [2.0, 2.5, 3.0]
+    assert found["Tank.x"] == pytest.approx([1.0, 1.25, 1.5], rel=1e-12)
+
+
+@pytest.mark.usefixtures("here")
+def test_an_fmu_that_says_no_step_is_run_in_500(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", "probe.fmu"]) == 1
+    assert "probe.fmu has no default stop time; give one with --stop" in error_line(capsys)
+    assert main(["run", "probe.fmu", "--stop", "2"]) == 0
+    assert "note: probe.fmu has no default step; it is 0.004 s here" in capsys.readouterr().out
+    assert len(results("probe").time) == 501
+
+
+@pytest.mark.usefixtures("here")
+def test_values_of_every_type_are_read_by_the_type_of_their_variable() -> None:
+    values = ["u=1.5", "n=-3", "e=on", "b=true", "journal=5"]  # a text of digits is a text where the variable is one
+    options = [part for value in values for part in ("--set", value)]
+    assert main(["run", "probe.fmu", "--stop", "0.1", "--step", "0.1", *options]) == 0
+    found = results("probe")
+    assert [found[f"probe.{name}"][-1] for name in ("y", "n_out", "e_out", "b_out")] == [1.5, -3.0, 2.0, 1.0]
+    assert Path("5").stat().st_size > 0  # where the FMU keeps its journal
+
+
+@pytest.mark.usefixtures("here")
+@pytest.mark.parametrize(
+    ("value", "says"),
+    [
+        ("b=maybe", "start value of 'probe.b': 'maybe' is no value of type Boolean"),
+        ("b=2", "start value of 'probe.b': 2.0 is not a value of type Boolean"),
+        ("e=onn", "start value of 'probe.e': 'onn' is no value of type Enumeration; did you mean 'on'?"),
+        ("n=1.5", "start value of 'probe.n': 1.5 is not a value of type Integer"),
+        ("n=true", "start value of 'probe.n': 'true' is no value of type Integer"),
+        ("u=", "start value of 'probe.u': '' is no value of type Real"),
+        ("y=1", "start value of 'probe.y'"),
+        ("w=1", "component 'probe' has no variable 'w'"),
+        ("u", "--set u: write COMPONENT.NAME=VALUE"),
+    ],
+)
+def test_values_that_do_not_fit_are_one_line(capsys: pytest.CaptureFixture[str], value: str, says: str) -> None:
+    assert main(["run", "probe.fmu", "--stop", "0.1", "--step", "0.1", "--set", value]) == 1
+    assert says in error_line(capsys)
+
+
+# Inputs
+
+
+TABLE = "time,u,n,b\n0,0,1,0\n1,2,3,1\n1,5,3,1\n2,7,4,0\n"
+
+
+@pytest.mark.usefixtures("here")
+@pytest.mark.parametrize("fmu", ["probe", "smooth"])
+def test_continuous_inputs_are_linear_between_rows_and_others_held(fmu: str) -> None:
+    Path("in.csv").write_text(TABLE, encoding="utf-8")
+    options = ["--stop", "2", "--step", "0.25", "--extrapolation", "hold"]
+    assert main(["run", f"{fmu}.fmu", "--input", "in.csv", *options]) == 0
+    found = results(fmu)
+    linear, held = [0.0, 0.5, 1.0, 1.5, 5.0, 5.5, 6.0, 6.5, 7.0], [0.0] * 4 + [5.0] * 4 + [7.0]
+    assert found[f"{fmu}.u"] == pytest.approx(linear if fmu == "smooth" else held, rel=1e-14)
+    assert found[f"{fmu}.n"].tolist() == [1.0] * 4 + [3.0] * 4 + [4.0]
+    assert found[f"{fmu}.b"].tolist() == [0.0] * 4 + [1.0] * 4 + [0.0]
+    assert summary(fmu)["driven"] == ["u", "n", "b"]
+    assert summary(fmu)["held"] == ["e"]
+
+
+@pytest.mark.usefixtures("here")
+def test_the_integral_of_a_linear_input_is_exact_across_its_jump() -> None:
+    Path("in.csv").write_text("time,a\n0,0\n0.5,2\n0.5,-1\n1,-1\n", encoding="utf-8")
+    assert main(["run", "Tank.fmu", "--input", "in.csv"]) == 0
+    time, x = results("Tank").time, results("Tank")["Tank.x"]
+    expected = np.where(time <= 0.5, 2.0 * time**2, 0.5 - (time - 0.5))
+    assert x == pytest.approx(expected, abs=1e-12)
+
+
+@pytest.mark.usefixtures("here")
+def test_outside_of_the_rows_the_first_and_the_last_hold_and_it_is_said(capsys: pytest.CaptureFixture[str]) -> None:
+    Path("in.csv").write_text("time,u\n0.5,1\n0.75,2\n", encoding="utf-8")
+    assert main(["run", "smooth.fmu", "--input", "in.csv", "--stop", "1", "--step", "0.25"]) == 0
+    assert results("smooth")["smooth.u"].tolist() == [1.0, 1.0, 1.0, 2.0, 2.0]
+    assert "note: in.csv goes from 0.5 s to 0.75 s; its first and last rows hold outside" in capsys.readouterr().out
+
+
+@pytest.mark.usefixtures("here")
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("time,x\n0,0\n", "in.csv: the FMU has no input 'x'; known are a, b"),
+        ("t,a\n0,0\n", "in.csv: the first column must be 'time'"),
+        ("time,a\n", "in.csv: has no rows"),
+        ("time,a\n1,0\n0,0\n", "in.csv: values must be finite numbers, and times must not descend"),
+        ("time,a\n0,inf\n", "in.csv: values must be finite numbers"),
+        ("time,a\n0,much\n", "in.csv: line 2"),
+        (None, "in.csv: can't be read as CSV"),
+    ],
+)
+def test_inputs_that_make_no_sense_are_one_line(
+    capsys: pytest.CaptureFixture[str], text: str | None, says: str
+) -> None:
+    if text is not None:
+        Path("in.csv").write_text(text, encoding="utf-8")
+    assert main(["run", "Tank.fmu", "--input", "in.csv"]) == 1
+    assert says in error_line(capsys)
+
+
+@pytest.mark.usefixtures("here")
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (["--set", "a=1"], "--set a=1: 'Tank.a' is fed by a connection or a signal; take it out of in.csv"),
+        (["--seed", "1"], "--seed is for scenarios; Tank.fmu is a single FMU"),
+        (["--fmu", "a=b"], "--fmu is for scenarios"),
+        (["--flavour", "fmi2"], "--flavour is for scenarios"),
+    ],
+)
+def test_options_that_make_no_sense_are_one_line(
+    capsys: pytest.CaptureFixture[str], options: list[str], says: str
+) -> None:
+    Path("in.csv").write_text("time,a\n0,0\n1,0\n", encoding="utf-8")
+    assert main(["run", "Tank.fmu", "--input", "in.csv", *options]) == 1
+    assert says in error_line(capsys)
+
+
+def test_a_file_that_is_none_is_one_line(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", "none.fmu"]) == 1
+    assert "none.fmu: there is no such FMU file" in error_line(capsys)
