@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 #: Name -> module; loaded when first used, since numpy takes a while to import.
 _MODULES = {
-    "Connection": "cosim.system.system",
     "MEASURES": "cosim.scenario.metrics",
     "Metric": "cosim.scenario.metrics",
     "SHAPES": "cosim.scenario.signals",
@@ -24,7 +23,6 @@ _MODULES = {
 __all__ = [
     "MEASURES",
     "SHAPES",
-    "Connection",
     "Metric",
     "Scenario",
     "ScenarioComponent",
@@ -43,7 +41,6 @@ if TYPE_CHECKING:
     from cosim.scenario.reading import load_scenario
     from cosim.scenario.scenario import Scenario, ScenarioComponent, ScenarioError
     from cosim.scenario.signals import SHAPES, Shape
-    from cosim.system.system import Connection
 else:
 
     def __getattr__(name: str) -> Any:

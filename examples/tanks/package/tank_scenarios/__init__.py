@@ -2,7 +2,8 @@
 
 from pathlib import Path
 
-from cosim.scenario import Connection, ScenarioComponent, ScenarioFamily
+from cosim import Connection
+from cosim.scenario import ScenarioComponent, ScenarioFamily
 
 
 class TankFamily(ScenarioFamily):
