@@ -9,8 +9,8 @@ from typing import Any
 
 from cosim.results.results import Results
 from cosim.scenario.scenario import Scenario
-from cosim.sweep.scenario_study import LOOP_TIME, ScenarioStudy, study_of_alternatives
-from cosim.sweep.scenario_study import curve_name as cosim_curve_name
+from cosim.sweep.scenarios import LOOP_TIME, ScenarioStudy, study_of_alternatives
+from cosim.sweep.scenarios import curve_name as cosim_curve_name
 from parallel_robot.metrics import metrics, tracking_errors
 from parallel_robot.scenario import RobotScenario
 from parallel_robot.wiring import OPTIONAL_INPUTS
@@ -71,7 +71,7 @@ def robot_study(
     *,
     curve_period: float | None = None,
 ) -> tuple[RobotStudy, dict[str, Path]]:
-    """A study of FMUs of some flavours in a folder, and their files by SHA-256; see `cosim.sweep.scenario_study`.
+    """A study of FMUs of some flavours in a folder, and their files by SHA-256; see `cosim.sweep.scenarios`.
 
     Raises
     ------

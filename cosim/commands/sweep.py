@@ -75,7 +75,7 @@ def register(subparsers: Any) -> None:
         action="append",
         default=[],
         metavar="COMPONENT=FILE,FILE",
-        help="FMU files of a component in place of those of the scenario; may be repeated",
+        help="FMU files of a component in place of those of the scenario, as controller=a.fmu,b.fmu; may be repeated",
     )
     points = parser.add_argument_group("which points")
     points.add_argument(
@@ -149,7 +149,7 @@ def _run(args: argparse.Namespace, unpacked: Path) -> int:
 
     # Dask and Arrow take a while to import, and wrong options should be told at once
     from cosim.sweep.engine import sweep
-    from cosim.sweep.scenario_study import check, study_of_alternatives
+    from cosim.sweep.scenarios import check, study_of_alternatives
 
     prepared = {a: system.family.prepared_alternative(system.scenarios, a, args) for a in alternatives}
     module, _, name = system.family.study.partition(":")
@@ -184,6 +184,8 @@ def _read(args: argparse.Namespace, steps: Levels | None, unpacked: Path) -> _Sy
     for number, text in enumerate(args.scenario):
         if Path(text).suffix.lower() == ".ssp":
             scenarios[text], of[text] = _of_ssp(Path(text), unpacked / f"{number}", args, steps), ScenarioFamily()
+        elif Path(text).suffix.lower() == ".fmu":
+            raise SweepError(f"{text} is a single FMU; write a TOML scenario with it as its component, and sweep that")
         else:
             scenarios[text], of[text] = load_with_family(text)
     family = next(iter(of.values()))

@@ -49,7 +49,7 @@ class ScenarioFamily:
         Function `module:name` that draws results into a folder, as `cosim.results.plot_file.write_plot`; called in a
         process of its own with the results, the folder, and `drawing_arguments`.
     study : str
-        Class `module:name` of its sweeps, a subclass of `cosim.sweep.scenario_study.ScenarioStudy`.
+        Class `module:name` of its sweeps, a subclass of `cosim.sweep.scenarios.ScenarioStudy`.
     """
 
     system: str = ""
@@ -60,7 +60,7 @@ class ScenarioFamily:
     optional_inputs: Mapping[str, Any] = {}
     metric_names: Collection[str] = ()
     drawing: str = "cosim.results.plot_file:write_plot"
-    study: str = "cosim.sweep.scenario_study:ScenarioStudy"
+    study: str = "cosim.sweep.scenarios:ScenarioStudy"
     scenario: ClassVar[type[Scenario]] = Scenario
 
     def scenario_names(self) -> list[str]:

@@ -1,6 +1,6 @@
 """Sweeps: many runs of a system. A design says which, Dask runs them on all cores or a cluster, Parquet keeps the rows.
 
-Nothing here knows a robot: a `Study` says what a point of the design means.
+A `Study` says what a point of the design means; that of scenarios of any system is here.
 
 >>> from cosim.sweep import Levels, Range, design
 >>> points = design("sobol", [Range("controller.alpha", 0.5, 3.0), Levels("seed", (1, 2, 3))], points=8)
@@ -19,11 +19,14 @@ _MODULES = {
     "PlannedRun": "cosim.sweep.study",
     "Points": "cosim.sweep.points",
     "Range": "cosim.sweep.points",
+    "ScenarioStudy": "cosim.sweep.scenarios",
     "Study": "cosim.sweep.study",
     "SweepError": "cosim.sweep.errors",
     "SweepSummary": "cosim.sweep.store",
+    "check": "cosim.sweep.scenarios",
     "design": "cosim.sweep.points",
     "read": "cosim.sweep.store",
+    "scenario_study": "cosim.sweep.scenarios",
     "sweep": "cosim.sweep.engine",
 }
 
@@ -32,11 +35,14 @@ __all__ = [
     "PlannedRun",
     "Points",
     "Range",
+    "ScenarioStudy",
     "Study",
     "SweepError",
     "SweepSummary",
+    "check",
     "design",
     "read",
+    "scenario_study",
     "sweep",
 ]
 
@@ -44,6 +50,7 @@ if TYPE_CHECKING:
     from cosim.sweep.engine import sweep
     from cosim.sweep.errors import SweepError
     from cosim.sweep.points import Levels, Points, Range, design
+    from cosim.sweep.scenarios import ScenarioStudy, check, scenario_study
     from cosim.sweep.store import SweepSummary, read
     from cosim.sweep.study import PlannedRun, Study
 else:

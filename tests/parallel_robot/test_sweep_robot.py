@@ -14,7 +14,7 @@ from cosim.scenario.scenario import ScenarioError
 from cosim.scenario.signals import Noise
 from cosim.sweep.errors import SweepError
 from cosim.sweep.points import Levels, Range, parse_factor
-from cosim.sweep.scenario_study import check
+from cosim.sweep.scenarios import check
 from fmu_export.package.start_values import write_start_values
 from parallel_robot.metrics import metrics, tracking_errors
 from parallel_robot.scenario import load_scenario

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 
-from cosim.sweep.scenario_study import SCENARIO
+from cosim.sweep.scenarios import SCENARIO
 from cosim.sweep.store import read
 from parallel_robot.paper.reproduce.figures.style import ERROR_NAMES
 from parallel_robot.paper.robustness.study import ALPHA, BETA, CONDITIONS, CURVE_PERIOD, GAINS, MONTE_CARLO

@@ -12,8 +12,8 @@ import numpy as np
 from controller_fmu.membership import Membership, Sine
 from cosim.sweep.errors import SweepError
 from cosim.sweep.points import Levels, Points, Range
-from cosim.sweep.scenario_study import SCENARIO as SCENARIO_FACTOR
-from cosim.sweep.scenario_study import SEED, STEP, check
+from cosim.sweep.scenarios import SCENARIO as SCENARIO_FACTOR
+from cosim.sweep.scenarios import SEED, STEP, check
 from cosim.sweep.sensitivity import Uncertain, base_for, saltelli
 from parallel_robot.paper.reproduce.table import controllers
 from parallel_robot.scenario import RobotScenario, load_scenario

@@ -17,7 +17,7 @@ from cosim.scenario import Scenario, ScenarioError, load_scenario
 from cosim.ssp.writer import Experiment, write_ssp
 from cosim.sweep import SweepError, read
 from cosim.sweep.points import parse_factor
-from cosim.sweep.scenario_study import ScenarioStudy, check, scenario_study
+from cosim.sweep.scenarios import ScenarioStudy, check, scenario_study
 from tests.support.small_fmus import build, compiled
 from tests.support.ssp_files import archive, component, description, elements
 from tests.support.tiny_models import GAIN
@@ -306,7 +306,7 @@ def test_the_command_sweeps_an_ssp(here):
         (["plain.toml", "--vary", "g.K=1,2", "--metric", "g.K=max:g.y[1]"], "two columns are named 'g.K'"),
         (["plain.toml", "--vary", "g.K=1,2", "--metric", "error=max:g.y[1]"], "two columns are named 'error'"),
         (["nowhere.ssp", "--vary", "g.K=1,2"], "nowhere.ssp"),
-        (["Gain.fmu", "--vary", "g.K=1,2"], "Gain.fmu"),
+        (["Gain.fmu", "--vary", "g.K=1,2"], "Gain.fmu is a single FMU; write a TOML scenario"),
     ],
 )
 def test_what_makes_no_sense_is_one_line(here, capsys, arguments, says):
