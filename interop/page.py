@@ -104,8 +104,8 @@ def _summary(outcomes: Sequence[Outcome]) -> str:
 
 
 def _traps(outcomes: Sequence[Outcome]) -> Iterable[str]:
-    """What fails, and what the drivers had to work around."""
-    yield from ("## What fails, and the way round it", "")
+    """Failures of tools, and traps that the drivers avoid."""
+    yield from ("## Failures and remedies", "")
     for o in outcomes:
         title = f"{tool(o.entry.tool).TITLE}, {o.entry.files}, {_FLAVOURS[o.entry.flavour]}"
         if o.status == "known":
@@ -114,7 +114,7 @@ def _traps(outcomes: Sequence[Outcome]) -> Iterable[str]:
             yield f"- {title}: {_short(o.reason)}"
     absent = {tool(o.entry.tool).TITLE: o.reason for o in outcomes if o.status == "absent"}
     yield from (f"- {title}: {reason}" for title, reason in absent.items())
-    yield from ("", "## Traps that the drivers here step over", "")
+    yield from ("", "## Traps, and how the drivers avoid them", "")
     seen = dict.fromkeys(o.entry.tool for o in outcomes)
     for name in seen:
         text = " ".join((tool(name).__doc__ or "").split("\n\n", 1)[-1].split())
