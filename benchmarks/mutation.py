@@ -1,0 +1,380 @@
+"""Strength of the tests: changes of the code, drawn at random, that a room's own tests do or do not notice.
+
+`python -m benchmarks.mutation [ROOM...] [--sample 60] [--seed 0]`, with the extra `mutation`. Each mutant is tried in a
+copy of the project, two at a time; a room takes five to twenty minutes. Writes docs/mutation.md from the last
+measurement of each room. mutants_explained.toml says of survivors why no test can or need notice them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import json
+import os
+import random
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import time
+import tomllib
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from queue import SimpleQueue
+from tempfile import TemporaryDirectory
+
+from cosmic_ray.ast import ast_nodes, get_ast
+from cosmic_ray.mutating import mutate_code
+from cosmic_ray.plugins import get_operator, operator_names
+from tqdm import tqdm
+
+ROOT = Path(__file__).parents[1]
+EXPLAINED = Path(__file__).with_name("mutants_explained.toml")
+RESULTS = Path("benchmarks/results/mutation.json")
+PAGE = Path("docs/mutation.md")
+
+#: Address space of the tests of a mutant: a mutant that collects without end must not take the machine along.
+MOST_MEMORY = 12 << 30
+
+
+@dataclass(frozen=True)
+class Room:
+    """What is changed, folders or files, and the tests that should notice."""
+
+    sources: tuple[str, ...]
+    tests: tuple[str, ...]
+
+
+ROOMS = {
+    "models": Room(
+        ("plant_fmu", "controller_fmu", "trajectory_fmu", "fmu_export/modelling"),
+        ("tests/models", "tests/fmu_export/modelling"),
+    ),
+    "system": Room(("cosim/system",), ("tests/system",)),
+    "master": Room(("cosim/master", "cosim/loop"), ("tests/loop", "tests/master")),
+    "ssp": Room(("cosim/ssp",), ("tests/ssp",)),
+    "regression": Room(("cosim/regression",), ("tests/regression",)),
+    "trace": Room(("fmu_export/trace",), ("tests/fmu_export/trace",)),
+}
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """A change of one line or more of a file, and what became of it.
+
+    Attributes
+    ----------
+    file : str
+        Relative to the project.
+    line : int
+    before, after : str
+        The lines that differ.
+    verdict : str
+        "killed", "time limit" (also noticed), "survived"; empty before it is tried.
+    """
+
+    file: str
+    line: int
+    before: str
+    after: str
+    verdict: str = ""
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """The mutants that were drawn in a room, and the size of what they were drawn from."""
+
+    places: int
+    sample: int
+    seed: int
+    date: str
+    mutants: tuple[Mutant, ...]
+
+
+def main() -> int:
+    """Measure rooms and write the page; returns 0 when 90 % of the mutants of each are killed or explained."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.mutation", description=__doc__)
+    parser.add_argument("rooms", nargs="*", metavar="ROOM", help=f"{', '.join(ROOMS)} (default all)")
+    parser.add_argument("--sample", type=int, default=60, help="mutants a room (default %(default)s)")
+    parser.add_argument("--seed", type=int, default=0, help="of the sample (default %(default)s)")
+    parser.add_argument("--jobs", type=int, default=2, help="mutants at a time (default %(default)s)")
+    options = parser.parse_args()
+    unknown = [name for name in options.rooms if name not in ROOMS]
+    if unknown:
+        parser.error(f"there is no room '{unknown[0]}'; rooms are {', '.join(ROOMS)}")
+    os.chdir(ROOT)
+    explained = tomllib.loads(EXPLAINED.read_text(encoding="utf-8"))["mutants"]
+    for name in options.rooms or ROOMS:
+        measured = measure(name, options.sample, options.seed, options.jobs)
+        print(text_of(name, measured, explained), flush=True)
+        save(name, measured)
+    measurements = saved()
+    PAGE.write_text(page(measurements, explained), encoding="utf-8")
+    return int(any(_noticed(m, explained) < 0.9 * len(m.mutants) for m in measurements.values()))
+
+
+def measure(name: str, sample: int, seed: int, jobs: int) -> Measurement:
+    """Draw mutants of a room and run the room's tests against each.
+
+    Raises
+    ------
+    SystemExit
+        The tests fail without any mutant.
+    """
+    room = ROOMS[name]
+    places, mutants = draw(room, sample, random.Random(f"{name} {seed}"))
+    with TemporaryDirectory(prefix="mutation_") as temporary, ThreadPoolExecutor(jobs) as pool:
+        copies: SimpleQueue[Path] = SimpleQueue()
+        for i in range(jobs):
+            copies.put(_copy(Path(temporary) / str(i)))
+        copy = copies.get()
+        began = time.monotonic()
+        if _run_tests(copy, room.tests, 3600.0) != "survived":
+            raise SystemExit(f"the tests of room '{name}' fail without any mutant: {' '.join(room.tests)}")
+        limit = 60.0 + 5.0 * (time.monotonic() - began)
+        copies.put(copy)
+
+        def tried(mutant: _Drawn) -> Mutant:
+            copy = copies.get()
+            try:
+                path = copy / mutant.shown.file
+                path.write_text(mutant.changed, encoding="utf-8")
+                try:
+                    return replace(mutant.shown, verdict=_run_tests(copy, room.tests, limit))
+                finally:
+                    path.write_text(mutant.code, encoding="utf-8")
+            finally:
+                copies.put(copy)
+
+        done = tuple(tqdm(pool.map(tried, mutants), desc=name, total=len(mutants), disable=None))
+    return Measurement(places, sample, seed, time.strftime("%Y-%m-%d"), done)
+
+
+@dataclass(frozen=True)
+class _Drawn:
+    """A mutant, and the whole text of its file without and with it."""
+
+    shown: Mutant
+    code: str
+    changed: str
+
+
+def draw(room: Room, sample: int, generator: random.Random) -> tuple[int, list[_Drawn]]:
+    """The number of places where the room can be changed, and mutants at some of them, one a place at most.
+
+    A place is drawn first and then what happens there: else the operators for which cosmic-ray knows ten replacements
+    would be drawn ten times as often as a Boolean.
+    """
+    places = sorted(
+        (str(file), position, tuple(found))
+        for source in room.sources
+        for file in ([Path(source)] if source.endswith(".py") else sorted(Path(source).glob("*.py")))
+        for position, found in _places(file.read_text(encoding="utf-8")).items()
+    )
+    generator.shuffle(places)
+    mutants: list[_Drawn] = []
+    changeable = 0
+    for file, _, found in places:
+        operator, occurrence = generator.choice(found)
+        code = Path(file).read_text(encoding="utf-8")
+        try:
+            changed = mutate_code(code, get_operator(operator)(), occurrence)
+        except AttributeError:  # cosmic-ray can't replace an exception with a dot in its name
+            continue
+        if changed is None or not _differs(code, changed):
+            continue
+        changeable += 1
+        if len(mutants) < sample:
+            mutants.append(_Drawn(_shown(file, code, changed), code, changed))
+    return changeable, mutants
+
+
+def _places(code: str) -> dict[tuple[int, int], list[tuple[str, int]]]:
+    """Position in a file -> the mutations there, as operator and the number of its occurrence."""
+    nodes = list(ast_nodes(get_ast(code)))
+    places: dict[tuple[int, int], list[tuple[str, int]]] = {}
+    for name in sorted(operator_names()):
+        operator_class = get_operator(name)
+        if operator_class.arguments():  # needs to be told which variable
+            continue
+        operator = operator_class()
+        positions = (start for node in nodes for start, _ in operator.mutation_positions(node))
+        for occurrence, start in enumerate(positions):
+            places.setdefault(start, []).append((name, occurrence))
+    return places
+
+
+def _differs(before: str, after: str) -> bool:
+    """Whether a change is one: it compiles, and is not to an annotation, which nothing evaluates here."""
+    try:
+        return _meaning(before) != _meaning(after)
+    except SyntaxError:
+        return False
+
+
+def _meaning(code: str) -> str:
+    tree = ast.parse(code)
+    for node in ast.walk(tree):
+        if isinstance(node, ast.arg | ast.AnnAssign):
+            node.annotation = ast.Constant(None)
+        elif isinstance(node, ast.FunctionDef):
+            node.returns = None
+    return ast.dump(tree)
+
+
+def _shown(file: str, before: str, after: str) -> Mutant:
+    old, new = before.splitlines(), after.splitlines()
+    first = next(i for i, (a, b) in enumerate(zip(old, new, strict=False)) if a != b)
+    last = next(i for i, (a, b) in enumerate(zip(old[::-1], new[::-1], strict=False)) if a != b)
+    return Mutant(file, first + 1, *(_lines(text[first : len(text) - last]) for text in (old, new)))
+
+
+def _lines(lines: Sequence[str]) -> str:
+    return "\n".join(line.strip() for line in lines)
+
+
+def _copy(folder: Path) -> Path:
+    """A copy of what git knows or would know of, with the loop compiled."""
+    listed = subprocess.run(
+        ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"], capture_output=True, check=True
+    )
+    for name in filter(None, listed.stdout.decode().split("\0")):
+        if Path(name).is_file():
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(name, folder / name)
+    subprocess.run([sys.executable, "hatch_build.py"], cwd=folder, check=True, stdout=subprocess.DEVNULL)
+    return folder
+
+
+def _run_tests(copy: Path, tests: Sequence[str], limit: float) -> str:
+    """What became of a mutant."""
+    command = [sys.executable, "-m", "pytest", "-x", "-q", "--no-header", "--tb=no", "-p", "no:cacheprovider", *tests]
+    # no .pyc: two mutants of one size within a second would be taken for each other
+    environment = {**os.environ, "PYTHONPATH": str(copy), "PYTHONDONTWRITEBYTECODE": "1"}
+    process = subprocess.Popen(
+        command,
+        cwd=copy,
+        env=environment,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+    )
+    resource.prlimit(process.pid, resource.RLIMIT_AS, (MOST_MEMORY, MOST_MEMORY))
+    try:
+        return "killed" if process.wait(limit) else "survived"
+    except subprocess.TimeoutExpired:
+        return "time limit"
+    finally:
+        _end(process)
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    """End the tests and whatever they have started."""
+    with suppress(ProcessLookupError):
+        os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+
+
+def reason_of(mutant: Mutant, explained: Sequence[dict[str, str]]) -> str:
+    """Why no test can or need notice a mutant; empty where nobody has said so.
+
+    An explanation is for one file or, without one, for all; its `before` and `after` are what differs, lines or a part
+    of one.
+    """
+    for one in explained:
+        before, after = one["before"], one["after"]
+        changed = {mutant.before.replace(before, after), mutant.before.replace(before, after, 1)}
+        if one.get("file", mutant.file) == mutant.file and before in mutant.before and mutant.after in changed:
+            return one["reason"]
+    return ""
+
+
+def _noticed(measured: Measurement, explained: Sequence[dict[str, str]]) -> int:
+    return sum(m.verdict != "survived" or reason_of(m, explained) != "" for m in measured.mutants)
+
+
+def text_of(name: str, measured: Measurement, explained: Sequence[dict[str, str]]) -> str:
+    """A room's result for the terminal: the count, and each survivor."""
+    lines = [f"{name}: {_noticed(measured, explained)} of {len(measured.mutants)} killed or explained"]
+    lines += ["", *_survivors(measured, explained)]
+    return "\n".join(lines)
+
+
+def _survivors(measured: Measurement, explained: Sequence[dict[str, str]]) -> Iterator[str]:
+    for mutant in measured.mutants:
+        if mutant.verdict == "survived":
+            yield f"`{mutant.file}`, line {mutant.line}: {reason_of(mutant, explained) or 'not explained.'}"
+            yield ""
+            yield "```diff"
+            yield from (f"{sign} {line}" for sign, text in (("-", mutant.before), ("+", mutant.after))
+                        for line in text.split("\n"))  # fmt: skip
+            yield "```"
+            yield ""
+
+
+def save(name: str, measured: Measurement) -> None:
+    """Keep the measurement of a room beside those of the others."""
+    data = json.loads(RESULTS.read_text(encoding="utf-8")) if RESULTS.exists() else {}
+    data[name] = asdict(measured)
+    RESULTS.parent.mkdir(parents=True, exist_ok=True)
+    RESULTS.write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
+
+
+def saved() -> dict[str, Measurement]:
+    """The last measurement of each room."""
+    data = json.loads(RESULTS.read_text(encoding="utf-8")) if RESULTS.exists() else {}
+    return {
+        name: Measurement(**{**data[name], "mutants": tuple(Mutant(**m) for m in data[name]["mutants"])})
+        for name in ROOMS
+        if name in data
+    }
+
+
+def page(measurements: dict[str, Measurement], explained: Sequence[dict[str, str]]) -> str:
+    """docs/mutation.md."""
+    rows = []
+    for name, m in measurements.items():
+        verdicts = [mutant.verdict for mutant in m.mutants]
+        counts = [len(verdicts), verdicts.count("killed"), verdicts.count("time limit"), verdicts.count("survived")]
+        told = sum(mutant.verdict == "survived" and reason_of(mutant, explained) != "" for mutant in m.mutants)
+        share = f"{100.0 * _noticed(m, explained) / len(verdicts):.0f} %"
+        tests = " ".join(f"`{test}`" for test in ROOMS[name].tests)
+        rows.append(" | ".join(map(str, [name, m.places, *counts, told, share, m.date, tests])))
+    header = (
+        *("room", "places to change", "drawn", "killed", "time limit", "survived", "of these explained"),
+        *("killed or explained", "date", "tests"),
+    )
+    table = "\n".join(f"| {row} |" for row in (" | ".join(header), " | ".join("---" for _ in header), *rows))
+    lists = "\n".join(
+        f"### {name}\n\n" + ("\n".join(_survivors(m, explained)) or "None.\n") for name, m in measurements.items()
+    )
+    return f"""# Strength of the tests
+
+```sh
+pip install -e ".[mutation]"
+python -m benchmarks.mutation            # all rooms, about an hour; or: python -m benchmarks.mutation ssp trace
+```
+
+A mutant is the project with one small change: another operator, another number, a condition the other way round, a loop
+that is never entered, a missing decorator. Tests that pass with a mutant do not test what was changed. The tool draws
+mutants with a seed, runs the tests of the changed room against each in a copy of the project, and writes this page;
+[cosmic-ray](https://cosmic-ray.readthedocs.io) makes the mutants. Changes of annotations do not count, since nothing
+evaluates them. A mutant with which the tests run into a time limit is noticed too. `benchmarks/mutants_explained.toml`
+says of a survivor why no test can or need notice it.
+
+## The last measurement
+
+{table}
+
+## Survivors
+
+{lists}"""
+
+
+if __name__ == "__main__":
+    sys.exit(main())
