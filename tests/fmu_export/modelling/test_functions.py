@@ -14,7 +14,7 @@ def test_the_length_of_a_vector() -> None:
     assert norm(np.array([3.0, -4.0])) == 5.0
     assert norm(np.array([2.0, 3.0, 6.0])) == 7.0
     assert norm(np.zeros(3)) == 0.0
-    assert norm(np.array([1e-150, 0.0])) == pytest.approx(1e-150, rel=1e-12)
+    assert norm(np.array([1e-150, 0.0])) == pytest.approx(1e-150, rel=1e-12, abs=0.0)
 
 
 def test_the_length_has_a_derivative_everywhere() -> None:
