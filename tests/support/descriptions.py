@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zipfile
+from collections.abc import Mapping
 from io import BytesIO
 
 from fmpy import read_model_description
@@ -26,7 +27,13 @@ UNITS = """<UnitDefinitions>
 </TypeDefinitions>"""
 
 
-def fmi2(*variables: str, guid: str = "{g}", once: bool = False, feedthrough: bool = False) -> ModelDescription:
+def fmi2(
+    *variables: str,
+    guid: str = "{g}",
+    once: bool = False,
+    interpolates: bool = False,
+    feedthrough: bool | Mapping[str, str] = False,
+) -> ModelDescription:
     """A description of FMI 2.0.
 
     Parameters
@@ -36,10 +43,13 @@ def fmi2(*variables: str, guid: str = "{g}", once: bool = False, feedthrough: bo
     guid : str
     once : bool
         It can be instantiated only once in a process.
-    feedthrough : bool
-        Outputs depend on all inputs; else on none.
+    interpolates : bool
+        It takes rates of inputs.
+    feedthrough : bool or mapping
+        Outputs depend on all inputs; else on none; or those named do, on what is named.
     """
     items, outputs = [], []
+    positions = {text.split()[0]: str(k) for k, text in enumerate(variables, start=1)}
     for k, text in enumerate(variables, start=1):
         name, causality, kind, *rest = text.split()
         given = dict(item.split("=", 1) for item in rest)
@@ -51,10 +61,13 @@ def fmi2(*variables: str, guid: str = "{g}", once: bool = False, feedthrough: bo
             f"<{kind} {_attributes(given)}/></ScalarVariable>"
         )
         if causality == "output":
-            outputs.append(f'<Unknown index="{k}"' + ("/>" if feedthrough else ' dependencies=""/>'))
+            known = {} if isinstance(feedthrough, bool) else feedthrough
+            on = " ".join(positions[name] for name in known.get(name, "").split())
+            outputs.append(f'<Unknown index="{k}"' + ("/>" if feedthrough is True else f' dependencies="{on}"/>'))
     text = (
         f'<fmiModelDescription fmiVersion="2.0" modelName="M" guid="{guid}"><CoSimulation modelIdentifier="M" '
-        f'canBeInstantiatedOnlyOncePerProcess="{str(once).lower()}"/>{UNITS}<ModelVariables>{"".join(items)}'
+        f'canBeInstantiatedOnlyOncePerProcess="{str(once).lower()}" '
+        f'canInterpolateInputs="{str(interpolates).lower()}"/>{UNITS}<ModelVariables>{"".join(items)}'
         f"</ModelVariables><ModelStructure><Outputs>{''.join(outputs)}</Outputs></ModelStructure></fmiModelDescription>"
     )
     archive = BytesIO()
