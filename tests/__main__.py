@@ -1,29 +1,56 @@
-"""Everything that must pass: `python -m tests` (style, types, tests; with `--coverage` also that)."""
+"""The checks that must pass: style, types, tests.
+
+`python -m tests` leaves out the tests that are marked slow; `--all` runs them too. `--fast` runs a choice in less
+than a minute; `--coverage` measures which lines are run.
+"""
 
 from __future__ import annotations
 
+import argparse
+import resource
 import subprocess
 import sys
 
-CHECKS = (
-    ("ruff", "check", "."),
-    ("ruff", "format", "--check", "."),
-    ("mypy",),
-    # by file: the tests of a file share FMUs and runs
-    ("pytest", "-n", "2", "--dist", "loadfile"),
+STYLE_AND_TYPES = (("ruff", "check", "."), ("ruff", "format", "--check", "."), ("mypy",))
+
+#: By file: the tests of a file share FMUs and runs.
+IN_PARALLEL = ("-n", "2", "--dist", "loadfile")
+
+#: Tests of the mathematics, the master and the order of the house: those that a change of code most often fails.
+FAST = tuple(
+    f"tests/{room}"
+    for room in (
+        *("models", "fmu_export/modelling", "fmu_export/trace"),
+        *("fmi", "system", "master", "loop", "results", "scenario", "ssp"),
+        *("regression/test_compare.py", "regression/test_funnel.py"),
+        *("house/test_architecture.py", "house/test_tests.py", "parallel_robot/test_metrics.py"),
+    )
 )
-COVERAGE = ("--cov", "--cov-report=term")
+
+
+def tests(options: argparse.Namespace) -> tuple[str, ...]:
+    """The command of the tests, as of `python -m`."""
+    command = ("pytest", *IN_PARALLEL, *(FAST if options.fast else ()), *(("-m", "") if options.all else ()))
+    if options.coverage:  # so that the import of the plugin counts too
+        return ("coverage", "run", "--parallel-mode", "-m", *command, "--cov", "--cov-report=term")
+    return command
 
 
 def main() -> int:
     """Run all checks, and fail if any failed."""
+    parser = argparse.ArgumentParser(prog="python -m tests", description=__doc__)
+    extent = parser.add_mutually_exclusive_group()
+    extent.add_argument("--all", action="store_true", help="run the slow tests too")
+    extent.add_argument("--fast", action="store_true", help="run a choice of tests, in less than a minute")
+    parser.add_argument("--coverage", action="store_true", help="measure coverage; takes a third longer")
+    options = parser.parse_args()
     failed = []
-    for command in CHECKS:
-        if "--coverage" in sys.argv[1:] and command[0] == "pytest":  # takes a third longer
-            command = (*command, *COVERAGE)
-        print("$", *command, flush=True)
+    for command in (*STYLE_AND_TYPES, tests(options)):
+        print("$", *(word or "''" for word in command), flush=True)
         if subprocess.run([sys.executable, "-m", *command], check=False).returncode:
             failed.append(command[0])
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    print(f"CPU: {used.ru_utime + used.ru_stime:.0f} s")
     if failed:
         print("failed:", *failed)
     return int(bool(failed))

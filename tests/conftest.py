@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import signal
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -10,11 +14,55 @@ from cosim.results.figure_process import FigureProcess
 from fmu_export.native.backend import build_native
 from parallel_robot.fmus import build, default_flavour
 from parallel_robot.models import MODELS
+from tests.support import compilation
+from tests.support.compilation import shared_compilation
 from tests.support.fmi3_gain import build_gain
 from tests.support.native_fmus import FLAVOURS, require_compiler, unpack
 
+# nohup and background jobs start the tests with SIGINT ignored, and every process that the tests start inherits it
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+
 #: The flavour that `cosim run` takes when none is asked for: fmi2 where there is a C compiler, else pythonfmu.
 DEFAULT_FLAVOUR = default_flavour(Path("no such folder"))[0]
+
+
+class LeftOut:
+    """Says how many slow tests were left out, and how they are run."""
+
+    def __init__(self, config: pytest.Config) -> None:
+        self._config = config
+        self._number = 0
+
+    def pytest_deselected(self, items: Sequence[pytest.Item]) -> None:
+        """Count them, in a worker for the process that started it."""
+        self._number += sum(item.get_closest_marker("slow") is not None for item in items)
+        if hasattr(self._config, "workeroutput"):
+            self._config.workeroutput["left out"] = self._number
+
+    @pytest.hookimpl(optionalhook=True)
+    def pytest_testnodedown(self, node: Any) -> None:
+        """Each worker of xdist collects all tests."""
+        self._number = max(self._number, getattr(node, "workeroutput", {}).get("left out", 0))
+
+    def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
+        """One line, if there are any."""
+        if self._number:
+            terminalreporter.write_line(
+                f"{self._number} slow tests were left out; python -m tests --all, or pytest -m '', runs them too"
+            )
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Count the tests that are left out."""
+    config.pluginmanager.register(LeftOut(config))
+
+
+@pytest.fixture(scope="session", autouse=True)
+def folder_of_compilation(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """The workers' folders for temporary files are in a common one."""
+    base = tmp_path_factory.getbasetemp()
+    compilation.folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "compiled"
 
 
 @pytest.fixture(scope="session")
@@ -24,8 +72,9 @@ def robot_fmus(tmp_path_factory: pytest.TempPathFactory) -> Path:
     Also of the flavour that is the default here: fmi2 where there is a C compiler.
     """
     folder = tmp_path_factory.mktemp("fmus")
-    for flavour in {"pythonfmu", DEFAULT_FLAVOUR}:
-        build(folder, flavour)
+    with shared_compilation():
+        for flavour in {"pythonfmu", DEFAULT_FLAVOUR}:
+            build(folder, flavour)
     return folder
 
 
@@ -40,9 +89,10 @@ def native_fmus(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder of the FMUs in C: <folder>/fmi2/RobotPlant.fmu, <folder>/fmi3/RobotPlant.fmu and so on."""
     require_compiler()
     folder = tmp_path_factory.mktemp("native")
-    for flavour in FLAVOURS:
-        for model in MODELS.values():
-            build_native(model, folder / flavour, flavour)
+    with shared_compilation():
+        for flavour in FLAVOURS:
+            for model in MODELS.values():
+                build_native(model, folder / flavour, flavour)
     return folder
 
 

@@ -259,6 +259,7 @@ def build(*arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
 
 
+@pytest.mark.slow
 def test_the_build_script_writes_the_same_bytes_twice(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     digests = []

@@ -440,6 +440,7 @@ def read_to_the_end(terminal: int) -> bytes:
     return read
 
 
+@pytest.mark.slow
 def test_ctrl_c_half_way_keeps_what_was_recorded(here):
     command = [sys.executable, "-m", "cosim", "run", "--stop", "600"]
     terminal, child_end = pty.openpty()  # the bar, which tells when the run is under way, needs a terminal

@@ -178,6 +178,7 @@ def test_without_any_compiler_the_compilation_says_what_to_install(
     assert not elsewhere.exists()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(importlib.util.find_spec("ziglang") is None, reason="the ziglang package is not installed")
 def test_zig_compiles_a_library_that_can_be_loaded(
     hook: ModuleType, elsewhere: Path, monkeypatch: pytest.MonkeyPatch

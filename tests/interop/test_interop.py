@@ -26,6 +26,7 @@ from interop.tools.launch import run_tool, tool
 from interop.validators import Validation
 from interop.verdict import TOLERANCES, Verdict, judge
 from parallel_robot.models import MODELS, closed_loop_model
+from tests.support.compilation import shared_compilation
 from tests.support.native_fmus import require_compiler
 
 QUICK = [entry for entry in ENTRIES if entry.quick]
@@ -40,10 +41,11 @@ def fmus(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder of native FMUs without pages, and of the closed loop for FMI 2.0."""
     require_compiler()
     folder = tmp_path_factory.mktemp("interop")
-    for model in MODELS.values():
-        build_native(model, folder / "fmi2", "fmi2")
-        build_native(model, folder / "fmi3", "fmi3")
-    build_native(closed_loop_model(), folder / "fmi2", "fmi2")
+    with shared_compilation():
+        for model in MODELS.values():
+            build_native(model, folder / "fmi2", "fmi2")
+            build_native(model, folder / "fmi3", "fmi3")
+        build_native(closed_loop_model(), folder / "fmi2", "fmi2")
     return folder
 
 

@@ -1,4 +1,4 @@
-"""The compiled stepping loop: its library, values of all types, where it stops, and what it costs."""
+"""The compiled stepping loop: its library, values of all types, and where it stops."""
 
 from __future__ import annotations
 
@@ -381,33 +381,3 @@ def test_fmus_of_all_flavours_in_one_system_are_as_those_of_one_flavour(fmus: Pa
         runs = [run(flavours, order) for flavours in MIXED]
         assert np.ptp(runs[0]["i.x"]) > 0.1
         assert len({r.values.tobytes() for r in runs}) == 1
-
-
-# What it costs
-
-
-def test_the_cost_of_a_step_grows_linearly_with_the_connections(fmus: Path) -> None:
-    """Up to 100 connections: about 50 ns for each, wherever they stand."""
-
-    def chain(n: int) -> System:
-        system = System()
-        for k in range(n):
-            system.add(f"g{k}", fmus / "fmi2" / "Gain.fmu", start={"K": 1.0, "u[2]": 0.0})
-        system.drive("g0.u[1]", lambda t: 1.0 + 0.0 * t, vectorized=True)
-        for k in range(n - 1):
-            system.connect(f"g{k}.y[1]", f"g{k + 1}.u[1]")
-        return system
-
-    sizes = (10, 30, 100)
-    found: dict[int, list[float]] = {n: [] for n in sizes}
-    with ExitStack() as stack:
-        chains = {n: stack.enter_context(Simulation(chain(n), record=[f"g{n - 1}.y[1]"])) for n in sizes}
-        for _ in range(9):  # in turn, so that what else the machine does meets all
-            for n, simulation in chains.items():
-                steps = 200_000 // n
-                r = simulation.run(float(steps), 1.0)
-                assert (r.values == 1.0).all()
-                found[n].append(r.info["loop_time_s"] / (steps * n))
-    each = {n: min(times) for n, times in found.items()}  # the least disturbed ones
-    print({n: f"{1e9 * seconds:.1f} ns" for n, seconds in each.items()})
-    assert max(each.values()) < 1.5 * min(each.values())

@@ -264,6 +264,7 @@ def child(script: str, tiny: Path, temporary: Path) -> subprocess.Popen:
     return subprocess.Popen(
         [sys.executable, "-c", head + script, str(tiny)],
         env=environment,
+        stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -276,7 +277,7 @@ def test_ctrl_c_from_outside(tiny, tmp_path):
 def signal(t):
     if t == 2.0:
         print("half", flush=True)
-        time.sleep(0.5)  # the interrupt comes in here
+        sys.stdin.readline()  # the interrupt comes in here: it is sent before the line
     return t
 
 system = System()
@@ -294,7 +295,7 @@ except SimulationInterrupted as error:
     assert process.stdout.readline() == "half\n"
     assert list(temporary.iterdir()) != []  # so that the emptiness below says something
     process.send_signal(signal.SIGINT)
-    out, err = process.communicate(timeout=30)
+    out, err = process.communicate("\n", timeout=30)
     assert (process.returncode, err) == (3, "")
     assert json.loads(out) == [2.25, [0.25 * i for i in range(9)]]
     assert list(temporary.iterdir()) == []

@@ -37,6 +37,7 @@ def path() -> np.ndarray:
     return end_effector(solve(TIMES, lambda t: np.concatenate([f(t) for f in parts]), [4.0], rtol=1e-10))
 
 
+@pytest.mark.slow
 def test_the_oracle_is_the_loop_of_python_control(path: np.ndarray) -> None:
     """Two formulations of the continuous loop, over the time around the jump of the disturbance."""
     times = TIMES[TIMES <= 4.5]

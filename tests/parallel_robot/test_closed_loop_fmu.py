@@ -20,6 +20,7 @@ from parallel_robot import continuous_loop as closed_loop
 from parallel_robot.fmus import CLOSED_LOOP, fmu_path
 from parallel_robot.models import MODELS, closed_loop_model
 from parallel_robot.wiring import CONNECTIONS
+from tests.support.compilation import shared_compilation
 from tests.support.continuous_loop import end_effector, solve
 from tests.support.fmu_documentation import members_of, parsed, terminals
 from tests.support.native_fmus import require_compiler
@@ -35,8 +36,9 @@ TIMES = np.arange(0, 3001, 24) * 1e-3  # communication points of all steps used 
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     require_compiler()
     folder = tmp_path_factory.mktemp("closed loop")
-    for flavour in ("fmi2", "fmi3"):
-        build_native(closed_loop_model(), folder / flavour, flavour)
+    with shared_compilation():
+        for flavour in ("fmi2", "fmi3"):
+            build_native(closed_loop_model(), folder / flavour, flavour)
     build_pythonfmu(closed_loop_model(), folder / "pythonfmu")
     return folder
 

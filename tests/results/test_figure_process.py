@@ -101,7 +101,7 @@ def test_modules_in_the_working_folder_are_not_taken_for_others(tmp_path: Path, 
 
 
 @pytest.mark.skipif(os.name == "nt", reason="no groups of processes")
-@pytest.mark.parametrize("delay", [0.02, 0.1, 0.3])
+@pytest.mark.parametrize("delay", [0.1, *(pytest.param(delay, marks=pytest.mark.slow) for delay in (0.02, 0.3))])
 def test_ctrl_c_in_a_terminal_is_one_line(robot_fmus: Path, tmp_path: Path, delay: float) -> None:
     """It goes to all processes of the terminal's group; only the program may speak of it."""
     arguments = ["run", "--stop", "600", "--fmus", str(robot_fmus)]

@@ -19,6 +19,7 @@ from cosim.results.results import Results
 from fmu_export.modelling.model import DefaultExperiment, Layout, Model, Variable
 from fmu_export.native.backend import build_native
 from fmu_export.native.toolchain import find_compiler
+from tests.support.compilation import shared_compilation
 from tests.support.native_fmus import require_compiler
 
 
@@ -137,9 +138,10 @@ def built_fmus() -> Path:
     temporary = TemporaryDirectory(prefix="regression_", ignore_cleanup_errors=True)
     atexit.register(temporary.cleanup)
     folder = Path(temporary.name)
-    for model in MODELS:
-        build_native(model, folder, "fmi2")
-    build_native(FEEDTHROUGH, folder / "fmi3", "fmi3")
+    with shared_compilation():
+        for model in MODELS:
+            build_native(model, folder, "fmi2")
+        build_native(FEEDTHROUGH, folder / "fmi3", "fmi3")
     build_ball(folder)
     return folder
 

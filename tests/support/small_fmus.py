@@ -13,6 +13,7 @@ from fmu_export.modelling.model import DefaultExperiment, Layout, Model, Variabl
 from fmu_export.native.backend import build_native
 from fmu_export.native.toolchain import find_compiler
 from fmu_export.pythonfmu.backend import build_pythonfmu
+from tests.support.compilation import shared_compilation
 from tests.support.native_fmus import require_compiler
 
 FLAVOURS = ("fmi2", "fmi3", "pythonfmu")
@@ -131,7 +132,8 @@ def build(folder: Path, flavour: str, *models: Model) -> Path:
         if flavour == "pythonfmu":
             build_pythonfmu(model, folder)
         else:
-            build_native(model, folder, flavour)
+            with shared_compilation():
+                build_native(model, folder, flavour)
     return folder
 
 

@@ -33,6 +33,9 @@ from tests.support import SUPPORT
 from tests.support.binaries import kind_and_exports, text_at
 from tests.support.native_fmus import FLAVOURS, Host, require_compiler, unpack
 
+#: Each FMU is compiled for five platforms, in minutes; tests of the toolchain compile a small library for each.
+pytestmark = pytest.mark.slow
+
 pytest.importorskip("ziglang", reason="the ziglang package, which compiles for other platforms, is not installed")
 
 CHECKOUT = Path(__file__).resolve().parents[3]

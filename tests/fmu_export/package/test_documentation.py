@@ -175,6 +175,7 @@ def test_members(members, name, flavour):
     assert set(members[name, flavour]) == common | (icons if flavour == "fmi3" else {"model.png"})
 
 
+@pytest.mark.slow
 def test_bytes_do_not_depend_on_the_process():
     script = (
         "import hashlib\n"

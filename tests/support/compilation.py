@@ -1,0 +1,46 @@
+"""Compilation shared by the workers of a test session: the same sources are compiled once."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+
+from fmu_export.native import backend
+from fmu_export.native.toolchain import Target, compile_library, compiler_identity
+
+#: Set by conftest before any FMU is built: a folder of the session, the same in all workers.
+folder: Path | None = None
+
+
+@contextmanager
+def shared_compilation() -> Iterator[None]:
+    """Native FMUs that are built inside take a library from the folder of the session if one of its sources is there.
+
+    For FMUs that tests use, not for tests of how they are built.
+    """
+    before = backend.compile_library
+    backend.compile_library = _compile_once
+    try:
+        yield
+    finally:
+        backend.compile_library = before
+
+
+def _compile_once(
+    sources: Mapping[str, bytes], name: str, target: Target | None = None, *, strict: bool = False
+) -> bytes:
+    assert folder is not None
+    digest = hashlib.sha256(repr((sorted(sources.items()), name, target, strict)).encode())
+    digest.update(compiler_identity(all_platforms=target is not None).encode())
+    path = folder / digest.hexdigest()
+    if not path.exists():
+        folder.mkdir(exist_ok=True)
+        handle, part = tempfile.mkstemp(dir=folder)
+        with os.fdopen(handle, "wb") as file:
+            file.write(compile_library(sources, name, target, strict=strict))
+        Path(part).replace(path)  # whole or not at all: another worker may want it too
+    return path.read_bytes()
