@@ -1,0 +1,30 @@
+"""The C has the format of `.clang-format`."""
+
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+
+import clang_format
+
+from tests.support import CHECKOUT
+
+TOOL = Path(clang_format.__file__).parent / "data/bin/clang-format"
+
+
+def unformatted(*files: Path) -> list[str]:
+    """What clang-format would change, one line a place."""
+    command = [TOOL, f"--style=file:{CHECKOUT / '.clang-format'}", "--dry-run", *files]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    return [line for line in done.stderr.splitlines() if "[-Wclang-format-violations]" in line]
+
+
+def test_c_is_formatted() -> None:
+    files = [p for folder in ("fmu_export", "interop") for p in sorted((CHECKOUT / folder).rglob("*.[ch]"))]
+    assert len(files) > 5
+    assert unformatted(*files) == []
+
+
+def test_what_is_not_formatted_is_noticed(tmp_path: Path) -> None:
+    (tmp_path / "a.c").write_text("int f(int a)\n{\n  return a;\n}\n")
+    assert len(unformatted(tmp_path / "a.c")) >= 2
