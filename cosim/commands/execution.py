@@ -11,6 +11,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -271,7 +272,8 @@ def in_words(prepared: PreparedRun, summary: Mapping[str, Any]) -> str:
     if prepared.metrics:
         values = {name: summary["metrics"][name] for name in prepared.metrics}
         lines += ["", *(f"{name:<40}{'-' if v is None else f'{v:.6g}':>14}" for name, v in values.items())]
-    what = "results and summary" if prepared.drawing is None else "results, summary and figures"
+    drawn = prepared.drawing is not None and find_spec("matplotlib") is not None
+    what = "results, summary and figures" if drawn else "results and summary"
     return "\n".join([*lines, f"{what}: {prepared.folder}"])
 
 

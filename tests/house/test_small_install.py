@@ -45,13 +45,15 @@ OPTIONAL = set().union(*EXTRAS.values()) - BASE
 
 #: Run at the start of a process and of those that it starts: packages that can't be imported, as if not installed.
 WITHOUT = """
-import importlib.metadata, sys
+import importlib.metadata
+from importlib.machinery import PathFinder
 
-class Absent:
-    def find_spec(self, name, path=None, target=None):
-        if name.partition(".")[0] in ABSENT:
-            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+find_spec = PathFinder.find_spec
 
+def find_none(name, path=None, target=None):
+    return None if name.partition(".")[0] in ABSENT else find_spec(name, path, target)
+
+PathFinder.find_spec = find_none
 installed = importlib.metadata.Distribution.from_name
 
 def from_name(name):
@@ -60,7 +62,6 @@ def from_name(name):
     return installed(name)
 
 importlib.metadata.Distribution.from_name = from_name
-sys.meta_path.insert(0, Absent())
 """
 
 PROGRAM = "import sys\nfrom cosim.__main__ import main\nsys.exit(main(sys.argv[1:]))\n"
@@ -169,6 +170,7 @@ def test_runs_of_the_base_write_all_but_figures(folder: Path, command: list[str]
     assert {"results.csv", "summary.json"} == {path.name for path in (folder / "out").iterdir()}
     note = "note: there are no figures, for matplotlib is not installed"
     assert f'{note}; install it with: pip install "{NAME}[plot]"\n' in done.stdout, done.stdout
+    assert done.stdout.endswith("\nresults and summary: out\n")
     assert done.stderr == ""
 
 
