@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from tqdm import tqdm
 
@@ -50,6 +50,12 @@ class Plan:
     extrapolation: Coupling = "auto"
     record: Sequence[str] | None = None
     record_every: int = 1
+
+    @classmethod
+    def from_options(cls, args: argparse.Namespace, stop_time: float, step_size: float, start_time: float) -> Self:
+        """The plan of a system that itself says no more than these times (s)."""
+        given = {key: getattr(args, key) for key in ("order", "extrapolation", "record", "record_every")}
+        return cls(stop_time, step_size, start_time, **{key: v for key, v in given.items() if v is not None})
 
 
 @dataclass(frozen=True)

@@ -88,15 +88,7 @@ def _plan(description: ModelDescription, path: Path, args: argparse.Namespace) -
     if step_size is None:
         step_size = (stop_time - start_time) / _STEPS
         print(f"note: {path} has no default step; it is {step_size:g} s here, {_STEPS} steps in all (--step)")
-    return Plan(
-        stop_time,
-        step_size,
-        start_time,
-        args.order or "sequential",
-        args.extrapolation or "auto",
-        args.record,
-        1 if args.record_every is None else args.record_every,
-    )
+    return Plan.from_options(args, stop_time, step_size, start_time)
 
 
 def _driven(ports: Ports, path: Path, plan: Plan) -> list[Signal]:

@@ -46,7 +46,7 @@ def prepared_scenario(args: argparse.Namespace) -> Iterator[PreparedRun]:
         start_value(assignment, list(scenario.components))
     folder = results_folder(args, scenario.name)
     scenario = family.prepared(scenario, args)
-    system = _with_own_fmus(args.fmu, scenario.system(), family)
+    system = _with_own_fmus(args.fmu, scenario, family)
     yield PreparedRun(
         source=args.scenario,
         title=scenario.title,
@@ -100,18 +100,18 @@ def _recorded(metric: Metric, record: list[str]) -> bool:
     return all({variable, variable.rpartition("[")[0]} & set(record) for variable in metric.variables)
 
 
-def _with_own_fmus(assignments: list[str], system: System, family: ScenarioFamily) -> System:
+def _with_own_fmus(assignments: list[str], scenario: Scenario, family: ScenarioFamily) -> System:
     """The system with the user's own FMU files for some of the components."""
-    own = {}
+    own = scenario.stand_ins
     for assignment in assignments:
         component, equals, path = assignment.partition("=")
         if not (component and equals and path):
             raise UsageError(f"--fmu {assignment}: write COMPONENT=FILE, as controller=PID.fmu")
-        if component not in system.components:
-            hint = nearest(component, system.components)
+        if component not in scenario.components:
+            hint = nearest(component, scenario.components)
             raise UsageError(f"--fmu {assignment}: the scenario has no component '{component}'; {hint}")
         own[component] = Path(path)
-    system, missing = replaced(system, own, family.optional_inputs)
+    system, missing = replaced(scenario.system(), own, family.optional_inputs)
     if missing:
         print(f"note: the FMUs given have no {', '.join(missing)}, so nothing is connected there")
     return system

@@ -63,12 +63,4 @@ def _plan(found: ReadSystem, path: Path, args: argparse.Namespace) -> Plan:
     if step_size is None:
         raise UsageError(f"neither {path} nor its FMUs have a default step; give one with --step")
     start_time = found.start_time if args.start is None else args.start
-    return Plan(
-        stop_time,
-        step_size,
-        start_time,
-        args.order or "sequential",
-        args.extrapolation or "auto",
-        args.record,
-        1 if args.record_every is None else args.record_every,
-    )
+    return Plan.from_options(args, stop_time, step_size, start_time)

@@ -171,7 +171,7 @@ def _component(where: str, name: str, spec: Any, folder: Path, known: ScenarioCo
     if values.get("every", 1) < 1:
         raise ScenarioError(f"{where} every = {values['every']!r} must be at least 1")
     if "fmu" in values:
-        values["fmu"] = folder / values["fmu"]
+        values |= {"fmu": folder / values["fmu"], "stands_in": known is not None}
     return dataclasses.replace(known or ScenarioComponent(), **values)
 
 

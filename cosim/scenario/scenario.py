@@ -34,10 +34,13 @@ class ScenarioComponent:
         FMU file; None where the family of the scenario has yet to say which.
     every : int
         The component communicates at every so many communication points.
+    stands_in : bool
+        The FMU stands in for one of the family: `cosim run` leaves out connections to what it does not have.
     """
 
     fmu: Path | None = None
     every: int = 1
+    stands_in: bool = False
 
 
 @dataclass(frozen=True)
@@ -120,6 +123,11 @@ class Scenario:
         """A copy in which components have these FMUs."""
         changed = {name: dataclasses.replace(self.components[name], fmu=path) for name, path in fmus.items()}
         return dataclasses.replace(self, components={**self.components, **changed})
+
+    @property
+    def stand_ins(self) -> dict[str, Path]:
+        """FMUs that stand in for one of the family, by component."""
+        return {name: c.fmu for name, c in self.components.items() if c.stands_in and c.fmu is not None}
 
     def shape(self, target: str) -> Shape | None:
         """The signal or disturbance at an input, if there is one."""

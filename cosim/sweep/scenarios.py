@@ -105,6 +105,7 @@ class ScenarioStudy:
         label, hashes = variant
         scenario = self.scenarios[label].with_fmus({component: fmu(sha256) for component, sha256 in hashes})
         own = {name: path for name in self.own_fmus if (path := _fmu_of(scenario, name)) is not None}
+        own |= scenario.stand_ins
         system, _ = replaced(scenario.system(), own, self.optional_inputs)
         return Simulation(system, order=scenario.order, coupling=scenario.extrapolation, record=self.recorded(scenario))
 

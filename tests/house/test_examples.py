@@ -16,6 +16,7 @@ import pytest
 from cosim import Results
 from cosim.__main__ import main
 from cosim.commands import sweep
+from fmu_export import DefaultExperiment, Layout, Model, Variable, build_native
 from fmu_export.package.start_values import write_start_values
 from parallel_robot.wiring import CONNECTIONS
 from tests.conftest import DEFAULT_FLAVOUR
@@ -89,6 +90,45 @@ def test_own_controller_in_plain_python(folder: Path, capsys: pytest.CaptureFixt
     np.testing.assert_allclose(results["plant.tau_a"], np.clip(-6.0 * error - 2.0 * rate, -0.2, 0.2), atol=1e-12)
     assert np.abs(results["plant.tau_a"]).max() == 0.2
     assert position_error(results)[results.time > 2.0].max() < 0.006
+
+
+def test_own_controller_of_a_scenario_file(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """What the option does, a file does too."""
+    shutil.copy(example("replace_controller.py"), "my_controller.py")
+    python("my_controller.py")
+    text = 'system = "parallel_robot"\n[run]\nstop_time = 0.5\n[start.plant]\ndm = 0.0\ntau_d = 0.0\n'
+    Path("option.toml").write_text(text, encoding="utf-8")
+    Path("file.toml").write_text(text + '[components.controller]\nfmu = "PID.fmu"\n', encoding="utf-8")
+    assert main(["run", "option.toml", "--fmu", "controller=PID.fmu"]) == 0
+    assert main(["run", "file.toml"]) == 0
+    assert capsys.readouterr().out.count("no controller.tau_ref, so nothing is connected there") == 2
+    assert Path("results/file/results.csv").read_bytes() == Path("results/option/results.csv").read_bytes()
+
+
+def test_a_controller_with_other_signals(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The scenario file of the page, with a controller that pulls the end effector to a point."""
+    model = Model(
+        name="theirs",
+        description="Torque in proportion to a position",
+        parameters=Layout([Variable("K", "N", "Gain", start=0.1)]),
+        inputs=Layout([Variable("x", "m", "Position"), Variable("y", "m", "Position")]),
+        outputs=Layout([Variable("torque", "N.m", "Torque", size=3)]),
+        states=(),
+        initial_state=lambda p: np.zeros(0),
+        derivatives=lambda t, x, u, p: np.zeros(0),
+        output_values=lambda t, x, u, p: p[0] * np.stack([u[0], u[1], u[0] + u[1]]),
+        default_experiment=DefaultExperiment(stop_time=1.0, step_size=1e-3),
+    )
+    build_native(model, folder, "fmi2")
+    (text,) = (text for text in blocks("replace_controller.md", "toml") if "theirs.fmu" in text)
+    Path("theirs.toml").write_text(text, encoding="utf-8")
+    assert main(["run", "theirs.toml", "--stop", "0.1"]) == 0
+    assert "the FMUs given have no controller.theta_a, " in capsys.readouterr().out
+    results = Results.from_csv("results/theirs/results.csv")
+    assert results["controller.x"].tolist() == results["plant.x_E"].tolist()
+    np.testing.assert_array_equal(results["plant.tau_a"], results["controller.torque"])
+    x, y = results["plant.x_E"], results["plant.y_E"]
+    np.testing.assert_allclose(results["plant.tau_a"], 0.1 * np.column_stack([x, y, x + y]), atol=1e-15)
 
 
 @pytest.mark.parametrize(

@@ -13,14 +13,15 @@ import pytest
 from controller_fmu import model as controller
 from cosim import Results, System
 from cosim.master.simulation import Simulation
+from cosim.scenario import replaced
 from fmu_export.modelling.functions import saturate
 from fmu_export.modelling.model import Layout
 from fmu_export.pythonfmu.backend import build_pythonfmu
 from fmu_export.trace.trace import trace
 from parallel_robot.metrics import tracking_errors
 from parallel_robot.models import MODELS
-from parallel_robot.own_fmus import replaced
 from parallel_robot.scenario import load_scenario
+from parallel_robot.wiring import OPTIONAL_INPUTS
 from plant_fmu.dynamics import closed_chain
 from plant_fmu.inverse_dynamics import minimum_norm_torque
 from plant_fmu.kinematics import inverse_kinematics, velocity_jacobian_rates, velocity_jacobians
@@ -211,7 +212,7 @@ def test_a_desired_path_without_torque_still_fits(tmp_path: Path, fmus: Path) ->
     )
     own = build_pythonfmu(bare, tmp_path)
     given = load_scenario("tracking").system(fmus.parent, "pythonfmu")
-    system, missing = replaced(given, {"trajectory": own})
+    system, missing = replaced(given, {"trajectory": own}, OPTIONAL_INPUTS)
     assert missing == ["trajectory.tau_ref"]
     assert system.components["controller"].start["tau_ref"] == 0.0
     assert "tau_ref" not in given.components["controller"].start

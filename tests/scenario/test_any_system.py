@@ -359,7 +359,7 @@ def test_a_table_of_components_changes_those_of_the_family_that_is_named() -> No
     scenario = load_scenario(written('system = "loops"\n' + more + own + RUN))
     assert dict(scenario.components) == {
         "lag": ScenarioComponent(Path("mine/parts/Lag.fmu")),
-        "gain": ScenarioComponent(Path("mine/parts/Gain.fmu"), 3),
+        "gain": ScenarioComponent(Path("mine/parts/Gain.fmu"), 3, stands_in=True),
         "more": ScenarioComponent(Path("mine/parts/Lag.fmu")),
     }
     # the connection of the file takes the place of the family's at that input
