@@ -1,4 +1,4 @@
-"""Numbers that say how good a run was."""
+"""Metrics of a run of the robot: tracking errors, control effort, closure error."""
 
 from __future__ import annotations
 

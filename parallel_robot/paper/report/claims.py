@@ -58,15 +58,15 @@ def claims_section(claims: Sequence[Claim]) -> str:
         if counts[v]
     )
     return f"""<section id="claims" aria-labelledby="claims-title">
-<h2 id="claims-title">What the paper claims, and what holds</h2>
-<p>Every verdict is computed: each value that was measured is held against the threshold. A claim holds when all
-values meet it, in part when some do.</p>
+<h2 id="claims-title">Claims of the paper and their verdicts</h2>
+<p>The program computes every verdict: it compares each measured value with the threshold. A claim holds when all values
+meet it, and in part when some do.</p>
 <div class="claims">
 <div class="controls"><div class="filters" role="group" aria-label="Show claims by verdict">{buttons}</div>
 <label>Find <input type="search" placeholder="words" size="14"></label>
 <span class="hint" role="status" aria-live="polite">all {len(claims)} claims</span></div>
 <table class="framed cards"><caption class="unseen">Claims of the paper with verdicts</caption>
-<thead><tr><th scope="col">Verdict</th><th scope="col">Claim</th><th scope="col">What was found</th></tr></thead>
+<thead><tr><th scope="col">Verdict</th><th scope="col">Claim</th><th scope="col">Finding</th></tr></thead>
 <tbody>
 {"".join(map(_claim, claims))}</tbody></table>
 </div>
@@ -78,7 +78,7 @@ def _claim(c: Claim) -> str:
         f'<tr id="claim-{escape(c.id)}" data-verdict="{c.verdict}"><td data-head="Verdict">{badge(c.verdict)}</td>'
         f'<td data-head="Claim"><p>{prose(c.claim)}</p><p class="where">{prose(c.where)} · '
         f'<a href="#claim-{escape(c.id)}"><code>{escape(c.id)}</code></a></p></td>'
-        f'<td data-head="What was found"><p>{prose(c.why)}</p>{_measure(c)}</td></tr>\n'
+        f'<td data-head="Finding"><p>{prose(c.why)}</p>{_measure(c)}</td></tr>\n'
     )
 
 
@@ -118,7 +118,7 @@ def table1_section(rows: Sequence[TableRow]) -> str:
     body = table(heads, cells, "Table 1, computed and as printed", "cards")
     return f"""<section id="table1" aria-labelledby="table1-title">
 <h2 id="table1-title">Table 1: the optimal gains</h2>
-<p>Computed, and beside it in small what the paper prints.</p>
+<p>The computed number stands first, the printed one beside it in small.</p>
 {body}
 </section>"""
 
@@ -216,12 +216,13 @@ def readings_section(readings: Sequence[Reading]) -> str:
     ]
     reached = sum(r.reaches_printed for r in readings)
     return f"""<section id="readings" aria-labelledby="readings-title">
-<h2 id="readings-title">What would give the printed {prose("1e-6")} m</h2>
-<p>The insets of Figs. 8 and 9 show steady errors of {prose("1e-6")} m. One assumption a row, a run each, with the gains
-of row (1, 1) where nothing else is said: {reached} of {len(readings)} come as low. Feedforward adds to (38) the torque
-that the nominal robot of (27) needs for the desired motion, the least that its three motors can do it with; it is an
-option of the controller FMU, as are torque limits, both off by default. Bars: the larger error on a
-logarithmic scale from {prose(f"1e{_LEAST}")} to {prose(f"1e{_MOST}")} m; the line is the printed size.</p>
+<h2 id="readings-title">Assumptions and the printed {prose("1e-6")} m</h2>
+<p>The insets of Figs. 8 and 9 show steady errors of {prose("1e-6")} m. Each row is one run under one assumption, with
+the gains of row (1, 1) unless it says otherwise: {reached} of {len(readings)} come as low. Feedforward adds to (38) the
+torque that the nominal robot of (27) needs for the desired motion, the least that its three motors can do it with;
+it is an option of the controller FMU, as are torque limits, both off by default. A bar shows the
+larger error on a logarithmic scale from {prose(f"1e{_LEAST}")} to {prose(f"1e{_MOST}")} m; the line marks the printed
+size.</p>
 {table(heads, cells, "Steady errors and torques by assumption", "cards readings")}
 </section>"""
 

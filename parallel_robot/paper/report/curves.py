@@ -77,9 +77,9 @@ def curves_section(series: Sequence[Series], runs: Runs) -> str:
         for k, c in enumerate(present)
     )
     return f"""<section id="errors" aria-labelledby="errors-title">
-<h2 id="errors-title">Errors over time, to explore</h2>
-<p>Drag across the plot to zoom, double-click to see all again. The table below it is the legend: it switches curves on
-and off and gives the values at the cursor, and peak and root mean square of what is in view.</p>
+<h2 id="errors-title">Errors over time, interactive</h2>
+<p>Drag across the plot to zoom, double-click to see all again. The table below is the legend: it switches curves on and
+off and gives the value at the cursor, and the peak and root mean square of the visible part.</p>
 <div class="curves" role="group" aria-label="Plot of errors over time">
 <div class="controls">
 <label>Quantity <select class="quantity">{groups}</select></label>

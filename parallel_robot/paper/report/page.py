@@ -141,7 +141,7 @@ def _header(content: Reproduction, *, with_study: bool) -> str:
             ("table1", "Table 1"),
             ("theorem1", "Theorem 1"),
             *([("robustness", "Robustness")] if with_study else []),
-            ("readings", "What would give 1e-6 m"),
+            ("readings", "Assumptions"),
             ("errata", "Errata"),
             ("made", "How it was made"),
         )

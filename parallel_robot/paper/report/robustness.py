@@ -27,7 +27,7 @@ def robustness_section(study: Robustness, folder: Path) -> str:
             (escape(s.group), f"<code>{escape(s.name)}</code>", escape(s.unit), prose(s.distribution))
             for s in study.sources
         ),
-        "What is uncertain",
+        "Uncertain factors",
         "cards",
     )
     spreads = table(
@@ -44,14 +44,15 @@ def robustness_section(study: Robustness, folder: Path) -> str:
     )
     fronts = "".join(map(_front, study.fronts))
     return f"""<section id="robustness" aria-labelledby="robustness-title">
-<h2 id="robustness-title">Robustness: what the paper did not try</h2>
-<p>{study.runs:,} runs of 15 s over everything that is uncertain, and a grid of {study.levels} × {study.levels} gains
-under two conditions, by <code>cosim robustness</code>. Steady error: root mean square of the end effector’s distance
-from where it should be, from 8 s on; control effort: root mean square of |τ<sub>a</sub>| over the run.</p>
+<h2 id="robustness-title">Robustness study</h2>
+<p><code>cosim robustness</code> made {study.runs:,} runs of 15 s over all uncertain factors, and runs over a grid of
+{study.levels} × {study.levels} gains under two conditions. The steady error is the root mean square of the end
+effector’s distance from its desired position, from 8 s on; the control effort is the root mean square of
+|τ<sub>a</sub>| over the run.</p>
 <dl class="findings">{findings}</dl>
 <div class="figures">
 {figures}</div>
-<h3>What is uncertain</h3>
+<h3>Uncertain factors</h3>
 {sources}
 <h3>Results over all runs</h3>
 {spreads}

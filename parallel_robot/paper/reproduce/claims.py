@@ -1,4 +1,4 @@
-"""The claims of the paper, read from `claims.toml`, and their verdicts, computed."""
+"""The claims of the paper, read from `claims.toml`, with computed verdicts."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def verdict(met: int, total: int) -> Verdict:
 
 
 def judge(row: Row, material: Material) -> Claim:
-    """Measure what a claim speaks of, and hold it against its threshold."""
+    """Compute the measure of a claim, and compare its values with the threshold."""
     if row.threshold is None:
         measured, met, why = Measured({}), 0, row.reason
         found: Verdict = "cannot be judged"

@@ -1,4 +1,4 @@
-"""What `cosim reproduce` finds, as plain data: made by this package, read by the report and by the JSON files."""
+"""Results of `cosim reproduce` as plain data: made by this package, read by the report and written to JSON files."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 from cosim.results.results import Results
 
-#: What a claim of the paper comes to.
+#: Verdicts on a claim of the paper.
 Verdict = Literal["holds", "holds in part", "does not hold", "cannot be judged"]
 
 #: What acts on the robot: "disturbed" is the paper's section 6, with the mass change dm and the disturbance torque
@@ -60,7 +60,7 @@ class Controller:
 
 @dataclass(frozen=True)
 class Reading:
-    """What one assumption beside the printed law gives.
+    """Results of one run under an assumption that differs from the printed law.
 
     Attributes
     ----------
@@ -176,12 +176,12 @@ class PaperFigure:
 
 @dataclass(frozen=True)
 class Measured:
-    """What a measure found for a claim.
+    """Values of a measure.
 
     Attributes
     ----------
     values : mapping
-        Number by what it is of, for instance "x, mu/nu = 1"; a claim is judged by holding each against the threshold.
+        Number by what it is of, for instance "x, mu/nu = 1"; a claim is judged by comparing each with the threshold.
     unit : str
         Of the values and the threshold; "1" for ratios.
     note : str
@@ -195,7 +195,7 @@ class Measured:
 
 @dataclass(frozen=True)
 class Claim:
-    """A claim of the paper in our words, and what it comes to.
+    """A claim of the paper in our words, with its verdict.
 
     Attributes
     ----------
@@ -204,9 +204,9 @@ class Claim:
     runs : tuple of str
         The runs it needs, empty for claims on formulas.
     metric : str
-        Name of the function in `measures`, empty for a claim that can't be judged.
+        Name of the measure, empty for a claim that can't be judged.
     relation : str
-        "<", "<=", ">" or ">=": how a value has to stand to the threshold.
+        "<", "<=", ">" or ">=": how a value has to compare with the threshold.
     threshold : float or None
         In `unit`.
     unit : str

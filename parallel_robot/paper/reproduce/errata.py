@@ -1,4 +1,4 @@
-"""Errors and gaps of the paper, each with the computation that shows it."""
+"""Table of the errors and gaps of the paper, each with the computation that shows it."""
 
 from __future__ import annotations
 

@@ -115,7 +115,7 @@ def ultimate_radius(material: Material) -> Measured:
 
 @measure
 def adaptation_constant(material: Material) -> Measured:
-    """K over 2 beta max(S_ii), what the proof asks for before (59)."""
+    """K over 2 beta max(S_ii), which the proof asks for before (59)."""
     p = CONTROLLER.unpack(CONTROLLER.starts)
     return Measured({f"mu/nu = {c.key}": float(p.k / (2 * c.beta * p.S.max())) for c in material.runs.proposed})
 
@@ -144,8 +144,9 @@ def start_constants(material: Material) -> Erratum:  # noqa: ARG001
         "s_a = 0.803, s_b = theta_e^T S theta_e = 0.043",
         f"s_b = {s_b:.4f}, a tenth; s_a = {s_a:.4f} for the tracking part of V alone, {with_psi:.3f} with k/2 |psi - "
         f"psi_bar|^2 at psi = 0, psi_bar = (0.25, 0.25)",
-        "V of (42) at the start of the runs, whose errors are those of Figs. 8-12; and the optimal gains for (1, 1) "
-        "with it.",
+        "V of (42) is computed at the start of the runs, whose errors are those of Figs. 8-12, and the optimal "
+        "gains for "
+        "(1, 1) are computed with it.",
         {
             "s_a printed": printed.s_a,
             "s_a, tracking part": s_a,
@@ -179,7 +180,8 @@ def factored_derivative(material: Material) -> Erratum:
         "(83), last line",
         "3 rho_3 alpha beta",
         "2 rho_3 alpha beta",
-        "dJ/dbeta at the optimum of (1, 1) by a central difference, and by the factored form with either multiple.",
+        "A central difference gives dJ/dbeta at the optimum of (1, 1); the factored form is computed with "
+        "either multiple.",
         {"central difference": slope, "as printed": factored(3.0), "with 2": factored(2.0)},
         abs(factored(2.0) - slope) < 1e-6 < 0.01 < abs(factored(3.0) - slope),
     )
@@ -200,8 +202,8 @@ def positive_hessian(material: Material) -> Erratum:  # noqa: ARG001
         "A > 0, B > 0, C > 0 for any alpha and beta, hence one minimum",
         "true for rho_1 ... rho_5 >= 0, so for all rows of Table 1; false for small mu and nu. That there is one "
         "minimum holds all the same: J is convex in (1/(alpha beta), beta)",
-        "The determinant C of (85) for mu = nu = 0.001 where it is most negative beside its terms; convexity margin "
-        "of that J.",
+        "The determinant C of (85) is computed for mu = nu = 0.001 where it is most negative in relation to its terms; "
+        "the convexity margin of the same J is computed too.",
         {
             "rho_4": float(index.rho[4]),
             "at alpha": float(alpha[where]),
@@ -226,7 +228,7 @@ def concave(material: Material) -> Erratum:
         "Remark 10; after Fig. 6",
         "J is a global concave function",
         "J is convex, which is what its positive second derivatives say",
-        "Eigenvalues of the Hessian of J at the optima of Table 1.",
+        "The eigenvalues of the Hessian of J are computed at the optima of Table 1.",
         values,
         min(values.values()) > 0.0,
     )
@@ -240,14 +242,14 @@ def cut_alpha(material: Material) -> Erratum:
         "Table 1, row (1, 1)",
         f"alpha = {row.printed_alpha}",
         f"alpha = {row.alpha:.4f}: it was cut, the other numbers are rounded",
-        "The optimum to more digits.",
+        "The optimum is computed to more digits.",
         {"alpha": row.alpha, "printed": float(row.printed_alpha)},
         row.agrees and f"{row.alpha:.4f}" != row.printed_alpha,
     )
 
 
 def corrected_index(material: Material) -> Erratum:
-    """What the optimum would be with the corrected h."""
+    """The optimum with the corrected h."""
     c = material.runs.controller("1")
     index = PerformanceIndex(c.mu, c.nu)
 
@@ -266,8 +268,8 @@ def corrected_index(material: Material) -> Erratum:
         "corrected-index",
         "(75)-(82), Table 1",
         f"optimal gains {c.alpha:.4f} and {c.beta:.4f} for (1, 1)",
-        f"{alpha:.4f} and {beta:.4f}, were J built on the bound that the proof supports",
-        'J of (78) with the h of the erratum "lyapunov-rate", minimised; and 2 beta max(S_ii), which k has to reach.',
+        f"{alpha:.4f} and {beta:.4f}, if J used the bound that the proof supports",
+        'J of (78) is minimised with the h of the erratum "lyapunov-rate"; k has to reach 2 beta max(S_ii).',
         {
             "alpha": float(alpha),
             "beta (N m s/rad)": float(beta),

@@ -121,7 +121,9 @@ def base_1(material: Material) -> Erratum:  # noqa: ARG001
         "section 6",
         "A1 = (0, 0)",
         "A1 = (0, 0.25) m",
-        "Loop closure at the printed start angles, with either base. Only with the second do the three chains meet.",
+        "The loop closure at the printed start angles is computed with either base. The three chains meet only "
+        "with the "
+        "second.",
         {
             "closure error as printed (m)": as_printed,
             "closure error with (0, 0.25) (m)": corrected,
@@ -150,7 +152,7 @@ def matrix_b(material: Material) -> Erratum:
         "after (8) and (19)",
         "B = A M^(1/2)",
         "B = A M^(-1/2)",
-        "Residual of the constraint A theta'' = b (17) at states of the open loop, with the closure force of either B.",
+        "The residual of the constraint A theta'' = b (17) is computed at states of the open loop with either B.",
         {"residual as printed (m/s^2)": worst[0.5], "residual with M^(-1/2) (m/s^2)": worst[-0.5]},
         worst[0.5] > 1e-3 and worst[-0.5] < 1e-12,
     )
@@ -172,8 +174,8 @@ def masses(material: Material) -> Erratum:  # noqa: ARG001
         "after Fig. 2",
         "m_a is the mass of the passive link and m_b that of the active link",
         "the other way round",
-        "What a kilogram of either link adds to the inertia X felt by the active joint, from the motion of the links, "
-        "and the factors of m_a and m_b in (13): m_b is the mass of the link that is carried.",
+        "The motion of the links shows what a kilogram of either link adds to the inertia X at the active joint. The "
+        "factors of m_a and m_b in (13) show that m_b is the mass of the carried link.",
         {
             "of the active link (m^2)": driven,
             "of the passive link (m^2)": carried,
@@ -208,7 +210,8 @@ def uncertainty_sign(material: Material) -> Erratum:
         "(33), as the scan reads",
         "g = C theta_e' - F - ...",
         "g = -C theta_e' - F - ..., as (51) has it",
-        "M theta_e'' less the torque, along a run without uncertainty, against the terms of (33) with either sign.",
+        "M theta_e'' less the torque is compared with the terms of (33) with either sign, along a run without "
+        "uncertainty.",
         {
             "largest term (N m)": scale,
             "difference as printed (N m)": difference_plus,
@@ -226,7 +229,7 @@ def fig_4_duration(material: Material) -> Erratum:
         "Fig. 4",
         "no duration",
         f"at most {duration:.2f} s: then the path leaves the printed axes",
-        f"Time that the end effector stays in x {PRINTED_X}, y {PRINTED_Y} m.",
+        f"The end effector leaves x {PRINTED_X}, y {PRINTED_Y} m at this time.",
         {"time in the axes (s)": duration, "run of the other figures (s)": float(material.runs.info["stop_time"])},
         0.0 < duration < material.runs.info["stop_time"],
     )

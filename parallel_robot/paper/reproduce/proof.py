@@ -77,8 +77,9 @@ def lyapunov_rate(material: Material) -> Erratum:
         "V' <= -beta lambda_3 |Z|^2 + beta lambda_3 |psi_bar|^2 + 1/(4 alpha)",
         "the same with k/2 in place of the second beta lambda_3: k >= 2 beta lambda_3 may not replace k before a term "
         "that can be positive. The steady part of J changes with it",
-        "V' in a state without tracking error in which the estimate is half of psi_bar = (0.25, 0.25), gains of (1, "
-        "1).",
+        "V' is computed in a state without tracking error in which the estimate is half of psi_bar = (0.25, "
+        "0.25), with "
+        "the gains of (1, 1).",
         {"V' (J/s)": V_rate, "bound as printed (J/s)": bound, "bound with k/2 (J/s)": bound_corrected},
         V_rate > bound and V_rate <= bound_corrected,
     )
@@ -95,7 +96,8 @@ def lower_bound(material: Material) -> Erratum:
         "lambda_min(Lambda_i) = lambda_M_min, and V >= lambda_M_min |X|^2",
         "lambda_min(Lambda_i) is smaller, and the factor 1/2 stays: V >= lambda_min(Lambda_i) |X|^2 / 2, so that the "
         "radius (63) has to be larger",
-        "Least eigenvalue of Lambda_i for the least eigenvalue of M on the path, gains of (1, 1).",
+        "The least eigenvalue of Lambda_i is computed for the least eigenvalue of M on the path and the gains "
+        "of (1, 1).",
         {
             "lambda_M_min (kg m^2)": lambda_M,
             "lambda_min(Lambda_i)": least,
@@ -116,7 +118,7 @@ def upper_bound(material: Material) -> Erratum:
         "after (47), (48)",
         "lambda_max(Lambda_i) = 2 beta S_ii",
         "lambda_max(Lambda_i) is larger; V <= k/2 |Z|^2 (49) holds all the same with k = 12",
-        "Largest eigenvalue of Lambda_i for the largest eigenvalue of M on the path, gains of (1, 1).",
+        "The largest eigenvalue of Lambda_i is computed for the largest one of M on the path and the gains of (1, 1).",
         {"2 beta S_ii": 2 * c.beta * S_ii, "lambda_max(Lambda_i)": largest, "k/2": m.k / 2},
         2 * c.beta * S_ii < largest <= m.k,
     )
@@ -132,7 +134,9 @@ def decreasing_outside(material: Material) -> Erratum:
         "(60), as the scan reads",
         "V falls when |Z| >= h^2/lambda",
         "V falls when |Z| >= sqrt(h/lambda), as (62) has it",
-        "The right side of (59) at either radius, psi_bar = (0.25, 0.25), gains of (1, 1): positive means no fall.",
+        "The right side of (59) is computed at either radius, with psi_bar = (0.25, 0.25) and the gains of (1, "
+        "1). V need "
+        "not fall where it is positive.",
         {
             "h^2/lambda": printed,
             "sqrt(h/lambda)": found.Gamma,

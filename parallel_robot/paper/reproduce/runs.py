@@ -1,4 +1,4 @@
-"""The runs behind figures and claims, from native FMU files: set up once, run one after the other.
+"""Runs behind figures and claims, from native FMU files: set up once, run one after the other.
 
 A run of the paper's 15 s takes about 50 ms, less than what a second process would take to start and to load the FMUs.
 """

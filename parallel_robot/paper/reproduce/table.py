@@ -22,7 +22,7 @@ def agrees(value: float, printed: str) -> bool:
 
 
 def table1() -> tuple[TableRow, ...]:
-    """Table 1, computed from (78)-(82) and held against what is printed."""
+    """Table 1, computed from (78)-(82) and compared with the printed digits."""
     rows = []
     for mu, nu, alpha, beta, J in PRINTED:
         gains = optimal_gains(PerformanceIndex(mu, nu))

@@ -1,4 +1,7 @@
-"""Theorem 1 along the runs: whether V falls as (59) says, and whether the radii (62), (63) hold."""
+"""Theorem 1 along the runs: the variables of its proof, the fall of V (59) and the radii (62), (63).
+
+The variables follow from recorded outputs of the FMUs and from M of (27); rates are central differences.
+"""
 
 from __future__ import annotations
 
@@ -87,7 +90,7 @@ def reduced_mass(theta: np.ndarray, X: float, Y: float, Z: float, l: float) -> n
 
 
 def motion(results: Results, controller: Controller) -> Motion:
-    """Take a closed-loop run apart."""
+    """Variables of Theorem 1 along a closed-loop run."""
     r = results.thinned(EVERY)
     p, c = PLANT.unpack(PLANT.starts), CONTROLLER.unpack(CONTROLLER.starts)
     theta = np.column_stack([r["plant.theta_a"], r["plant.theta_b"]])
@@ -106,7 +109,7 @@ CONDITION: Condition = "disturbed"
 
 
 def motions(runs: Runs) -> dict[str, Motion]:
-    """The runs of the five proposed controllers, taken apart."""
+    """Variables of Theorem 1 along the runs of the proposed controllers, by key."""
     return {c.key: motion(runs.closed_loop[c.key, CONDITION], c) for c in runs.proposed}
 
 
@@ -155,7 +158,7 @@ def constants(
 
 
 def check(m: Motion, controller: Controller, steady_after: float) -> TheoremCheck:
-    """Hold one run against (59), (62), (63)."""
+    """Compare one run with (59), (62), (63)."""
     psi_bar = m.least_psi_bar
     lambda_M_min = float(np.linalg.eigvalsh(m.M)[:, 0].min())
     c = constants(controller.alpha, m.beta, psi_bar, m.k, min(*m.S.tolist(), 1.0), lambda_M_min)

@@ -33,7 +33,7 @@ def steady_against_pd_mass_change(material: Material) -> Measured:
 
 @measure
 def steady_against_pd_same_beta(material: Material) -> Measured:
-    """As `steady_against_pd`, with PD at the beta of each proposed control: what its robust part adds."""
+    """As `steady_against_pd`, with PD at the beta of each proposed control: the effect of its robust part."""
     return Measured(
         {
             f"{name}, mu/nu = {c.key}": material.metric(c.key, name, "steady_max")
@@ -137,7 +137,7 @@ def response_time(material: Material) -> Measured:
 
 
 def _effect(material: Material, key: str) -> dict[str, float]:
-    """Root mean square of what the disturbance torque adds to each error after it has set in (m, rad)."""
+    """Error that the disturbance torque adds after it has set in: root mean square for each error (m, rad)."""
     with_torque = material.runs.closed_loop[key, "disturbed"]
     late = with_torque.time >= material.runs.disturbed_from
     a, b = tracking_errors(with_torque), tracking_errors(material.runs.closed_loop[key, "mass change"])
@@ -146,7 +146,7 @@ def _effect(material: Material, key: str) -> dict[str, float]:
 
 @measure
 def disturbance_rejection(material: Material) -> Measured:
-    """What the disturbance torque adds to the error, over what it adds under PD."""
+    """Error that the disturbance torque adds (rms), over that under PD."""
     pd = _effect(material, "pd")
     return Measured(
         {
@@ -232,7 +232,7 @@ def mass_support(material: Material) -> Erratum:
         "(88) and after (93)",
         "dm is close to 0.25 on [0, 0.5]; dm = 0.25 sin(pi t)",
         "dm = 0.25 sin(pi t) is negative for nearly half of the run and never above the middle of (88)",
-        "Values of dm along a run.",
+        "A run shows the values of dm.",
         {
             "least dm (kg)": float(dm.min()),
             "largest dm (kg)": float(dm.max()),
@@ -261,7 +261,8 @@ def turns(material: Material) -> Erratum:
         "Pi depends on |theta_a|^2",
         "the control depends on how full turns are counted; the branch of the angles belongs to the controller's "
         "contract",
-        "Torque in the same pose with the third active angle, measured and desired, counted one turn further.",
+        "The torque is computed twice in the same pose; the second time, the third active angle, measured and desired, "
+        "counts one more turn.",
         {"torque with one more turn over torque (1)": ratio},
         abs(ratio - 1.0) > 0.01,
     )
@@ -275,7 +276,8 @@ def steady_errors(material: Material) -> Erratum:
         "insets of Figs. 8-12",
         "steady errors of 1e-6 m and 1e-5 rad",
         "millimetres and hundredths of a radian, from the printed law with the printed gains",
-        "Largest steady error with the best gains (mu/nu = 10) over the largest that the printed inset can show.",
+        "The largest steady error with the best gains (mu/nu = 10) is divided by the largest error that the printed "
+        "inset can show.",
         {f"{name} (1)": ratio for name, ratio in ratios.items()},
         min(ratios.values()) > 10.0,
     )

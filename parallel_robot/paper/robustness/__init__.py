@@ -1,1 +1,1 @@
-"""The robustness study that the paper lacks: what is uncertain, what comes of it, and what the gains trade off."""
+"""The robustness study that the paper lacks: uncertain factors, their effects, and the trade-off of the gains."""

@@ -1,4 +1,4 @@
-"""From the rows of both sweeps to everything that the study says, and the files that hold it."""
+"""Analysis of the rows of both sweeps, and the files of the study."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the robustness study finds, as plain data: written to JSON, read back for the report."""
+"""Results of the robustness study as plain data: written to JSON, read back for the report."""
 
 from __future__ import annotations
 

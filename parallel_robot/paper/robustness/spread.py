@@ -1,4 +1,4 @@
-"""How far results spread over the Monte Carlo runs: bands over time, quantiles, sensitivities."""
+"""Spread of the results over the Monte Carlo runs: bands over time, quantiles, sensitivities."""
 
 from __future__ import annotations
 

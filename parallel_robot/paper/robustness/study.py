@@ -43,7 +43,7 @@ _INTERVALS = 4096
 
 @dataclass(frozen=True)
 class Source:
-    """An uncertain factor, and what people should know of it.
+    """An uncertain factor with its unit and distribution, for people.
 
     Attributes
     ----------
@@ -72,7 +72,7 @@ def drawn_by_membership(membership: Membership) -> Callable[[np.ndarray], np.nda
 
 
 def sources(scenario: RobotScenario) -> tuple[Source, ...]:
-    """Everything that is varied, around a scenario with noise."""
+    """All uncertain factors, around a scenario with noise."""
     mass = Sine()  # (88): close to 0.25, which is what the paper simulates with
     span = mass.support
     start, plant = scenario.start.get("plant", {}), PARAMETERS.unpack(PARAMETERS.starts)

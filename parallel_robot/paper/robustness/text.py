@@ -79,11 +79,12 @@ def _depends(sensitivity: Sensitivity) -> Finding:
     matter = [index for index in ranked if index.total_interval[0] > _NEGLIGIBLE]
     hardly = [index.group for index in ranked if index.total_interval[1] < _NEGLIGIBLE]
     unclear = [index.group for index in ranked if index not in matter and index.group not in hardly]
-    text = f"On {_listed([_shares(i, sensitivity.trends) for i in matter])}." if matter else "On nothing for sure."
+    sources = _listed([_shares(i, sensitivity.trends) for i in matter]) if matter else "no source for sure"
+    text = f"It depends on {sources}."
     if hardly:
-        text += f" Surely under {100 * _NEGLIGIBLE:.0f} %: {_listed(hardly)}."
+        text += f" Each of these surely explains less than {100 * _NEGLIGIBLE:.0f} %: {_listed(hardly)}."
     if unclear:
-        text += f" Too few runs to say: {_listed(unclear)}."
+        text += f" The runs are too few to judge: {_listed(unclear)}."
     return Finding(f"What does the {sensitivity.result} depend on?", text)
 
 
@@ -163,12 +164,12 @@ def in_markdown(study: Robustness) -> str:
         f"of {study.levels} x {study.levels} gains. Written by `cosim robustness`.",
         "## Findings",
         "\n".join(f"- **{finding.question}** {finding.answer}" for finding in study.findings),
-        "## What is uncertain",
+        "## Uncertain factors",
         _table(
             ("factor", "judged as", "unit", "distribution"),
             ((f"`{s.name}`", s.group, s.unit, s.distribution) for s in study.sources),
         ),
-        "## What comes of it",
+        "## Results over all runs",
         "Steady: from 8 s on. Steady error: root mean square of the end effector's distance from where it should be. "
         "Control effort: root mean square of |tau_a| over the run. Nominal: the paper's case, without noise.",
         _table(
@@ -178,9 +179,9 @@ def in_markdown(study: Robustness) -> str:
                 for s in study.spreads
             ),
         ),
-        "## What it depends on",
-        "Sobol' indices in % of the variance: of each source alone, and with its interactions, with 95 % confidence "
-        "intervals.",
+        "## Sensitivities",
+        "The tables give Sobol' indices in % of the variance with 95 % confidence intervals, for each source alone and "
+        "with its interactions.",
         *(
             _table(
                 (sensitivity.result, "alone", "with interactions"),
@@ -188,7 +189,7 @@ def in_markdown(study: Robustness) -> str:
             )
             for sensitivity in study.sensitivities
         ),
-        "## What the gains trade off",
+        "## Trade-off of the gains",
         f"{NEAR_IN_WORDS[0].upper()}{NEAR_IN_WORDS[1:]}. The last columns: by what factor other gains lower the "
         "error at no more effort, the effort at no more error, and the error for 5 % more effort.",
         *(

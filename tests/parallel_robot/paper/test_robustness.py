@@ -180,10 +180,10 @@ def test_answers_follow_the_numbers():
     assert reached.startswith("Of the 40 runs 40 in y, 40 in active joint 1")
     assert "in x," not in reached.split(".")[0]
     depends = answers(gains_of)[2]
-    assert depends.startswith("On the mass (60 % of the variance, 50 to 70 %, falling as it grows).")
-    assert depends.endswith("Surely under 5 %: start.")
-    assert answers(gains_of, total=(0.01, 0.3))[2].startswith("On nothing for sure.")
-    assert answers(gains_of, total=(0.01, 0.3))[2].endswith("Too few runs to say: mass.")
+    assert depends.startswith("It depends on the mass (60 % of the variance, 50 to 70 %, falling as it grows).")
+    assert depends.endswith("Each of these surely explains less than 5 %: start.")
+    assert answers(gains_of, total=(0.01, 0.3))[2].startswith("It depends on no source for sure.")
+    assert answers(gains_of, total=(0.01, 0.3))[2].endswith("The runs are too few to judge: mass.")
 
 
 def test_near_is_what_is_said():
