@@ -65,6 +65,21 @@ def test_membership_is_smooth_between_its_breakpoints(membership):
             assert kink < 2e-4
 
 
+@pytest.mark.parametrize(
+    ("membership", "at", "expected"),
+    [
+        (Triangle(0, 1, 3), [0, 0.25, 1, 2, 3], [0, 0.25, 1, 0.5, 0]),
+        (Trapezoid(0, 1, 3, 5), [0, 0.5, 1, 2, 3, 4, 5], [0, 0.5, 1, 1, 1, 0.5, 0]),
+        (PointTable((0, 1, 2), (0.25, 1, 0.5)), [0, 0.5, 1, 1.5, 2], [0.25, 0.625, 1, 0.75, 0.5]),
+        (Sine(1, 3), [1, 1.5, 2, 2.5, 3], [0, np.sqrt(0.5), 1, np.sqrt(0.5), 0]),
+        (Gaussian(1, 2, -3, 5), [-3, -1, 1, 3, 5], [np.exp(-2), np.exp(-0.5), 1, np.exp(-0.5), np.exp(-2)]),
+    ],
+    ids=repr,
+)
+def test_weights_at_points(membership, at, expected):
+    np.testing.assert_allclose(membership(at), expected, atol=1e-15)
+
+
 def test_membership_keeps_the_shape_of_its_argument():
     assert Sine()(0.25).shape == ()
     assert Triangle(0, 1, 2)(np.zeros((2, 3))).shape == (2, 3)
