@@ -34,7 +34,7 @@ from tqdm import tqdm
 
 ROOT = Path(__file__).parents[1]
 EXPLAINED = Path(__file__).with_name("mutants_explained.toml")
-RESULTS = Path("benchmarks/results/mutation.json")
+RESULTS = Path(__file__).with_name("mutation_results.json")
 PAGE = Path("docs/mutation.md")
 
 #: Address space of the tests of a mutant: a mutant that collects without end must not take the machine along.
@@ -69,7 +69,7 @@ ROOMS = {
 
 @dataclass(frozen=True)
 class Mutant:
-    """A change of one line or more of a file, and what became of it.
+    """A change of one line or more of a file.
 
     Attributes
     ----------
@@ -78,26 +78,41 @@ class Mutant:
     line : int
     before, after : str
         The lines that differ.
-    verdict : str
-        "killed", "time limit" (also noticed), "survived"; empty before it is tried.
     """
 
     file: str
     line: int
     before: str
     after: str
-    verdict: str = ""
 
 
 @dataclass(frozen=True)
 class Measurement:
-    """The mutants that were drawn in a room, and the size of what they were drawn from."""
+    """What became of the mutants that were drawn in a room.
+
+    Attributes
+    ----------
+    places : int
+        Number of places that they were drawn from.
+    seed : int
+    date : str
+    killed, time_limit : int
+        How many made a test fail, or the tests run into the time limit.
+    survivors : tuple of Mutant
+        Those that no test noticed.
+    """
 
     places: int
-    sample: int
     seed: int
     date: str
-    mutants: tuple[Mutant, ...]
+    killed: int
+    time_limit: int
+    survivors: tuple[Mutant, ...]
+
+    @property
+    def drawn(self) -> int:
+        """How many mutants were tried."""
+        return self.killed + self.time_limit + len(self.survivors)
 
 
 def main() -> int:
@@ -106,6 +121,9 @@ def main() -> int:
     parser.add_argument("rooms", nargs="*", metavar="ROOM", help=f"{', '.join(ROOMS)} (default all)")
     parser.add_argument("--sample", type=int, default=60, help="mutants a room (default %(default)s)")
     parser.add_argument("--seed", type=int, default=0, help="of the sample (default %(default)s)")
+    parser.add_argument(
+        "--again", action="store_true", help="try the survivors of the last measurement again, no others"
+    )
     parser.add_argument("--jobs", type=int, default=2, help="mutants at a time (default %(default)s)")
     options = parser.parse_args()
     unknown = [name for name in options.rooms if name not in ROOMS]
@@ -114,12 +132,15 @@ def main() -> int:
     os.chdir(ROOT)
     explained = tomllib.loads(EXPLAINED.read_text(encoding="utf-8"))["mutants"]
     for name in options.rooms or ROOMS:
-        measured = measure(name, options.sample, options.seed, options.jobs)
+        if options.again:
+            measured = measure_again(name, saved()[name], options.jobs)
+        else:
+            measured = measure(name, options.sample, options.seed, options.jobs)
         print(text_of(name, measured, explained), flush=True)
         save(name, measured)
     measurements = saved()
     PAGE.write_text(page(measurements, explained), encoding="utf-8")
-    return int(any(_noticed(m, explained) < 0.9 * len(m.mutants) for m in measurements.values()))
+    return int(any(_noticed(m, explained) < 0.9 * m.drawn for m in measurements.values()))
 
 
 def measure(name: str, sample: int, seed: int, jobs: int) -> Measurement:
@@ -130,33 +151,82 @@ def measure(name: str, sample: int, seed: int, jobs: int) -> Measurement:
     SystemExit
         The tests fail without any mutant.
     """
-    room = ROOMS[name]
-    places, mutants = draw(room, sample, random.Random(f"{name} {seed}"))
+    places, mutants = draw(ROOMS[name], sample, random.Random(f"{name} {seed}"))
+    verdicts = _tried(name, mutants, jobs)
+    return Measurement(
+        places,
+        seed,
+        time.strftime("%Y-%m-%d"),
+        verdicts.count("killed"),
+        verdicts.count("time limit"),
+        _survivors(mutants, verdicts),
+    )
+
+
+def measure_again(name: str, last: Measurement, jobs: int) -> Measurement:
+    """Run a room's tests against what survived them last time, after tests have been added.
+
+    Raises
+    ------
+    SystemExit
+        The tests fail without any mutant, or the code has changed, so that a mutant can't be made again.
+    """
+    mutants = [_made_again(mutant) for mutant in last.survivors]
+    verdicts = _tried(name, mutants, jobs)
+    return replace(
+        last,
+        date=time.strftime("%Y-%m-%d"),
+        killed=last.killed + verdicts.count("killed"),
+        time_limit=last.time_limit + verdicts.count("time limit"),
+        survivors=_survivors(mutants, verdicts),
+    )
+
+
+def _survivors(mutants: Sequence[_Drawn], verdicts: Sequence[str]) -> tuple[Mutant, ...]:
+    return tuple(mutant.shown for mutant, verdict in zip(mutants, verdicts, strict=True) if verdict == "survived")
+
+
+def _made_again(mutant: Mutant) -> _Drawn:
+    """The same change of the code as it is now: of the first such lines from its line on, else from the beginning."""
+    code = Path(mutant.file).read_text(encoding="utf-8")
+    lines, before = code.splitlines(keepends=True), mutant.before.split("\n")
+    for first in (*range(mutant.line - 1, len(lines)), *range(mutant.line - 1)):
+        old = lines[first : first + len(before)]
+        if [line.strip() for line in old] == before:
+            margin = old[0][: len(old[0]) - len(old[0].lstrip())]
+            new = [f"{margin}{line}\n" for line in mutant.after.split("\n")]
+            changed = "".join([*lines[:first], *new, *lines[first + len(before) :]])
+            return _Drawn(replace(mutant, line=first + 1), code, changed)
+    raise SystemExit(f"{mutant.file} has changed: it has no line '{mutant.before}'; measure without --again")
+
+
+def _tried(name: str, mutants: Sequence[_Drawn], jobs: int) -> list[str]:
+    """What became of mutants of a room, each in one of so many copies of the project."""
+    tests = ROOMS[name].tests
     with TemporaryDirectory(prefix="mutation_") as temporary, ThreadPoolExecutor(jobs) as pool:
         copies: SimpleQueue[Path] = SimpleQueue()
         for i in range(jobs):
             copies.put(_copy(Path(temporary) / str(i)))
         copy = copies.get()
         began = time.monotonic()
-        if _run_tests(copy, room.tests, 3600.0) != "survived":
-            raise SystemExit(f"the tests of room '{name}' fail without any mutant: {' '.join(room.tests)}")
+        if _run_tests(copy, tests, 3600.0) != "survived":
+            raise SystemExit(f"the tests of room '{name}' fail without any mutant: {' '.join(tests)}")
         limit = 60.0 + 5.0 * (time.monotonic() - began)
         copies.put(copy)
 
-        def tried(mutant: _Drawn) -> Mutant:
+        def verdict(mutant: _Drawn) -> str:
             copy = copies.get()
             try:
                 path = copy / mutant.shown.file
                 path.write_text(mutant.changed, encoding="utf-8")
                 try:
-                    return replace(mutant.shown, verdict=_run_tests(copy, room.tests, limit))
+                    return _run_tests(copy, tests, limit)
                 finally:
                     path.write_text(mutant.code, encoding="utf-8")
             finally:
                 copies.put(copy)
 
-        done = tuple(tqdm(pool.map(tried, mutants), desc=name, total=len(mutants), disable=None))
-    return Measurement(places, sample, seed, time.strftime("%Y-%m-%d"), done)
+        return list(tqdm(pool.map(verdict, mutants), desc=name, total=len(mutants), disable=None))
 
 
 @dataclass(frozen=True)
@@ -256,7 +326,7 @@ def _copy(folder: Path) -> Path:
 
 
 def _run_tests(copy: Path, tests: Sequence[str], limit: float) -> str:
-    """What became of a mutant."""
+    """What became of a mutant: "killed", "time limit" or "survived"."""
     command = [sys.executable, "-m", "pytest", "-x", "-q", "--no-header", "--tb=no", "-p", "no:cacheprovider", *tests]
     # no .pyc: two mutants of one size within a second would be taken for each other
     environment = {**os.environ, "PYTHONPATH": str(copy), "PYTHONDONTWRITEBYTECODE": "1"}
@@ -300,33 +370,26 @@ def reason_of(mutant: Mutant, explained: Sequence[dict[str, str]]) -> str:
 
 
 def _noticed(measured: Measurement, explained: Sequence[dict[str, str]]) -> int:
-    return sum(m.verdict != "survived" or reason_of(m, explained) != "" for m in measured.mutants)
+    return measured.drawn - sum(not reason_of(mutant, explained) for mutant in measured.survivors)
 
 
 def text_of(name: str, measured: Measurement, explained: Sequence[dict[str, str]]) -> str:
     """A room's result for the terminal: the count, and each survivor."""
-    lines = [f"{name}: {_noticed(measured, explained)} of {len(measured.mutants)} killed or explained"]
-    lines += ["", *_survivors(measured, explained)]
-    return "\n".join(lines)
+    lines = [f"{name}: {_noticed(measured, explained)} of {measured.drawn} killed or explained"]
+    return "\n".join([*lines, "", *_listed(measured, explained)])
 
 
-def _survivors(measured: Measurement, explained: Sequence[dict[str, str]]) -> Iterator[str]:
-    for mutant in measured.mutants:
-        if mutant.verdict == "survived":
-            yield f"`{mutant.file}`, line {mutant.line}: {reason_of(mutant, explained) or 'not explained.'}"
-            yield ""
-            yield "```diff"
-            yield from (f"{sign} {line}" for sign, text in (("-", mutant.before), ("+", mutant.after))
-                        for line in text.split("\n"))  # fmt: skip
-            yield "```"
-            yield ""
+def _listed(measured: Measurement, explained: Sequence[dict[str, str]]) -> Iterator[str]:
+    for mutant in measured.survivors:
+        lines = [("-", line) for line in mutant.before.split("\n")] + [("+", line) for line in mutant.after.split("\n")]
+        yield f"`{mutant.file}`, line {mutant.line}: {reason_of(mutant, explained) or 'not explained.'}"
+        yield from ("", "```diff", *(f"{sign} {line}" for sign, line in lines), "```", "")
 
 
 def save(name: str, measured: Measurement) -> None:
     """Keep the measurement of a room beside those of the others."""
     data = json.loads(RESULTS.read_text(encoding="utf-8")) if RESULTS.exists() else {}
     data[name] = asdict(measured)
-    RESULTS.parent.mkdir(parents=True, exist_ok=True)
     RESULTS.write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
 
 
@@ -334,7 +397,7 @@ def saved() -> dict[str, Measurement]:
     """The last measurement of each room."""
     data = json.loads(RESULTS.read_text(encoding="utf-8")) if RESULTS.exists() else {}
     return {
-        name: Measurement(**{**data[name], "mutants": tuple(Mutant(**m) for m in data[name]["mutants"])})
+        name: Measurement(**data[name] | {"survivors": tuple(Mutant(**m) for m in data[name]["survivors"])})
         for name in ROOMS
         if name in data
     }
@@ -344,19 +407,18 @@ def page(measurements: dict[str, Measurement], explained: Sequence[dict[str, str
     """docs/mutation.md."""
     rows = []
     for name, m in measurements.items():
-        verdicts = [mutant.verdict for mutant in m.mutants]
-        counts = [len(verdicts), verdicts.count("killed"), verdicts.count("time limit"), verdicts.count("survived")]
-        told = sum(mutant.verdict == "survived" and reason_of(mutant, explained) != "" for mutant in m.mutants)
-        share = f"{100.0 * _noticed(m, explained) / len(verdicts):.0f} %"
+        told = sum(reason_of(mutant, explained) != "" for mutant in m.survivors)
+        counts = (m.places, m.drawn, m.killed, m.time_limit, len(m.survivors), told)
+        share = f"{100.0 * _noticed(m, explained) / m.drawn:.0f} %"
         tests = " ".join(f"`{test}`" for test in ROOMS[name].tests)
-        rows.append(" | ".join(map(str, [name, m.places, *counts, told, share, m.date, tests])))
+        rows.append(" | ".join(map(str, [name, *counts, share, m.date, tests])))
     header = (
         *("room", "places to change", "drawn", "killed", "time limit", "survived", "of these explained"),
         *("killed or explained", "date", "tests"),
     )
     table = "\n".join(f"| {row} |" for row in (" | ".join(header), " | ".join("---" for _ in header), *rows))
     lists = "\n".join(
-        f"### {name}\n\n" + ("\n".join(_survivors(m, explained)) or "None.\n") for name, m in measurements.items()
+        f"### {name}\n\n" + ("\n".join(_listed(m, explained)) or "None.\n") for name, m in measurements.items()
     )
     return f"""# Strength of the tests
 
