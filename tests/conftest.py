@@ -49,7 +49,7 @@ class LeftOut:
         """One line, if there are any."""
         if self._number:
             terminalreporter.write_line(
-                f"{self._number} slow tests were left out; python -m tests --all, or pytest -m '', runs them too"
+                f"slow tests left out: {self._number}; python -m tests --all, or pytest -m '', runs them too"
             )
 
 

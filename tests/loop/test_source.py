@@ -1,0 +1,101 @@
+"""The C source of the loop: compilers do not warn of it, and sanitisers find nothing while it runs."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from cosim.loop.source import SOURCE, source_hash
+from fmu_export.native.toolchain import Target, compile_library, find_compiler, host_target
+from tests.support import CHECKOUT
+from tests.support.native_fmus import require_compiler
+from tests.support.small_fmus import build
+from tests.support.tiny_models import GAIN, INTEGRATOR
+
+
+def sources() -> dict[str, bytes]:
+    return {"loop.c": SOURCE.read_bytes(), "loop_hash.h": f'#define LOOP_HASH "{source_hash()}"\n'.encode()}
+
+
+@pytest.mark.parametrize("by_zig", [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_compilers_do_not_warn(by_zig: bool) -> None:
+    target: Target | None = None
+    if by_zig:
+        pytest.importorskip("ziglang", reason="the ziglang package, a clang, is not installed")
+        target = host_target()
+    else:
+        require_compiler()
+    assert compile_library(sources(), "loop", target, strict=True)
+
+
+#: Runs of all orders and extrapolations, with samples at every point, at jumps and behind cuts, and with components
+#: and rows at every so many points.
+RUNS = """
+import math, sys
+from pathlib import Path
+import cosim.loop.binding
+cosim.loop.binding.LIBRARY = Path(sys.argv[1])
+from cosim import System, simulate
+import cosim.master.sampling
+fmus = Path(sys.argv[2])
+for longest in (cosim.master.sampling._LONGEST, 0.0):
+    cosim.master.sampling._LONGEST = longest
+    for order in ("sequential", "parallel"):
+        for coupling in ("hold", "auto"):
+            for every in (1, 3):
+                system = System()
+                system.add("i", fmus / "Integrator.fmu", every=every)
+                system.add("g", fmus / "Gain.fmu", start={"K": -1.3})
+                system.connect("i.x", "g.u[1]")
+                system.connect("g.y[1]", "i.u")
+                system.drive("g.u[2]", math.sin, breakpoints=[0.5])
+                simulate(system, 3.0, 0.1, order=order, coupling=coupling, record_every=every)
+print("done")
+"""
+
+
+@pytest.fixture(scope="module")
+def fmus(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return build(tmp_path_factory.mktemp("source"), "fmi2", GAIN, INTEGRATOR)
+
+
+def sanitised_runs(folder: Path, fmus: Path, source: bytes) -> subprocess.CompletedProcess[str]:
+    """The runs by a loop of this source, in a process whose memory is watched."""
+    compiler = find_compiler()
+    runtime = subprocess.run([*compiler, "-print-file-name=libasan.so"], capture_output=True, text=True, check=False)
+    library = Path(runtime.stdout.strip())
+    if sys.platform != "linux" or not library.is_absolute() or not library.exists():
+        pytest.skip(f"{compiler[0]} has no address sanitiser that another program could load")
+    for name, content in (sources() | {"loop.c": source}).items():
+        (folder / name).write_bytes(content)
+    options = ["-std=c99", "-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+    subprocess.run([*compiler, *options, "-shared", "-fPIC", "loop.c", "-o", "loop.so"], cwd=folder, check=True)
+    return subprocess.run(
+        [sys.executable, "-c", RUNS, str(folder / "loop.so"), str(fmus)],
+        cwd=CHECKOUT,
+        # Python itself keeps memory to its end; its allocator would hide what is read past an array
+        env=os.environ | {"LD_PRELOAD": str(library), "ASAN_OPTIONS": "detect_leaks=0", "PYTHONMALLOC": "malloc"},
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+
+
+def test_sanitisers_find_nothing(fmus: Path, tmp_path: Path) -> None:
+    done = sanitised_runs(tmp_path, fmus, SOURCE.read_bytes())
+    assert done.returncode == 0, done.stderr[-4000:]
+    assert done.stdout == "done\n"
+
+
+def test_a_read_past_the_samples_would_be_noticed(fmus: Path, tmp_path: Path) -> None:
+    source = SOURCE.read_bytes()
+    right = b"(point - loop->first_sample) * loop->n_samples"
+    assert source.count(right) == 1
+    done = sanitised_runs(tmp_path, fmus, source.replace(right, b"(point + 1 - loop->first_sample) * loop->n_samples"))
+    assert done.returncode != 0
+    assert "heap-buffer-overflow" in done.stderr
