@@ -417,6 +417,8 @@ def page(measurements: dict[str, Measurement], explained: Sequence[dict[str, str
         *("killed or explained", "date", "tests"),
     )
     table = "\n".join(f"| {row} |" for row in (" | ".join(header), " | ".join("---" for _ in header), *rows))
+    absent = [name for name in ROOMS if name not in measurements]
+    missing = f"\nNot measured yet: {', '.join(absent)}.\n" if absent else ""
     lists = "\n".join(
         f"### {name}\n\n" + ("\n".join(_listed(m, explained)) or "None.\n") for name, m in measurements.items()
     )
@@ -432,12 +434,13 @@ that is never entered, a missing decorator. Tests that pass with a mutant do not
 mutants with a seed, runs the tests of the changed room against each in a copy of the project, and writes this page;
 [cosmic-ray](https://cosmic-ray.readthedocs.io) makes the mutants. Changes of annotations do not count, since nothing
 evaluates them. A mutant with which the tests run into a time limit is noticed too. `benchmarks/mutants_explained.toml`
-says of a survivor why no test can or need notice it.
+says of a survivor why no test can or need notice it. With `--again` only what survived last time is tried, after tests
+have been added.
 
 ## The last measurement
 
 {table}
-
+{missing}
 ## Survivors
 
 {lists}"""
