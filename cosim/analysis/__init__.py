@@ -10,14 +10,19 @@
 
 from __future__ import annotations
 
-from cosim.analysis.linear import LinearComponent, LinearSystem
-from cosim.analysis.stability import (
-    growth_along,
-    largest_stable_step,
-    largest_stable_step_along,
-    spectral_radius,
-    transition_matrix,
-)
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+#: Name -> module; loaded when first used.
+_MODULES = {
+    "LinearComponent": "cosim.analysis.linear",
+    "LinearSystem": "cosim.analysis.linear",
+    "growth_along": "cosim.analysis.stability",
+    "largest_stable_step": "cosim.analysis.stability",
+    "largest_stable_step_along": "cosim.analysis.stability",
+    "spectral_radius": "cosim.analysis.stability",
+    "transition_matrix": "cosim.analysis.stability",
+}
 
 __all__ = [
     "LinearComponent",
@@ -28,3 +33,19 @@ __all__ = [
     "spectral_radius",
     "transition_matrix",
 ]
+
+if TYPE_CHECKING:
+    from cosim.analysis.linear import LinearComponent, LinearSystem
+    from cosim.analysis.stability import (
+        growth_along,
+        largest_stable_step,
+        largest_stable_step_along,
+        spectral_radius,
+        transition_matrix,
+    )
+else:
+
+    def __getattr__(name: str) -> Any:
+        if name not in _MODULES:
+            raise AttributeError(f"module 'cosim.analysis' has no attribute {name!r}")
+        return getattr(import_module(_MODULES[name]), name)

@@ -133,7 +133,7 @@ def test_the_base_couples_fmus_and_writes_all_formats(folder: Path) -> None:
 
 def test_every_module_of_the_base_is_imported(tmp_path: Path) -> None:
     """The packages themselves, and all of cosim that is not about an extra."""
-    about_extras = ("cosim.ssp", "cosim.sweep", "cosim.regression", "cosim.results.plot", "cosim.analysis")
+    about_extras = ("cosim.ssp", "cosim.sweep", "cosim.regression", "cosim.results.plot")
     modules = [*PACKAGES, "cosim.sweep.points", "cosim.regression"]
     modules += [m for m in sources() if m.startswith("cosim.") and not m.startswith((*about_extras, "cosim.__main__"))]
     modules = [m for m in modules if m != "cosim.commands.run_ssp"]
