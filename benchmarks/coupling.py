@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import get_args
 
 import numpy as np
 
 from benchmarks.measure import Section
 from benchmarks.system import STOP_TIME, disturbed
 from cosim import Simulation, SimulationError
-from cosim.master.operations import Order
+from cosim.master.algorithm import ORDERS
 from parallel_robot.stability import largest_stable_step
 from tests.support.continuous_loop import end_effector, solve
 
@@ -26,9 +25,9 @@ def measure_coupling(folder: Path) -> Section:
     times = np.arange(round(STOP_TIME / EVERY) + 1) * EVERY
     path = end_effector(solve(times, lambda t: np.concatenate([f(t) for f in parts]), [4.0], rtol=1e-11))
     errors: dict[str, list[float]] = {}
-    for order in get_args(Order):
+    for order in ORDERS:
         for coupling in ("hold", "linear"):
-            with Simulation(scenario.system(folder, "fmi2"), order=order, coupling=coupling) as simulation:
+            with Simulation(scenario.system(folder, "fmi2"), order=order, extrapolation=coupling) as simulation:
                 found = errors[f"{order}, {coupling}"] = []
                 for step in STEPS:
                     try:

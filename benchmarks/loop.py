@@ -28,7 +28,7 @@ def measure_loop(folder: Path) -> Section:
     scenario, monolith, shared, n = disturbed(), Monolith(), Monolith("shared"), round(STOP_TIME / STEP)
     with (
         Simulation(scenario.system(folder, "fmi2")) as linear,
-        Simulation(scenario.system(folder, "fmi2"), coupling="hold") as held,
+        Simulation(scenario.system(folder, "fmi2"), extrapolation="hold") as held,
         Simulation(scenario.system(folder, "fmi3")) as version_3,
     ):
         results = linear.run(STOP_TIME, STEP)

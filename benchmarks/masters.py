@@ -67,9 +67,9 @@ def measure_masters(folder: Path) -> list[Section]:
     peers, missing = available()
     reference = reference_path()
     with (
-        Simulation(undisturbed(folder), coupling="hold") as held,
-        Simulation(undisturbed(folder), coupling="linear") as linear,
-        Simulation(undisturbed(folder), coupling="linear", record=["plant.x_E", "plant.y_E"]) as path_only,
+        Simulation(undisturbed(folder), extrapolation="hold") as held,
+        Simulation(undisturbed(folder), extrapolation="linear") as linear,
+        Simulation(undisturbed(folder), extrapolation="linear", record=["plant.x_E", "plant.y_E"]) as path_only,
     ):
 
         def ours(

@@ -44,7 +44,7 @@ def measure_chain() -> Section:
                 if i:
                     system.connect(f"g{i - 1}.y", f"g{i}.u")
             steps = 2_000_000 // n // 10 if n > 1 else 100_000
-            with Simulation(system, coupling="hold", record=[f"g{n - 1}.y"]) as simulation:
+            with Simulation(system, extrapolation="hold", record=[f"g{n - 1}.y"]) as simulation:
                 loops = [simulation.run(steps * 1e-3, 1e-3).info["loop_time_s"] / steps for _ in range(7)]
             times[n] = statistics.median(loops)
     each = {n: t / n for n, t in times.items()}

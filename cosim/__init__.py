@@ -20,10 +20,10 @@ _MODULES = {
     "Component": "cosim.system.system",
     "Connection": "cosim.system.system",
     "CosimError": "cosim.errors",
-    "Coupling": "cosim.master.extrapolation",
+    "Extrapolation": "cosim.master.algorithm",
     "FormatError": "cosim.results.formats",
     "MissingExtra": "cosim.errors",
-    "Order": "cosim.master.operations",
+    "Order": "cosim.master.algorithm",
     "OutputError": "cosim.output",
     "Results": "cosim.results.results",
     "ResultsError": "cosim.errors",
@@ -46,7 +46,7 @@ __all__ = [
     "Component",
     "Connection",
     "CosimError",
-    "Coupling",
+    "Extrapolation",
     "FormatError",
     "MissingExtra",
     "Order",
@@ -71,9 +71,8 @@ __all__ = [
 if TYPE_CHECKING:
     __version__: str
     from cosim.errors import ArgumentError, CosimError, MissingExtra, ResultsError, SetupError
-    from cosim.master.extrapolation import Coupling
+    from cosim.master.algorithm import Extrapolation, Order
     from cosim.master.failures import SimulationError, SimulationInterrupted
-    from cosim.master.operations import Order
     from cosim.master.recording import Sink
     from cosim.master.simulation import Simulation, simulate
     from cosim.output import OutputError

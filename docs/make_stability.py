@@ -60,7 +60,7 @@ def main(fmus: Path, picture: Path) -> None:
             for beta in GAINS
         ]
         axes.loglog(GAINS, 1e3 * np.array(steps), color=colour, label=label)
-        with Simulation(system, order=order, coupling=extrapolation) as simulation:
+        with Simulation(system, order=order, extrapolation=extrapolation) as simulation:
             found = [
                 shortest_diverging_step(simulation, beta, step)
                 for beta, step in zip(GAINS, steps, strict=True)

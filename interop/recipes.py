@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 
 from cosim import Results, System, simulate
-from cosim.master.operations import Order
 from interop.references import distance
 from parallel_robot.fmus import CLOSED_LOOP, INSTANCES, build, fmu_path
 from parallel_robot.models import MODELS
@@ -38,7 +37,7 @@ def recipes(fmus: Path) -> str:
     stop, step = experiment.stop_time, experiment.step_size
     one = _one(fmus, {}, stop, step)
     pd = _one(fmus, {"controller.alpha": 0.0}, stop, step)
-    coupled: dict[Order, Results] = {order: _coupled(fmus, order, stop, step) for order in ("sequential", "parallel")}
+    coupled: dict[str, Results] = {order: _coupled(fmus, order, stop, step) for order in ("sequential", "parallel")}
     units = {f"{part}.{n}": v.unit for part, m in MODELS.items() for v in m.outputs.variables for n in v.names}
     errors = {order: f"{distance(_path(results), _path(one, 'loop.')):.1e}" for order, results in coupled.items()}
     runs = {"one FMU": one, **coupled}
@@ -72,13 +71,13 @@ def _one(fmus: Path, start: Mapping[str, float], stop: float, step: float) -> Re
     return simulate(system, stop, step)
 
 
-def _coupled(fmus: Path, order: Order, stop: float, step: float) -> Results:
+def _coupled(fmus: Path, order: str, stop: float, step: float) -> Results:
     system = System()
     for name in MODELS:
         system.add(name, fmu_path(fmus, "fmi2", name), {"tau_d": [0.0, 0.0, 0.0], "dm": 0.0} if name == "plant" else {})
     for source, target in CONNECTIONS:
         system.connect(source, target)
-    return simulate(system, stop, step, order=order, coupling="hold")
+    return simulate(system, stop, step, order=order, extrapolation="hold")
 
 
 def _path(results: Results, prefix: str = "") -> np.ndarray:

@@ -10,7 +10,6 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from cosim import Simulation
-from cosim.master.operations import Order
 from fmu_export.trace.trace import trace
 from interop.cases import START, STEP, coupled, system
 from interop.tools.case import Case, ToolRun
@@ -38,8 +37,10 @@ class References:
         """Ours: all outputs are read before any input is set (Jacobi); all inputs held."""
         return self._ours("parallel")
 
-    def _ours(self, order: Order) -> np.ndarray:
-        with Simulation(system(self.case), order=order, coupling="hold", record=list(self.case.path)) as simulation:
+    def _ours(self, order: str) -> np.ndarray:
+        with Simulation(
+            system(self.case), order=order, extrapolation="hold", record=list(self.case.path)
+        ) as simulation:
             results = simulation.run(self.case.stop_time, self.case.step_size)
         return np.column_stack([results[name] for name in self.case.path])
 

@@ -18,9 +18,8 @@ from typing import Any, Self
 from tqdm import tqdm
 
 from cosim.errors import CosimError, MissingExtra, SetupError, nearest
-from cosim.master.extrapolation import Coupling
+from cosim.master.algorithm import EXTRAPOLATIONS
 from cosim.master.failures import SimulationError, SimulationInterrupted
-from cosim.master.operations import Order
 from cosim.master.simulation import Simulation, number_of_steps
 from cosim.output import OutputError, check_writable, write_json, write_somewhere
 from cosim.results.figure_process import FigureProcess
@@ -46,8 +45,8 @@ class Plan:
     stop_time: float
     step_size: float
     start_time: float = 0.0
-    order: Order = "sequential"
-    extrapolation: Coupling = "auto"
+    order: str = "sequential"
+    extrapolation: str = "auto"
     record: Sequence[str] | None = None
     record_every: int = 1
 
@@ -138,7 +137,9 @@ def execute(prepared: PreparedRun, realtime: float | None, formats: Sequence[str
     """
     plan, folder = prepared.plan, prepared.folder
     with (
-        Simulation(prepared.system, order=plan.order, coupling=plan.extrapolation, record=plan.record) as simulation,
+        Simulation(
+            prepared.system, order=plan.order, extrapolation=plan.extrapolation, record=plan.record
+        ) as simulation,
         _progress(plan) as progress,
     ):
         _check_metrics(prepared.metrics, simulation.names)
@@ -266,7 +267,7 @@ def in_words(prepared: PreparedRun, summary: Mapping[str, Any]) -> str:
     lines = [
         prepared.title,
         f"{duration:g} s at {plan.step_size * 1e3:g} ms, {plan.order} order: loop {summary['loop_time_s']:.2f} s",
-        _coupling(summary["coupling"]),
+        _extrapolation(summary["extrapolation"]),
     ]
     if pace := summary.get("realtime"):
         lines.append(
@@ -283,14 +284,20 @@ def in_words(prepared: PreparedRun, summary: Mapping[str, Any]) -> str:
     return "\n".join([*lines, f"{what}: {prepared.folder}"])
 
 
-def _coupling(coupling: dict[str, Any]) -> str:
-    """In words what inputs do between communication points."""
-    linear, held = coupling["linear"], coupling["held"]
-    if not linear:
-        return "inputs held between communication points (first-order coupling)"
+#: Order of accuracy of a coupling by extrapolation of degree 0, 1, 2, 3.
+_ORDINALS = ("first", "second", "third", "fourth")
+
+
+def _extrapolation(found: dict[str, Any]) -> str:
+    """What inputs do between communication points, in words."""
+    held = found["hold"]
+    name = next((n for n in found if n in EXTRAPOLATIONS and n != "hold" and found[n]), "hold")
+    if name == "hold":
+        return "inputs held between communication points (zero-order hold, first-order coupling)"
+    accuracy = f"{_ORDINALS[EXTRAPOLATIONS[name].degree]}-order coupling"
     if not held:
-        return "inputs linear between communication points (second-order coupling)"
-    return f"inputs linear between communication points, but for {len(held)} held ones (see summary.json)"
+        return f"inputs {name} between communication points ({accuracy})"
+    return f"inputs {name} between communication points, except {len(held)} that are held (see summary.json)"
 
 
 # Options that all kinds of systems have in common

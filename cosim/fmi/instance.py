@@ -1,7 +1,7 @@
 """One instance of an FMU, of FMI 2.0 or 3.0, behind one face; calls go through fmpy.
 
-Values travel in batches: a batch is a fixed list of variables of one FMI type with its value references and its buffer
-prepared once, for setting up these costs more than the call itself.
+Values are got and set by way of buffers: a buffer belongs to a fixed list of variables of one FMI type, with their
+value references prepared once, for setting up these costs more than the call itself.
 """
 
 from __future__ import annotations
@@ -80,10 +80,10 @@ def function_address(library: ctypes.CDLL, name: str) -> int:
     return ctypes.cast(getattr(library, name), ctypes.c_void_p).value or 0
 
 
-class Batch:
+class VariableBuffer:
     """Variables of one FMI type that are got or set together, on a part of the values of the whole system.
 
-    `values` is the part of the system's values (float64) that belongs to the batch; the FMU reads and writes it
+    `values` is the part of the system's values (float64) that belongs to the buffer; the FMU reads and writes it
     directly where its type is a double, and through a buffer of its own type otherwise.
     """
 
@@ -100,8 +100,8 @@ class Batch:
         self.setter_name = f"fmi{instance.version}Set{suffix}"
 
     @property
-    def buffer_address(self) -> int | None:
-        """Address of the buffer; None where there is none."""
+    def address(self) -> int | None:
+        """Address of the values in the type of the FMU; None where these are the system's own."""
         return None if self._buffer is self._values else self._buffer.ctypes.data
 
     def get(self) -> None:

@@ -24,12 +24,12 @@ class Kind(IntEnum):
     SAMPLE = 0
     SET = 1
     GET = 2
-    RATES = 3
+    EXTRAPOLATE = 3
     STEP = 4
     TRANSFORM = 5
 
 
-#: Sources of a rate in place of a column of the samples: the last two values, or none: held.
+#: Sources of derivatives in place of a column of the samples: the last values, or none: held.
 EXTRAPOLATED, HELD = -1, -2
 
 #: In place of the position of what is added to a transformed value.
@@ -54,15 +54,19 @@ TYPES: dict[Any, int] = {
 }
 
 
-class Rates(ctypes.Structure):
+class Extrapolated(ctypes.Structure):
     """How the inputs of an FMU change over a step; see loop.c."""
 
     _fields_ = (
-        ("values", POINTER(c_double)),
-        ("per_second", POINTER(c_double)),
+        ("history", POINTER(c_double)),
+        ("derivatives", POINTER(c_double)),
         ("buffer", POINTER(c_double)),
         ("orders", POINTER(c_int32)),
+        ("weights", POINTER(c_double)),
         ("time", c_double),
+        ("points", c_int32),
+        ("degree", c_int32),
+        ("known", c_int32),
     )
 
 
@@ -127,7 +131,7 @@ class _Field(ctypes.Structure):
 def _layout_here() -> dict[str, tuple[int, int]]:
     """Offset and size of each struct and field, as declared above."""
     layout = {}
-    for struct in (Rates, Operation, Loop):
+    for struct in (Extrapolated, Operation, Loop):
         layout[struct.__name__] = (0, ctypes.sizeof(struct))
         for name, _ in struct._fields_:
             field = getattr(struct, name)

@@ -21,39 +21,42 @@
 #define PREFETCH(address) (void)(address)
 #endif
 
-typedef enum { SAMPLE, SET, GET, RATES, STEP, TRANSFORM } Kind;
+typedef enum { SAMPLE, SET, GET, EXTRAPOLATE, STEP, TRANSFORM } Kind;
 
 /* C type of the values that a function of an FMU takes. */
 typedef enum { FLOAT64, FLOAT32, INT8, UINT8, INT16, UINT16, INT32, UINT32, INT64, UINT64 } Type;
 
-/* Where a rate comes from: from the values at this and at the last point (extrapolation), or, for a signal, which is
- * known beforehand, from those at this and at the next point (interpolation): then its column of the samples. */
+/* Where the derivatives of an input come from: from its values at this and at earlier points (extrapolation), or, for a
+ * signal, which is known beforehand, from those at this and at the next point (interpolation): then its column of the samples. */
 enum { EXTRAPOLATED = -1, HELD = -2 };
 
 enum { NONE = -1 };
 
-/* How the inputs of an FMU change over a step. */
+/* How n inputs of an FMU change over a step: polynomials of a degree, through their values at so many points. */
 typedef struct {
-    double *values, *per_second; /* values at this point (before it is reached: at the last one), rates */
-    double *buffer;              /* FMI 3.0: for the values during the step */
-    const int32_t *orders;       /* all 1, as fmi2SetRealInputDerivatives wants them */
-    double time;                 /* of this point */
-} Rates;
+    double *history;       /* points rows of n: values at this point (before it is reached: at the last one), before it, ... */
+    double *derivatives;   /* degree rows of n: by time, the first, the second, ... */
+    double *buffer;        /* FMI 3.0: n values during the step */
+    const int32_t *orders; /* of the derivatives, as fmi2SetRealInputDerivatives wants them */
+    const double *weights; /* for 1, 2, ... points known values: degree rows of points, times the step^-order */
+    double time;           /* of this point */
+    int32_t points, degree, known;
+} Extrapolated;
 
 typedef struct {
     uint8_t kind, type, version; /* version of FMI: 2 or 3 */
-    uint8_t more;                /* RATES: whether the next operation has more of the same instance */
+    uint8_t more;                /* EXTRAPOLATE: whether the next operation has more of the same instance */
     int32_t every;               /* takes part in the communication points whose number is a multiple of this */
     void *function, *instance;
     const uint32_t *references;
     void *data; /* SET, GET: buffer for values in the type of the function; NULL for doubles, which need no copy.
-                   RATES: its Rates. STEP: Rates, where `time` is that at which the FMU stopped.
+                   EXTRAPOLATE: its Extrapolated. STEP: a double, the time at which the FMU stopped.
                    TRANSFORM: factors and, after them, offsets. */
     const int32_t *targets; /* positions, and after them, as many:
                                SET, TRANSFORM: positions of the sources; TRANSFORM: then of what is added, or NONE.
                                SAMPLE: columns.
                                GET: only positions, of what must be finite.
-                               RATES: only columns, EXTRAPOLATED or HELD, of the last of its values;
+                               EXTRAPOLATE: only columns, EXTRAPOLATED or HELD, of the last of its values;
                                those before are EXTRAPOLATED. */
     int32_t n_references, first, n, n_targets; /* first, n: the values that it gets or sets, contiguous */
 } Operation; /* 64 bytes: with many FMUs the loop is as fast as the processor's cache */
@@ -82,7 +85,7 @@ enum { NOT_FINITE = 100, WANTS_TO_END, RETURNED_EARLY };
 
 typedef int Exchange2(void *, const uint32_t *, size_t, void *);
 typedef int Exchange3(void *, const uint32_t *, size_t, void *, size_t);
-typedef int Rates2(void *, const uint32_t *, size_t, const int32_t *, const double *);
+typedef int Derivatives2(void *, const uint32_t *, size_t, const int32_t *, const double *);
 typedef int Step2(void *, double, double, int);
 typedef int Step3(void *, double, double, bool, bool *, bool *, bool *, double *);
 
@@ -154,34 +157,72 @@ static bool jumps_within(const Loop *loop, int64_t first, int64_t last) {
     return false;
 }
 
-/* How fast inputs of an FMU change over its next step. */
-static int set_rates(const Loop *loop, const Operation *op, int64_t point, double time) {
-    Rates *rates = op->data;
+/* One derivative of n inputs: the weighted sum of the `known` values at `now` and in the history, newest first. */
+static void differentiate(double *restrict derivative, const double *weights, double scale, const double *restrict now,
+                          const double *restrict history, int32_t known, int32_t n) {
+    if (known == 2) { /* linear extrapolation; the general case below costs twice the time */
+        double w0 = weights[0], w1 = weights[1];
+        for (int32_t i = 0; i < n; i++) derivative[i] = (w0 * now[i] + w1 * history[i]) * scale;
+        return;
+    }
+    for (int32_t i = 0; i < n; i++) {
+        double sum = weights[0] * now[i];
+        for (int32_t j = 1; j < known; j++) sum += weights[j] * history[(j - 1) * n + i];
+        derivative[i] = sum * scale;
+    }
+}
+
+/* How inputs of an FMU change over its next step. */
+static int extrapolate(const Loop *loop, const Operation *op, int64_t point, double time) {
+    Extrapolated *in = op->data;
+    int32_t n = op->n;
     const double *restrict now = loop->values + op->first;
-    double *restrict last = rates->values, *restrict rate = rates->per_second;
+    double *history = in->history;
     double per_second = op->every == 1 ? loop->per_second : 1.0 / (op->every * loop->step_size);
     int64_t next = point + op->every, row = next - loop->first_sample;
     bool fresh = point == 0 || jumps_within(loop, point - op->every, point); /* what was before says nothing */
-    bool known = row < loop->n_rows && !jumps_within(loop, point, next);
-    for (int32_t i = 0; i < op->n; i++) {
-        double change = fresh ? 0.0 : now[i] - last[i];
-        rate[i] = change * per_second;
-        last[i] = now[i];
+    bool ahead = row < loop->n_rows && !jumps_within(loop, point, next);
+    in->known = fresh ? 1 : in->known < in->points ? in->known + 1 : in->points;
+    const double *weights = in->weights + (int64_t)(in->known - 1) * in->degree * in->points;
+    double scale = 1.0;
+    for (int32_t d = 0; d < in->degree; d++, weights += in->points) {
+        double *derivative = in->derivatives + (int64_t)d * n;
+        scale *= per_second;
+        if (d + 1 >= in->known) /* no polynomial of this degree goes through so few points */
+            for (int32_t i = 0; i < n; i++) derivative[i] = 0.0;
+        else
+            differentiate(derivative, weights, scale, now, history, in->known, n);
     }
-    int32_t first = op->n - op->n_targets;
-    for (int32_t i = first; i < op->n; i++) {
+    if (in->points > 2) memmove(history + n, history, (size_t)(in->points - 2) * (size_t)n * sizeof *history);
+    memcpy(history, now, (size_t)n * sizeof *history);
+    int32_t first = n - op->n_targets;
+    for (int32_t i = first; i < n; i++) {
         int32_t column = op->targets[i - first];
-        if (column == HELD)
-            rate[i] = 0.0;
-        else if (column != EXTRAPOLATED && known)
-            rate[i] = (loop->samples[row * loop->n_samples + column] - now[i]) * per_second;
+        if (column == EXTRAPOLATED || (column != HELD && !ahead)) continue;
+        for (int32_t d = 0; d < in->degree; d++) in->derivatives[d * n + i] = 0.0;
+        if (column != HELD) in->derivatives[i] = (loop->samples[row * loop->n_samples + column] - now[i]) * per_second;
     }
-    rates->time = time;
+    in->time = time;
     if (op->version == 3) return 0; /* the FMU asks for its inputs during the step */
-    return ((Rates2 *)op->function)(op->instance, op->references, (size_t)op->n_references, rates->orders, rate);
+    return ((Derivatives2 *)op->function)(op->instance, op->references, (size_t)op->n_references, in->orders, in->derivatives);
 }
 
-/* fmi3IntermediateUpdateCallback; the environment of the instance points to a pointer to its first RATES operation, if any. */
+/* Values of n inputs some time after a communication point: a Taylor series. */
+static void evaluate(const Extrapolated *in, double since, int32_t n) {
+    const double *restrict last = in->history;
+    double *restrict now = in->buffer;
+    if (in->degree == 1) {
+        const double *restrict rate = in->derivatives;
+        for (int32_t i = 0; i < n; i++) now[i] = last[i] + since * rate[i];
+        return;
+    }
+    for (int32_t i = 0; i < n; i++) now[i] = 0.0;
+    for (int32_t d = in->degree; d >= 1; d--) /* Horner's scheme: u + s (u' + s/2 (u'' + s/3 (...))) */
+        for (int32_t i = 0; i < n; i++) now[i] = (in->derivatives[(d - 1) * n + i] + now[i]) * (since / d);
+    for (int32_t i = 0; i < n; i++) now[i] += last[i];
+}
+
+/* fmi3IntermediateUpdateCallback; the environment of the instance points to a pointer to its first EXTRAPOLATE operation, if any. */
 EXPORT void intermediate_update(void *environment, double time, bool set_requested, bool get_allowed, bool step_finished, bool can_return_early,
                                 bool *return_early, double *return_time) {
     (void)get_allowed, (void)step_finished, (void)can_return_early;
@@ -190,11 +231,9 @@ EXPORT void intermediate_update(void *environment, double time, bool set_request
     *return_time = time;
     if (!set_requested || !op) return;
     do {
-        const Rates *rates = op->data;
-        const double *restrict last = rates->values, *restrict rate = rates->per_second;
-        double *restrict now = rates->buffer, since = time - rates->time;
-        for (int32_t i = 0; i < op->n; i++) now[i] = last[i] + since * rate[i];
-        ((Exchange3 *)op->function)(op->instance, op->references, (size_t)op->n_references, now, (size_t)op->n);
+        const Extrapolated *in = op->data;
+        evaluate(in, time - in->time, op->n);
+        ((Exchange3 *)op->function)(op->instance, op->references, (size_t)op->n_references, in->buffer, (size_t)op->n);
     } while (op++->more);
 }
 
@@ -203,7 +242,7 @@ static int do_step(const Operation *op, double time, double step) {
     bool event = false, terminate = false, early = false;
     double last_time = time;
     int status = ((Step3 *)op->function)(op->instance, time, step, true, &event, &terminate, &early, &last_time);
-    ((Rates *)op->data)->time = last_time; /* for the report of an early return */
+    *(double *)op->data = last_time; /* for the report of an early return */
     return status > 1 ? status : terminate ? WANTS_TO_END : early ? RETURNED_EARLY : status;
 }
 
@@ -223,8 +262,8 @@ static int perform(const Loop *loop, const Operation *op, int64_t point, double 
             int status = get(op, values);
             return status <= 1 && !all_finite(values, targets, op->n_targets) ? NOT_FINITE : status;
         }
-        case RATES:
-            return set_rates(loop, op, point, time);
+        case EXTRAPOLATE:
+            return extrapolate(loop, op, point, time);
         case TRANSFORM:
             for (int32_t i = 0, n = op->n_targets; i < n; i++) {
                 const double *factors = op->data, *offsets = factors + n;
@@ -271,12 +310,16 @@ typedef struct {
 #define FIELD(type, field) {#type "." #field, offsetof(type, field), sizeof(((type *)0)->field)}
 
 static const Field layout[] = {
-    STRUCT(Rates),
-    FIELD(Rates, values),
-    FIELD(Rates, per_second),
-    FIELD(Rates, buffer),
-    FIELD(Rates, orders),
-    FIELD(Rates, time),
+    STRUCT(Extrapolated),
+    FIELD(Extrapolated, history),
+    FIELD(Extrapolated, derivatives),
+    FIELD(Extrapolated, buffer),
+    FIELD(Extrapolated, orders),
+    FIELD(Extrapolated, weights),
+    FIELD(Extrapolated, time),
+    FIELD(Extrapolated, points),
+    FIELD(Extrapolated, degree),
+    FIELD(Extrapolated, known),
     STRUCT(Operation),
     FIELD(Operation, kind),
     FIELD(Operation, type),

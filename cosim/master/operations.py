@@ -1,17 +1,9 @@
 """The table of operations that moves values between FMUs and steps them; the compiled loop walks it (cosim/loop).
 
-All exchanged and recorded values stand in one array, each batch in a contiguous part of it, so that an operation is a
-copy inside this array or one call of an FMU. Two orders:
-
-sequential
-    Level by level (see `schedule`): what one FMU outputs at a communication point reaches the others at that very
-    point, also through direct feedthrough. A controller then acts on the measurements of the same instant, and its
-    output is held over the step: the delay of a zero-order hold, half a step on average.
-parallel
-    All outputs are read, then all inputs are set. An output with direct feedthrough still belongs to the inputs of the
-    step before: one step more of delay for each FMU with direct feedthrough on the way.
-
-At the start both exchange level by level, so that the first point has no delay in either.
+All exchanged and recorded values stand in one array, each transfer in a contiguous part of it, so that an operation is
+a copy inside this array or one call of an FMU. In which order the operations of a communication point come is the
+algorithm's: see `cosim.master.algorithm`. At the start values are exchanged level by level in any order, so that the
+first point has no delay.
 """
 
 from __future__ import annotations
@@ -20,24 +12,24 @@ import ctypes
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from operator import attrgetter
-from typing import Any, Literal, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
-from cosim.fmi.instance import Batch, Instance
+from cosim.fmi.instance import Instance, VariableBuffer
 from cosim.loop.arena import Arena
-from cosim.loop.binding import EXTRAPOLATED, NONE, TYPES, Kind, Operation, Rates
-from cosim.master.value_layout import Layout, Part
+from cosim.loop.binding import EXTRAPOLATED, NONE, TYPES, Extrapolated, Kind, Operation
+from cosim.master.algorithm import ORDERS, Extrapolation
+from cosim.master.extrapolated_inputs import ExtrapolatedInputs
+from cosim.master.value_layout import Transfer, ValueLayout
 from cosim.system.resolution import Drive, Link, ResolvedSystem
 from cosim.system.variables import variables_of
-
-Order = Literal["sequential", "parallel"]
 
 _K = TypeVar("_K")
 
 
 @dataclass(frozen=True)
-class Entry:
+class NamedOperation:
     """An operation, and what messages about its failure need to know."""
 
     operation: Operation
@@ -46,15 +38,15 @@ class Entry:
     finite: tuple[tuple[str, int], ...] = ()  # names and positions of values that must be finite
 
 
-class Table:
+class OperationTable:
     """Operations in the order in which the loop performs them."""
 
-    def __init__(self, entries: Sequence[Entry]) -> None:
-        self.entries = tuple(entries)
-        self.operations = (Operation * len(self.entries))(*(e.operation for e in self.entries))
+    def __init__(self, rows: Sequence[NamedOperation]) -> None:
+        self.rows = tuple(rows)
+        self.operations = (Operation * len(self.rows))(*(row.operation for row in self.rows))
 
     def __len__(self) -> int:
-        return len(self.entries)
+        return len(self.rows)
 
 
 class Exchange:
@@ -65,8 +57,9 @@ class Exchange:
     system : ResolvedSystem
     instances : mapping
         Component name -> instance.
-    order : {"sequential", "parallel"}
-    layout : Layout
+    extrapolated : ExtrapolatedInputs
+        Which inputs are extrapolated, and the algorithm.
+    layout : ValueLayout
         Where the values of the system stand.
 
     Attributes
@@ -75,7 +68,7 @@ class Exchange:
         Current values.
     recorded_runs : array (runs, 2) of int32
         What is recorded: position of the first value and number of each contiguous run.
-    at_start, at_point, at_step : Table
+    at_start, at_point, at_step : OperationTable
         What to do once in the initialisation mode, at every communication point, and to go on to the next one.
     """
 
@@ -83,14 +76,15 @@ class Exchange:
         self,
         system: ResolvedSystem,
         instances: Mapping[str, Instance],
-        order: Order,
-        layout: Layout,
+        extrapolated: ExtrapolatedInputs,
+        layout: ValueLayout,
     ) -> None:
         self._system = system
         self._instances = instances
         self._layout = layout
+        self._extrapolation = extrapolated.algorithm.extrapolation
         self._arena = Arena()
-        self._batches: list[Batch] = []  # whose buffers operations point into
+        self._buffers: list[VariableBuffer] = []  # that operations point into
         self._links_from: dict[str, list[Link]] = {}
         self._links_to: dict[str, list[Link]] = {}
         for link in system.links:
@@ -101,30 +95,32 @@ class Exchange:
 
         samples = self._samples(system.drives)
         sets = {
-            k: [e for part in parts for e in self._set(part)]
-            for k, parts in _grouped(layout.sets, attrgetter("level")).items()
+            level: [row for transfer in transfers for row in self._set(transfer)]
+            for level, transfers in _grouped(layout.sets, attrgetter("level")).items()
         }
         gets = {
-            k: [self._get(part) for part in parts] for k, parts in _grouped(layout.gets, attrgetter("level")).items()
+            level: [self._get(transfer) for transfer in transfers]
+            for level, transfers in _grouped(layout.gets, attrgetter("level")).items()
         }
-        by_level = [e for level in sorted({*sets, *gets}) for e in (*sets.get(level, ()), *gets.get(level, ()))]
-        simultaneous = [e for entries in (*gets.values(), *sets.values()) for e in entries]
         # arrays of which only some elements are fed keep the start values of the others
-        start_values = [self._get(part) for part in (*layout.sets, *layout.constants)]
+        start_values = [self._get(transfer) for transfer in (*layout.sets, *layout.constants)]
         # around an algebraic loop the start values of the inputs are the first ones
-        self.at_start = Table([*start_values, *samples, *(simultaneous if system.levels is None else by_level)])
-        self.at_point = Table([*samples, *(by_level if order == "sequential" else simultaneous)])
+        first = ORDERS["parallel" if system.levels is None else "sequential"]
+        self.at_start = OperationTable([*start_values, *samples, *first.arrange(sets, gets)])
+        self.at_point = OperationTable([*samples, *extrapolated.algorithm.order.arrange(sets, gets)])
         sets_of = _grouped(layout.sets, attrgetter("component"))
-        self.at_step = Table([e for c in system.components for e in self._rates_and_step(c, sets_of.get(c, ()))])
+        self.at_step = OperationTable(
+            [row for c in system.components for row in self._extrapolate_and_step(c, sets_of.get(c, ()))]
+        )
         self._let_fmus_ask_for_inputs()
 
     def _let_fmus_ask_for_inputs(self) -> None:
-        """FMI 3.0: the first operation of each FMU's rates answers, and finds the others behind it."""
+        """FMI 3.0: the first operation that extrapolates an FMU's inputs answers, and finds the others behind it."""
         asking: set[str] = set()
-        for entry, operation in zip(self.at_step.entries, self.at_step.operations, strict=True):
-            if operation.kind == Kind.RATES and operation.version == 3 and entry.component not in asking:
-                self._instances[entry.component].let_ask_for_inputs(operation)
-                asking.add(entry.component)
+        for row, operation in zip(self.at_step.rows, self.at_step.operations, strict=True):
+            if operation.kind == Kind.EXTRAPOLATE and operation.version == 3 and row.component not in asking:
+                self._instances[row.component].let_ask_for_inputs(operation)
+                asking.add(row.component)
 
     def _operation(self, kind: Kind, component: str, **fields: Any) -> Operation:
         instance = self._instances[component]
@@ -138,7 +134,7 @@ class Exchange:
 
     # At a communication point
 
-    def _samples(self, drives: Sequence[Drive]) -> list[Entry]:
+    def _samples(self, drives: Sequence[Drive]) -> list[NamedOperation]:
         """One operation for all signals of a component."""
         pairs: dict[str, list[tuple[int, int]]] = {}
         for drive in drives:
@@ -147,52 +143,56 @@ class Exchange:
             pairs.setdefault(drive.component, []).extend((positions[key], self._layout.columns[key]) for key in keys)
         return [self._sample(component, *zip(*of_component, strict=True)) for component, of_component in pairs.items()]
 
-    def _sample(self, component: str, positions: Sequence[int], columns: Sequence[int]) -> Entry:
+    def _sample(self, component: str, positions: Sequence[int], columns: Sequence[int]) -> NamedOperation:
         targets = self._arena.integers([*positions, *columns])
-        return Entry(self._operation(Kind.SAMPLE, component, targets=targets, n_targets=len(positions)), component)
+        return NamedOperation(
+            self._operation(Kind.SAMPLE, component, targets=targets, n_targets=len(positions)), component
+        )
 
-    def _exchange(self, kind: Kind, part: Part, **fields: Any) -> tuple[Operation, str]:
-        instance, n = self._instances[part.component], len(part.elements)
-        batch = Batch(instance, variables_of(part.elements), self.values[part.first : part.first + n])
-        self._batches.append(batch)
-        name = batch.setter_name if kind is Kind.SET else batch.getter_name
+    def _exchange(self, kind: Kind, transfer: Transfer, **fields: Any) -> tuple[Operation, str]:
+        instance, n = self._instances[transfer.component], len(transfer.elements)
+        buffer = VariableBuffer(
+            instance, variables_of(transfer.elements), self.values[transfer.first : transfer.first + n]
+        )
+        self._buffers.append(buffer)
+        name = buffer.setter_name if kind is Kind.SET else buffer.getter_name
         operation = self._operation(
             kind,
-            part.component,
-            type=TYPES[batch.c_type],
+            transfer.component,
+            type=TYPES[buffer.c_type],
             function=instance.function_address(name),
-            references=self._arena.references(list(batch.references)),
-            n_references=len(batch.references),
-            data=batch.buffer_address,
-            first=part.first,
+            references=self._arena.references(list(buffer.references)),
+            n_references=len(buffer.references),
+            data=buffer.address,
+            first=transfer.first,
             n=n,
             **fields,
         )
         return operation, name
 
-    def _get(self, part: Part) -> Entry:
-        feeding = {k.source.name for k in self._links_from.get(part.component, ())}
-        finite = tuple((e.name, part.first + i) for i, e in enumerate(part.elements) if e.name in feeding)
+    def _get(self, transfer: Transfer) -> NamedOperation:
+        feeding = {k.source.name for k in self._links_from.get(transfer.component, ())}
+        finite = tuple((e.name, transfer.first + i) for i, e in enumerate(transfer.elements) if e.name in feeding)
         positions = self._arena.integers([position for _, position in finite])
-        operation, name = self._exchange(Kind.GET, part, targets=positions, n_targets=len(finite))
-        return Entry(operation, part.component, name, finite)
+        operation, name = self._exchange(Kind.GET, transfer, targets=positions, n_targets=len(finite))
+        return NamedOperation(operation, transfer.component, name, finite)
 
-    def _set(self, part: Part) -> list[Entry]:
+    def _set(self, transfer: Transfer) -> list[NamedOperation]:
         """A component's inputs, after those that are no copy of an output have been computed."""
-        own = {e.name for e in part.elements}
-        links = [k for k in self._links_to.get(part.component, ()) if k.target.name in own]
+        own = {e.name for e in transfer.elements}
+        links = [k for k in self._links_to.get(transfer.component, ()) if k.target.name in own]
         transformed = [k for k in links if self._is_transformed(k)]
         copied = [k for k in links if not self._is_transformed(k)]
         targets = self._arena.integers([*self._targets(copied), *self._sources(copied)])
-        operation, name = self._exchange(Kind.SET, part, targets=targets, n_targets=len(copied))
-        entry = Entry(operation, part.component, name)
-        return [self._transform(part.component, transformed), entry] if transformed else [entry]
+        operation, name = self._exchange(Kind.SET, transfer, targets=targets, n_targets=len(copied))
+        row = NamedOperation(operation, transfer.component, name)
+        return [self._transform(transfer.component, transformed), row] if transformed else [row]
 
     def _is_transformed(self, link: Link) -> bool:
         added_to = (link.target_component, link.target.name) in self._layout.added
         return added_to or (link.factor, link.offset) != (1.0, 0.0)
 
-    def _transform(self, component: str, links: Sequence[Link]) -> Entry:
+    def _transform(self, component: str, links: Sequence[Link]) -> NamedOperation:
         added = [self._layout.added.get((component, k.target.name), NONE) for k in links]
         numbers = self._arena.array(ctypes.c_double, [*(k.factor for k in links), *(k.offset for k in links)])
         operation = self._operation(
@@ -202,7 +202,7 @@ class Exchange:
             data=ctypes.addressof(numbers),
             n_targets=len(links),
         )
-        return Entry(operation, component)
+        return NamedOperation(operation, component)
 
     def _targets(self, links: Sequence[Link]) -> list[int]:
         return [self._layout.positions[k.target_component, k.target.name] for k in links]
@@ -212,51 +212,68 @@ class Exchange:
 
     # To the next point
 
-    def _rates_and_step(self, component: str, sets: Sequence[Part]) -> list[Entry]:
-        rates = [self._rates(part) for part in sets if self._layout.linear_elements(part)]
-        for entry in rates[:-1]:
-            entry.operation.more = 1
-        return [*rates, self._step(component)]
+    def _extrapolate_and_step(self, component: str, sets: Sequence[Transfer]) -> list[NamedOperation]:
+        moving = [self._extrapolate(transfer) for transfer in sets if self._layout.extrapolated_elements(transfer)]
+        for row in moving[:-1]:
+            row.operation.more = 1
+        return [*moving, self._step(component)]
 
-    def _rates(self, part: Part) -> Entry:
-        """The rates of the linear inputs of a part."""
-        instance, elements = self._instances[part.component], self._layout.linear_elements(part)
-        n = len(elements)
-        references = [v.valueReference for v in variables_of(elements)]
-        sources = [self._layout.source_of_rate(part.component, e) for e in elements]
-        extrapolated = next((i for i, source in enumerate(sources) if source != EXTRAPOLATED), n)
-        rates = self._arena.structure(Rates)
-        rates.values, rates.per_second, rates.buffer = (self._arena.zeros(n) for _ in range(3))
-        rates.orders = self._arena.integers([1] * n)
+    def _extrapolate(self, transfer: Transfer) -> NamedOperation:
+        """The extrapolated inputs of a transfer."""
+        instance, elements = self._instances[transfer.component], self._layout.extrapolated_elements(transfer)
+        n, degree, points = len(elements), self._extrapolation.degree, self._extrapolation.points
+        # FMI 2.0 takes all derivatives of all inputs in one call
+        orders = range(1, degree + 1) if instance.version == 2 else range(1)
+        references = [v.valueReference for _ in orders for v in variables_of(elements)]
+        sources = [self._layout.source_of_derivatives(transfer.component, e) for e in elements]
+        by_extrapolation = next((i for i, source in enumerate(sources) if source != EXTRAPOLATED), n)
+        inputs = self._arena.structure(Extrapolated)
+        inputs.history = self._arena.zeros((points - 1) * n)
+        inputs.derivatives = self._arena.zeros(degree * n)
+        inputs.buffer = self._arena.zeros(n)
+        inputs.orders = self._arena.integers([order for order in orders for _ in range(n)])
+        inputs.weights = self._arena.array(ctypes.c_double, _weights(self._extrapolation))
+        inputs.degree, inputs.points = degree, points
         name = "fmi2SetRealInputDerivatives" if instance.version == 2 else "fmi3SetFloat64"
         operation = self._operation(
-            Kind.RATES,
-            part.component,
+            Kind.EXTRAPOLATE,
+            transfer.component,
             function=instance.function_address(name),
             references=self._arena.references(references),
             n_references=len(references),
-            first=part.first + len(part.elements) - n,
+            first=transfer.first + len(transfer.elements) - n,
             n=n,
-            targets=self._arena.integers(sources[extrapolated:]),
-            n_targets=n - extrapolated,
-            data=ctypes.addressof(rates),
+            targets=self._arena.integers(sources[by_extrapolation:]),
+            n_targets=n - by_extrapolation,
+            data=ctypes.addressof(inputs),
         )
-        return Entry(operation, part.component, name)
+        return NamedOperation(operation, transfer.component, name)
 
-    def _step(self, component: str) -> Entry:
+    def _step(self, component: str) -> NamedOperation:
         instance = self._instances[component]
         name = f"fmi{instance.version}DoStep"
         operation = self._operation(
             Kind.STEP,
             component,
             function=instance.function_address(name),
-            data=ctypes.addressof(self._arena.structure(Rates)),
+            data=ctypes.addressof(self._arena.zeros(1)),
         )
-        return Entry(operation, component, name)
+        return NamedOperation(operation, component, name)
 
 
-def _grouped(parts: Iterable[Part], key: Callable[[Part], _K]) -> dict[_K, list[Part]]:
-    groups: dict[_K, list[Part]] = {}
-    for part in parts:
-        groups.setdefault(key(part), []).append(part)
+def _weights(extrapolation: Extrapolation) -> list[float]:
+    """Weights for 1, 2, ... known values, as loop.c wants them: for each, `degree` rows of `points`."""
+    numbers = []
+    for known in range(1, extrapolation.points + 1):
+        rows = extrapolation.weights_of(known)
+        for d in range(extrapolation.degree):
+            row = rows[d] if d < len(rows) else ()
+            numbers += [*row, *[0.0] * (extrapolation.points - len(row))]
+    return numbers
+
+
+def _grouped(transfers: Iterable[Transfer], key: Callable[[Transfer], _K]) -> dict[_K, list[Transfer]]:
+    groups: dict[_K, list[Transfer]] = {}
+    for transfer in transfers:
+        groups.setdefault(key(transfer), []).append(transfer)
     return groups

@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from cosim.fmi.instance import Batch, Instance
-from cosim.loop.binding import NOT_FINITE, RETURNED_EARLY, WANTS_TO_END, Loop, Operation, Rates, loop_library
+from cosim.fmi.instance import Instance, VariableBuffer
+from cosim.loop.binding import NOT_FINITE, RETURNED_EARLY, WANTS_TO_END, Loop, Operation, loop_library
 from cosim.master.failures import Failing, SimulationError, SimulationInterrupted
 from cosim.master.interrupts import DeferredInterrupt
-from cosim.master.operations import Entry, Exchange, Table
+from cosim.master.operations import Exchange, NamedOperation, OperationTable
 from cosim.master.pacing import Pacer
 from cosim.master.recording import PassedOn, Recorder
 from cosim.master.sampling import Samples
@@ -184,24 +184,24 @@ class Run:
         error.__cause__ = samples.failure
         return error
 
-    def _failure(self, table: Table) -> SimulationError:
+    def _failure(self, table: OperationTable) -> SimulationError:
         """The error that the loop has ended with."""
-        entry = table.entries[self._loop.failed]
-        instance = self._instances[entry.component]
+        row = table.rows[self._loop.failed]
+        instance = self._instances[row.component]
         operation = table.operations[self._loop.failed]
-        what = self._reason(entry, operation, self._loop.status, instance)
-        return SimulationError(entry.component, self._grid.time(self._loop.point), what, instance.log())
+        what = self._reason(row, operation, self._loop.status, instance)
+        return SimulationError(row.component, self._grid.time(self._loop.point), what, instance.log())
 
-    def _reason(self, entry: Entry, operation: Operation, status: int, instance: Instance) -> str:
+    def _reason(self, row: NamedOperation, operation: Operation, status: int, instance: Instance) -> str:
         if status == NOT_FINITE:
             values = self._exchange.values
-            wrong = [f"'{name}'" for name, position in entry.finite if not math.isfinite(values[position])]
+            wrong = [f"'{name}'" for name, position in row.finite if not math.isfinite(values[position])]
             return f"{len(wrong)} outputs are not finite, the first is {wrong[0]}"
         if status == WANTS_TO_END:
-            return f"{entry.function} asked to end the simulation"
+            return f"{row.function} asked to end the simulation"
         if status == RETURNED_EARLY:
-            return f"{entry.function} returned early, at t = {Rates.from_address(operation.data).time!r} s"
-        return str(instance.failure(entry.function, status))
+            return f"{row.function} returned early, at t = {ctypes.c_double.from_address(operation.data).value!r} s"
+        return str(instance.failure(row.function, status))
 
 
 def _rows(point: int, record_every: int) -> int:
@@ -221,7 +221,7 @@ def _set_start_values(instance: Instance, starts: Sequence[StartValue]) -> None:
             continue
         if len(start.elements) == 1 and variable.shape:
             continue
-        Batch(instance, variables_of(start.elements), np.array(start.values)).set()
+        VariableBuffer(instance, variables_of(start.elements), np.array(start.values)).set()
 
 
 def _set_start_elements(instance: Instance, starts: Sequence[StartValue]) -> None:
@@ -230,7 +230,7 @@ def _set_start_elements(instance: Instance, starts: Sequence[StartValue]) -> Non
         element = start.elements[0]
         if len(start.elements) == 1 and element.variable.shape:
             whole = np.zeros(math.prod(element.variable.shape))
-            batch = Batch(instance, [element.variable], whole)
-            batch.get()
+            buffer = VariableBuffer(instance, [element.variable], whole)
+            buffer.get()
             whole[element.offset] = start.values[0]
-            batch.set()
+            buffer.set()

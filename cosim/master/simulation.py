@@ -16,17 +16,18 @@ import numpy as np
 
 from cosim.errors import SetupError, nearest
 from cosim.fmi.fmu_file import load
-from cosim.fmi.instance import Batch, CallFailed, Instance
+from cosim.fmi.instance import CallFailed, Instance, VariableBuffer
 from cosim.loop.binding import loop_library
-from cosim.master.extrapolation import Coupling, linear_inputs
+from cosim.master.algorithm import AUTO, algorithm
+from cosim.master.extrapolated_inputs import extrapolated_inputs
 from cosim.master.failures import Failing
 from cosim.master.interrupts import DeferredInterrupt
-from cosim.master.operations import Exchange, Order
+from cosim.master.operations import Exchange
 from cosim.master.pacing import Pacer
 from cosim.master.recording import InMemory, PassedOn, Recorder, Sink
 from cosim.master.run import Grid, Run
 from cosim.master.sampling import Samples, sample
-from cosim.master.value_layout import Layout
+from cosim.master.value_layout import ValueLayout
 from cosim.results.results import Results
 from cosim.system.resolution import Drive, StartValue, resolve, resolve_start_value, split
 from cosim.system.system import Signal, System
@@ -49,10 +50,12 @@ class Simulation:
     ----------
     system : System
         Components, connections and signals.
-    order : {"sequential", "parallel"}
-        Order in which values are exchanged; see `cosim.master.operations`.
-    coupling : {"auto", "hold", "linear"}
-        What inputs do between communication points; see `cosim.master.extrapolation`.
+    order : str
+        Order in which values are exchanged at a communication point: "sequential" (Gauss-Seidel) or "parallel"
+        (Jacobi); see `cosim.master.algorithm`.
+    extrapolation : str
+        What connected inputs do between communication points: "hold" (zero-order hold) or "linear" (first-order hold,
+        linear extrapolation); "auto" is linear where the FMU can, and else holds.
     record : sequence of str, optional
         Names `component.variable`, scalars or vectors; all inputs and outputs by default.
 
@@ -72,24 +75,22 @@ class Simulation:
         self,
         system: System,
         *,
-        order: Order = "sequential",
-        coupling: Coupling = "auto",
+        order: str = "sequential",
+        extrapolation: str = AUTO,
         record: Sequence[str] | None = None,
     ) -> None:
-        if order not in ("sequential", "parallel"):
-            raise SetupError(f"order {order!r} is unknown; use 'sequential' or 'parallel'")
+        chosen = algorithm(order, extrapolation)
         if not system.components:
             raise SetupError("the system has no components; add one with System.add")
         loop_library()
         self._system = dataclasses.replace(system, signals=list(system.signals))
         self._order = order
-        self._coupling = coupling
         self._fmus = {name: load(name, component.fmu) for name, component in system.components.items()}
         self._ports = {name: Ports(name, fmu.description) for name, fmu in self._fmus.items()}
-        self._resolved = resolve(system, self._ports, order)
-        self._linear = linear_inputs(self._resolved, coupling)
+        self._resolved = resolve(system, self._ports, needs_levels=chosen.order.needs_levels)
+        self._extrapolated = extrapolated_inputs(self._resolved, chosen)
         recorded = _recorded(record, self._ports)
-        self._layout = Layout(self._resolved, recorded, self._linear)
+        self._layout = ValueLayout(self._resolved, recorded, self._extrapolated)
         self._names = [f"{component}.{element.name}" for component, element in recorded]
         units = {n: self._ports[c].unit(e) for n, (c, e) in zip(self._names, recorded, strict=True)}
         self._units = {name: unit.name for name, unit in units.items() if unit is not None}
@@ -149,7 +150,7 @@ class Simulation:
 
     def _load(self, name: str) -> None:
         fmu = self._fmus[name]
-        asks = [v.valueReference for v in variables_of(self._linear.elements.get(name, ()))]
+        asks = [v.valueReference for v in variables_of(self._extrapolated.elements.get(name, ()))]
         with self._setting_up(name):
             self._instances[name] = Instance(name, self._folders[fmu.sha256], fmu.description, asks)
         self._exchange = None
@@ -189,7 +190,7 @@ class Simulation:
         self._instances = {name: self._instances[name] for name in self._resolved.components}
         if self._exchange is None:
             try:
-                self._exchange = Exchange(self._resolved, self._instances, self._order, self._layout)
+                self._exchange = Exchange(self._resolved, self._instances, self._extrapolated, self._layout)
             except CallFailed as error:
                 raise SetupError(f"an FMU {error}") from error
         self._exchange.values[:] = 0.0
@@ -272,7 +273,7 @@ class Simulation:
                     "stop_time": stop_time,
                     "start_time": start_time,
                     "order": self._order,
-                    "coupling": self._linear.summary(self._coupling),
+                    "extrapolation": self._extrapolated.summary(),
                     "record_every": record_every,
                     "units": dict(self._units),
                     "fmus": {name: {"path": str(f.path), "sha256": f.sha256} for name, f in self._fmus.items()},
@@ -318,7 +319,7 @@ class Simulation:
             known, samples = self._samples
             if known == (drives, grid) and samples.first == 0 and samples.failure is None:
                 return samples
-        ahead = any((d.component, e.name) in self._linear.moving for d in drives for e in d.targets)
+        ahead = any((d.component, e.name) in self._extrapolated.moving for d in drives for e in d.targets)
         reach = max(component.every for component in self._resolved.components.values())
         samples = Samples(drives, grid.start_time, grid.step_size, grid.last_point, reach, ahead=ahead)
         self._samples = ((drives, grid), samples)
@@ -341,7 +342,7 @@ class Simulation:
                 buffer = np.zeros(len(elements))
                 instance = self._instances[component]
                 with Failing(component, time, instance):
-                    Batch(instance, variables_of(elements), buffer).get()
+                    VariableBuffer(instance, variables_of(elements), buffer).get()
                 values.update({f"{component}.{e.name}": v for e, v in zip(elements, buffer.tolist(), strict=True)})
         return values
 
@@ -352,8 +353,8 @@ def simulate(
     step_size: float,
     *,
     start_time: float = 0.0,
-    order: Order = "sequential",
-    coupling: Coupling = "auto",
+    order: str = "sequential",
+    extrapolation: str = AUTO,
     record: Sequence[str] | None = None,
     record_every: int = 1,
     sink: Sink | None = None,
@@ -364,7 +365,7 @@ def simulate(
 
     Set up, run once, clean up; parameters, results and errors are those of `Simulation` and `Simulation.run`.
     """
-    with Simulation(system, order=order, coupling=coupling, record=record) as simulation:
+    with Simulation(system, order=order, extrapolation=extrapolation, record=record) as simulation:
         return simulation.run(
             stop_time,
             step_size,

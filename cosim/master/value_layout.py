@@ -1,6 +1,6 @@
 """Where the values of a system stand in the one array that the loop works on, and when they are exchanged.
 
-Values stand component by component, each component's in contiguous parts: what one call of an FMU sets or gets.
+Values stand component by component, each component's in contiguous transfers: what one call of an FMU sets or gets.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 
 from cosim.loop.binding import EXTRAPOLATED, HELD
-from cosim.master.extrapolation import LinearInputs
+from cosim.master.extrapolated_inputs import ExtrapolatedInputs
 from cosim.system.resolution import ResolvedSystem
 from cosim.system.variables import Element
 
@@ -21,10 +21,10 @@ Key = tuple[str, str]
 
 
 @dataclass(frozen=True)
-class Part:
-    """Variables of one type that a component gets or sets in one call, on one level of the exchange (see `schedule`).
+class Transfer:
+    """Variables of one type that a component gets or sets in one call, on one level of the exchange.
 
-    The value of `elements[i]` is at position `first + i`.
+    Levels: see `cosim.system.levels`. The value of `elements[i]` is at position `first + i`.
     """
 
     component: str
@@ -33,7 +33,7 @@ class Part:
     first: int
 
 
-class Layout:
+class ValueLayout:
     """Positions of all values that are exchanged or recorded.
 
     Parameters
@@ -41,8 +41,8 @@ class Layout:
     system : ResolvedSystem
     recorded : sequence of (component, element)
         What to record.
-    linear : LinearInputs
-        Which inputs change linearly over a step.
+    extrapolated : ExtrapolatedInputs
+        Which inputs are extrapolated over a step.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class Layout:
         Element -> position of the signal that is added to it.
     size : int
         Number of values.
-    sets, gets, constants : list of Part
+    sets, gets, constants : list of Transfer
         Inputs that something feeds, variables that are read at the communication points, and those that are read once.
     recorded_runs : array (runs, 2) of int32
         What is recorded: position of the first value and number of each contiguous run.
@@ -60,11 +60,13 @@ class Layout:
         Element -> its column in the samples of the signals.
     """
 
-    def __init__(self, system: ResolvedSystem, recorded: Sequence[tuple[str, Element]], linear: LinearInputs) -> None:
+    def __init__(
+        self, system: ResolvedSystem, recorded: Sequence[tuple[str, Element]], extrapolated: ExtrapolatedInputs
+    ) -> None:
         self._system = system
-        self._moving = linear.moving
+        self._moving = extrapolated.moving
         self.columns = _numbered((d.component, e.name) for d in system.drives for e in d.targets)
-        self._rank = self._ranks(linear)
+        self._rank = self._ranks(extrapolated)
 
         fed = {(k.target_component, k.target.variable.name) for k in system.links}
         fed |= {(d.component, e.variable.name) for d in system.drives for e in d.targets}
@@ -78,18 +80,18 @@ class Layout:
             {key: self._level(key) for key in constant},
         )
         self.positions: dict[Key, int] = {}
-        self.sets, self.gets, self.constants = self._parts(kinds)
+        self.sets, self.gets, self.constants = self._transfers(kinds)
         added = ((d.component, e.name) for d in system.drives if d.added for e in d.targets)
         self.added = _numbered(added, first=len(self.positions))
         self.size = len(self.positions) + len(self.added)
         self.recorded_runs = _runs([self.positions[c, e.name] for c, e in recorded])
 
-    def linear_elements(self, part: Part) -> tuple[Element, ...]:
-        """The last ones of a part of the inputs: those that change linearly over a step."""
-        return tuple(e for e in part.elements if self._rank_of(part.component, e))
+    def extrapolated_elements(self, transfer: Transfer) -> tuple[Element, ...]:
+        """The last ones of a transfer of the inputs: those that are extrapolated over a step."""
+        return tuple(e for e in transfer.elements if self._rank_of(transfer.component, e))
 
-    def source_of_rate(self, component: str, element: Element) -> int:
-        """Where the rate of a linear input comes from: a column of the samples, EXTRAPOLATED or HELD."""
+    def source_of_derivatives(self, component: str, element: Element) -> int:
+        """Where the derivatives of an extrapolated input come from: a column of the samples, EXTRAPOLATED or HELD."""
         key = (component, element.name)
         return self.columns.get(key, EXTRAPOLATED) if key in self._moving else HELD
 
@@ -148,11 +150,11 @@ class Layout:
 
     # Where
 
-    def _parts(self, kinds: Sequence[Mapping[Key, int]]) -> list[list[Part]]:
-        """Give each variable its position; each kind, which maps variables to levels, gets its own parts."""
-        parts: list[list[Part]] = [[] for _ in kinds]
+    def _transfers(self, kinds: Sequence[Mapping[Key, int]]) -> list[list[Transfer]]:
+        """Give each variable its position; each kind, which maps variables to levels, gets its own transfers."""
+        transfers: list[list[Transfer]] = [[] for _ in kinds]
         for component, port in self._system.ports.items():
-            for level_of, parts_of_kind in zip(kinds, parts, strict=True):
+            for level_of, transfers_of_kind in zip(kinds, transfers, strict=True):
                 groups: dict[tuple[int, str], list[Element]] = {}
                 for element in port.all_elements():
                     key = (component, element.variable.name)
@@ -160,20 +162,20 @@ class Layout:
                         groups.setdefault((level_of[key], element.variable.type), []).append(element)
                 for (level, _), group in sorted(groups.items()):
                     elements = tuple(sorted(group, key=partial(self._rank_of, component)))
-                    part = Part(component, level, elements, first=len(self.positions))
-                    self.positions |= _numbered(((component, e.name) for e in elements), part.first)
-                    parts_of_kind.append(part)
-        return parts
+                    transfer = Transfer(component, level, elements, first=len(self.positions))
+                    self.positions |= _numbered(((component, e.name) for e in elements), transfer.first)
+                    transfers_of_kind.append(transfer)
+        return transfers
 
-    def _ranks(self, linear: LinearInputs) -> dict[Key, int]:
-        """Rank of inputs in their part: held ones first, last those of which a signal gives the rate.
+    def _ranks(self, extrapolated: ExtrapolatedInputs) -> dict[Key, int]:
+        """Rank of inputs in their transfer: held ones first, last those of which a signal gives the derivatives.
 
-        So each operation that sets rates has contiguous values.
+        So each operation that sets derivatives has contiguous values.
         """
         ranks: dict[Key, int] = {}
-        for component, elements in linear.elements.items():
+        for component, elements in extrapolated.elements.items():
             for element in elements:
-                rank = 1 if self.source_of_rate(component, element) == EXTRAPOLATED else 2
+                rank = 1 if self.source_of_derivatives(component, element) == EXTRAPOLATED else 2
                 key = (component, element.variable.name)
                 ranks[key] = max(rank, ranks.get(key, rank))
         return ranks

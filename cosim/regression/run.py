@@ -8,7 +8,6 @@ import numpy as np
 
 from cosim.errors import nearest
 from cosim.fmi.fmu_file import LoadedFMU, read_fmu
-from cosim.master.extrapolation import Coupling
 from cosim.master.simulation import Simulation
 from cosim.regression.case import Between, Case, CaseError, RunError
 from cosim.regression.experiment import Experiment, experiment_of
@@ -89,8 +88,8 @@ def _co_simulation(
         function = input_function(time, inputs.values[:, i], between if element.kind == "real" else "hold")
         system.drive(f"{_COMPONENT}.{name}", function, breakpoints=jumps.tolist(), vectorized=True)
     record = [f"{_COMPONENT}.{element.name}" for element in wanted]
-    coupling: Coupling = "auto" if between == "linear" else "hold"
-    with Simulation(system, coupling=coupling, record=record) as simulation:
+    extrapolation = "auto" if between == "linear" else "hold"
+    with Simulation(system, extrapolation=extrapolation, record=record) as simulation:
         results = simulation.run(
             experiment.stop_time,
             experiment.step_size,

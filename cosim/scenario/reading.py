@@ -10,8 +10,8 @@ from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
-from cosim.choices import EXTRAPOLATIONS, ORDERS
 from cosim.errors import nearest
+from cosim.master.algorithm import AUTO, EXTRAPOLATIONS, ORDERS
 from cosim.scenario.family import ScenarioFamily, families, family_of, named
 from cosim.scenario.metrics import Metric
 from cosim.scenario.scenario import Scenario, ScenarioComponent, ScenarioError
@@ -220,7 +220,7 @@ def _run(data: Mapping[str, Any], kind: type[Scenario]) -> dict[str, Any]:
     demanded = {field.name for field in dataclasses.fields(kind) if field.default is dataclasses.MISSING}
     known = _RUN | further
     values = _fields("[run]", _table(data, "run"), known, required=[key for key in known if key in demanded])
-    for key, choices in (("order", ORDERS), ("extrapolation", EXTRAPOLATIONS)):
+    for key, choices in (("order", tuple(ORDERS)), ("extrapolation", (AUTO, *EXTRAPOLATIONS))):
         if key in values and values[key] not in choices:
             raise ScenarioError(f"[run] {key} = {values[key]!r} is unknown; {nearest(values[key], choices)}")
     for key, least in (("seed", 0), ("record_every", 1)):

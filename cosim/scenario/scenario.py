@@ -14,8 +14,6 @@ from cosim.system.system import Connection, System
 if TYPE_CHECKING:  # what takes a while to import is not needed to know which scenarios there are
     from typing import Self
 
-    from cosim.master.extrapolation import Coupling
-    from cosim.master.operations import Order
     from cosim.scenario.metrics import Metric
     from cosim.scenario.signals import Shape
 
@@ -84,8 +82,8 @@ class Scenario:
     stop_time: float
     step_size: float
     start_time: float = 0.0
-    order: Order = "sequential"
-    extrapolation: Coupling = "auto"
+    order: str = "sequential"
+    extrapolation: str = "auto"
     seed: int = 1
     record: tuple[str, ...] | None = None
     record_every: int = 1

@@ -51,7 +51,7 @@ def members_of(system: System) -> Members:
     """
     fmus = {name: load(name, c.fmu) for name, c in system.components.items()}
     ports = {name: Ports(name, fmu.description) for name, fmu in fmus.items()}
-    resolve(system, ports, "parallel")
+    resolve(system, ports, needs_levels=False)
     sources = _sources(fmus)
     members = Members({n: Member(f, ports[n], sources[n]) for n, f in fmus.items()}, [], [])
     for component in system.components.values():

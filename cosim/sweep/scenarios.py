@@ -107,7 +107,9 @@ class ScenarioStudy:
         own = {name: path for name in self.own_fmus if (path := _fmu_of(scenario, name)) is not None}
         own |= scenario.stand_ins
         system, _ = replaced(scenario.system(), own, self.optional_inputs)
-        return Simulation(system, order=scenario.order, coupling=scenario.extrapolation, record=self.recorded(scenario))
+        return Simulation(
+            system, order=scenario.order, extrapolation=scenario.extrapolation, record=self.recorded(scenario)
+        )
 
     def plan(self, point: Mapping[str, Value]) -> PlannedRun:
         """The run of a point.

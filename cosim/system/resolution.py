@@ -65,14 +65,22 @@ class ResolvedSystem:
     levels: Mapping[Node, int] | None
 
 
-def resolve(system: System, ports: Mapping[str, Ports], order: str) -> ResolvedSystem:
+def resolve(system: System, ports: Mapping[str, Ports], *, needs_levels: bool) -> ResolvedSystem:
     """Resolve and check all names of a system.
+
+    Parameters
+    ----------
+    system : System
+    ports : mapping
+        Component -> its variables.
+    needs_levels : bool
+        The order of exchange can't run a system with an algebraic loop.
 
     Raises
     ------
     SetupError
-        Wrong names, causalities, types, sizes or units; an input that is fed twice or not at all; an algebraic loop in
-        the sequential order.
+        Wrong names, causalities, types, sizes or units; an input that is fed twice or not at all; an algebraic loop
+        where the order of exchange can't run it.
     """
     links = tuple(link for c in system.connections for link in _links(c, ports))
     drives = tuple(_drive(s, ports, system) for s in system.signals)
@@ -83,7 +91,7 @@ def resolve(system: System, ports: Mapping[str, Ports], order: str) -> ResolvedS
     )
     _check_feeding(ports, links, drives, starts)
     _check_instances(system, ports)
-    return ResolvedSystem(system.components, ports, links, drives, starts, _levels(ports, links, order))
+    return ResolvedSystem(system.components, ports, links, drives, starts, _levels(ports, links, needs_levels))
 
 
 def split(path: str, ports: Mapping[str, Ports]) -> tuple[Ports, str]:
@@ -294,7 +302,7 @@ def _check_instances(system: System, ports: Mapping[str, Ports]) -> None:
             )
 
 
-def _levels(ports: Mapping[str, Ports], links: Iterable[Link], order: str) -> dict[Node, int] | None:
+def _levels(ports: Mapping[str, Ports], links: Iterable[Link], needs_levels: bool) -> dict[Node, int] | None:
     feeds: dict[Node, set[Node]] = {}
     inputs: set[Node] = set()
     for component, port in ports.items():
@@ -309,7 +317,7 @@ def _levels(ports: Mapping[str, Ports], links: Iterable[Link], order: str) -> di
     try:
         return levels(feeds, inputs)
     except AlgebraicLoop as loop:
-        if order == "sequential":
+        if needs_levels:
             raise SetupError(
                 f"algebraic loop {loop}: every output in it depends at once on the input before it; "
                 "use order='parallel' (as an option: --order parallel), which breaks the loop by a delay of one step, "

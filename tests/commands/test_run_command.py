@@ -271,7 +271,7 @@ def test_no_line_of_the_table_is_wider_than_100_characters_whatever_the_numbers(
     error = dict.fromkeys(("max", "rms", "accumulated", "steady_max", "steady_rms"), number)
     summary = {
         "loop_time_s": 12345.678,
-        "coupling": {"mode": "auto", "linear": ["plant.tau_a[1]"], "held": ["plant.tau_d[1]"] * 1000},
+        "extrapolation": {"mode": "auto", "linear": ["plant.tau_a[1]"], "hold": ["plant.tau_d[1]"] * 1000},
         "realtime": {"factor": 1.0, "overruns": 10**9, "lateness_max_s": 1.234e-5, "jitter_rms_s": 1.234e-5},
         "metrics": {
             "tracking": dict.fromkeys(("x", "theta_a[1]"), error),
@@ -715,6 +715,6 @@ def test_the_coupling_is_said_and_can_be_demanded(here, no_figures, capsys):
     for coupling, words in (("auto", "second-order"), ("linear", "second-order"), ("hold", "first-order")):
         assert main(["run", "--stop", "0.01", "--coupling", coupling]) == 0
         assert words in capsys.readouterr().out
-        assert summary_of()["coupling"]["mode"] == coupling
+        assert summary_of()["extrapolation"]["mode"] == coupling
     assert main(["run", "--stop", "0.01", "--coupling", "linear", "--flavour", "pythonfmu"]) == 1
     assert "can only be held, for its FMU can't interpolate inputs" in error_line(capsys)

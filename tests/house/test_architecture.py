@@ -18,7 +18,7 @@ ROOMS = (
     ("cosim.loop",),
     ("cosim.fmi",),
     ("cosim.system",),
-    ("cosim.results", "cosim.choices", "cosim.output"),
+    ("cosim.results", "cosim.output"),
     ("cosim.master",),
     ("cosim.scenario", "cosim.ssp", "cosim.sweep", "cosim.regression", "cosim.analysis"),
     ("cosim.commands", "cosim.__main__", "cosim"),

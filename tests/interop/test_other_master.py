@@ -104,7 +104,9 @@ def ours(fmus):
             system.add("trajectory", fmus / "RobotTrajectory.fmu")
             for source, target in CONNECTIONS:
                 system.connect(source, target)
-            runs[order, step] = simulate(system, stop_time=N_STEPS * STEP, step_size=step, order=order, coupling="hold")
+            runs[order, step] = simulate(
+                system, stop_time=N_STEPS * STEP, step_size=step, order=order, extrapolation="hold"
+            )
         return runs[order, step]
 
     return run

@@ -17,7 +17,6 @@ import cosim.loop.binding
 import cosim.master.run
 from cosim import Results, SetupError, Simulation, SimulationError, System, simulate
 from cosim.loop.binding import LoopLibraryError, loop_library
-from cosim.master.operations import Order
 from tests.support.small_fmus import FLAVOURS, FMI3_TYPES, build, compiled
 from tests.support.tiny_models import GAIN, INTEGRATOR
 
@@ -109,7 +108,7 @@ def swapped(fields: list[tuple[str, Any]], first: str, second: str) -> list[tupl
         ("Operation", lambda fields: [*fields, ("further", ctypes.c_double)], "Operation"),
         ("Operation", lambda fields: swapped(fields, "function", "instance"), r"Operation\.function"),
         ("Operation", lambda fields: swapped(fields, "first", "n"), r"Operation\.first"),
-        ("Rates", lambda fields: swapped(fields, "per_second", "values"), r"Rates\.per_second"),
+        ("Extrapolated", lambda fields: swapped(fields, "derivatives", "history"), r"Extrapolated\.derivatives"),
         ("Loop", lambda fields: swapped(fields, "n_samples", "first_sample"), r"Loop\.first_sample"),
         ("Loop", lambda fields: [(f"{n}s" if n == "point" else n, c) for n, c in fields], r"Loop\.point"),
     ],
@@ -191,7 +190,7 @@ def test_a_step_that_fails_ends_the_run_at_this_very_step(
 @pytest.mark.parametrize(("where", "function"), [(SET_REAL, "fmi2SetReal"), (GET_REAL, "fmi2GetReal")])
 @pytest.mark.parametrize("point", [0, 1, 63, 64, 65, 1000])
 def test_an_exchange_that_fails_ends_the_run_at_this_very_point(
-    three: dict[str, Simulation], tmp_path: Path, point: int, where: int, function: str, order: Order
+    three: dict[str, Simulation], tmp_path: Path, point: int, where: int, function: str, order: str
 ) -> None:
     error = failing(three[order], tmp_path, 1100, fail_at=point * H, status=ERROR, where=where)
     assert str(error) == f"middle failed at t = {point * H:.9g} s: {function} returned error"
@@ -288,7 +287,7 @@ EXTREMES = {
 
 
 @pytest.mark.parametrize(("order", "delay"), [("sequential", 0), ("parallel", 3)])
-def test_arrays_of_all_types_of_fmi_3_pass_unchanged(types: Path, order: Order, delay: int) -> None:
+def test_arrays_of_all_types_of_fmi_3_pass_unchanged(types: Path, order: str, delay: int) -> None:
     """Whole from the first to the second FMU, and with their elements exchanged to the third."""
 
     def signal(values: tuple[float, ...]) -> Callable[[float], list[float]]:
@@ -365,7 +364,7 @@ MIXED = [*((f, f, f) for f in FLAVOURS), *itertools.permutations(FLAVOURS)]
 def test_fmus_of_all_flavours_in_one_system_are_as_those_of_one_flavour(fmus: Path) -> None:
     """The models are the same to the last bit, and so are the runs; inputs are held, since pythonfmu's can't but be."""
 
-    def run(flavours: tuple[str, ...], order: Order) -> Results:
+    def run(flavours: tuple[str, ...], order: str) -> Results:
         first, gain, second = flavours
         system = System()
         system.add("i", fmus / first / "Integrator.fmu", start={"x_start": 1.0, "T": 0.7})
@@ -375,7 +374,7 @@ def test_fmus_of_all_flavours_in_one_system_are_as_those_of_one_flavour(fmus: Pa
         system.connect("j.x", "g.u[2]")
         system.connect("g.y[1]", "j.u")
         system.connect("g.y[2]", "i.u")
-        return simulate(system, 2.0, 0.05, order=order, coupling="hold")
+        return simulate(system, 2.0, 0.05, order=order, extrapolation="hold")
 
     for order in ("sequential", "parallel"):
         runs = [run(flavours, order) for flavours in MIXED]

@@ -53,7 +53,7 @@ for longest in (cosim.master.sampling._LONGEST, 0.0):
                 system.connect("i.x", "g.u[1]")
                 system.connect("g.y[1]", "i.u")
                 system.drive("g.u[2]", math.sin, breakpoints=[0.5])
-                simulate(system, 3.0, 0.1, order=order, coupling=coupling, record_every=every)
+                simulate(system, 3.0, 0.1, order=order, extrapolation=coupling, record_every=every)
 print("done")
 """
 

@@ -14,7 +14,6 @@ import pytest
 import cosim.master.run
 import cosim.master.sampling
 from cosim import Results, SetupError, Signal, Simulation, System, simulate
-from cosim.master.extrapolation import Coupling
 from tests.support.fmi3_gain import DESCRIPTION, HELD, zipped
 from tests.support.small_fmus import TANK, build, redescribed
 from tests.support.tiny_models import GAIN, INTEGRATOR, TWO_LEVELS
@@ -42,16 +41,16 @@ def ramp(fmu: Path, every: int = 1) -> System:
     return system
 
 
-def coupled(system: System, coupling: Coupling) -> Mapping[str, object]:
-    return simulate(system, 0.6, 0.1, coupling=coupling).info["coupling"]
+def coupled(system: System, coupling: str) -> Mapping[str, object]:
+    return simulate(system, 0.6, 0.1, extrapolation=coupling).info["extrapolation"]
 
 
 @pytest.mark.parametrize("flavour", NATIVE)
 def test_inputs_are_linear_where_the_fmu_can(fmus: Path, flavour: str) -> None:
     system = ramp(fmus / flavour / "Integrator.fmu")
-    assert coupled(system, "auto") == {"mode": "auto", "linear": ["i.u"], "held": []}
-    assert coupled(system, "linear") == {"mode": "linear", "linear": ["i.u"], "held": []}
-    assert coupled(system, "hold") == {"mode": "hold", "linear": [], "held": ["i.u"]}
+    assert coupled(system, "auto") == {"mode": "auto", "linear": ["i.u"], "hold": []}
+    assert coupled(system, "linear") == {"mode": "linear", "linear": ["i.u"], "hold": []}
+    assert coupled(system, "hold") == {"mode": "hold", "linear": [], "hold": ["i.u"]}
 
 
 def obstacles(fmus: Path, folder: Path) -> dict[str, tuple[Path, str]]:
@@ -89,13 +88,13 @@ OBSTACLES = (
 def test_inputs_of_an_fmu_that_cannot_are_held_or_refused(fmus: Path, tmp_path: Path, which: str) -> None:
     fmu, why = obstacles(fmus, tmp_path)[which]
     system = ramp(fmu)
-    assert coupled(system, "auto") == {"mode": "auto", "linear": [], "held": ["i.u"]}
-    assert coupled(system, "hold") == {"mode": "hold", "linear": [], "held": ["i.u"]}
-    message = rf"^coupling 'linear': input 'i\.u' can only be held, for {why}; use 'auto'$"
+    assert coupled(system, "auto") == {"mode": "auto", "linear": [], "hold": ["i.u"]}
+    assert coupled(system, "hold") == {"mode": "hold", "linear": [], "hold": ["i.u"]}
+    message = rf"^extrapolation 'linear': input 'i\.u' can only be held, for {why}; use 'auto'$"
     with pytest.raises(SetupError, match=message):
-        Simulation(system, coupling="linear")
+        Simulation(system, extrapolation="linear")
     # and it is: the rate is not asked for, and the run is that of an FMU that can, with held inputs
-    held = simulate(ramp(fmus / "fmi2" / "Integrator.fmu"), 0.6, 0.1, coupling="hold")
+    held = simulate(ramp(fmus / "fmi2" / "Integrator.fmu"), 0.6, 0.1, extrapolation="hold")
     assert simulate(system, 0.6, 0.1).values == pytest.approx(held.values, rel=1e-12)
 
 
@@ -124,7 +123,7 @@ def test_only_reals_of_64_bits_are_linear(gain3c: Path, tmp_path: Path) -> None:
     assert coupled(system, "auto") == {
         "mode": "auto",
         "linear": ["c.u[1]", "c.u[3]", "c.v"],
-        "held": ["c.b", "c.f", "c.n"],
+        "hold": ["c.b", "c.f", "c.n"],
     }
     for name, kind in (("n", "Int32"), ("b", "Boolean"), ("f", "Float32")):
         system = System()
@@ -132,7 +131,7 @@ def test_only_reals_of_64_bits_are_linear(gain3c: Path, tmp_path: Path) -> None:
         system.drive(f"c.{name}", lambda t: 0.0)
         message = rf"input 'c\.{name}' can only be held, for it is of type {kind}; use 'auto'"
         with pytest.raises(SetupError, match=message):
-            Simulation(system, coupling="linear")
+            Simulation(system, extrapolation="linear")
 
 
 @pytest.mark.parametrize(
@@ -145,7 +144,7 @@ def test_a_component_that_reads_more_often_than_its_source_gives_is_held(
     system = ramp(fmus / "fmi2" / "Integrator.fmu", every=source)
     system.add("j", fmus / "fmi2" / "Integrator.fmu", every=target)
     system.connect("i.x", "j.u")
-    expected = {"linear": ["i.u", "j.u"], "held": []} if linear else {"linear": ["i.u"], "held": ["j.u"]}
+    expected = {"linear": ["i.u", "j.u"], "hold": []} if linear else {"linear": ["i.u"], "hold": ["j.u"]}
     assert coupled(system, "auto") == {"mode": "auto", **expected}
     if not linear:
         message = (
@@ -153,7 +152,7 @@ def test_a_component_that_reads_more_often_than_its_source_gives_is_held(
             rf"and its component needs one every {target}; use 'auto'"
         )
         with pytest.raises(SetupError, match=message):
-            Simulation(system, coupling="linear")
+            Simulation(system, extrapolation="linear")
 
 
 @pytest.mark.parametrize("flavour", NATIVE)
@@ -165,16 +164,16 @@ def test_discrete_inputs_are_held(fmus: Path, tmp_path: Path, flavour: str) -> N
     (line,) = [line for line in text.splitlines() if 'name="u"' in line]
     other = line.replace('variability="continuous"', 'variability="discrete"')
     system = ramp(redescribed(fmu, tmp_path / "other.fmu", {line: other}))
-    assert coupled(system, "auto") == {"mode": "auto", "linear": [], "held": ["i.u"]}
+    assert coupled(system, "auto") == {"mode": "auto", "linear": [], "hold": ["i.u"]}
     message = r"input 'i\.u' can only be held, for it is discrete and changes at communication points only"
     with pytest.raises(SetupError, match=message):
-        Simulation(system, coupling="linear")
+        Simulation(system, extrapolation="linear")
 
 
 def test_an_input_that_nothing_feeds_is_neither_linear_nor_held(fmus: Path) -> None:
     system = System()
     system.add("i", fmus / "fmi2" / "Integrator.fmu", start={"u": 1.0})
-    assert coupled(system, "linear") == {"mode": "linear", "linear": [], "held": []}
+    assert coupled(system, "linear") == {"mode": "linear", "linear": [], "hold": []}
 
 
 def test_linear_and_held_inputs_stand_beside_each_other(fmus: Path) -> None:
@@ -185,16 +184,16 @@ def test_linear_and_held_inputs_stand_beside_each_other(fmus: Path) -> None:
     system.drive("a.u", lambda t: t)
     system.connect("a.x", "b.u")
     system.connect("b.x", "c.u")
-    assert coupled(system, "auto") == {"mode": "auto", "linear": ["a.u", "c.u"], "held": ["b.u"]}
+    assert coupled(system, "auto") == {"mode": "auto", "linear": ["a.u", "c.u"], "hold": ["b.u"]}
     with pytest.raises(SetupError, match=r"input 'b\.u' can only be held"):
-        Simulation(system, coupling="linear")
+        Simulation(system, extrapolation="linear")
 
 
-@pytest.mark.parametrize("coupling", ["linaer", "", None])
-def test_unknown_couplings_are_refused(fmus: Path, coupling: str) -> None:
-    hint = r"did you mean 'linear'\?" if coupling == "linaer" else "known are auto, hold, linear"
-    with pytest.raises(SetupError, match=rf"coupling {coupling!r} is unknown; {hint}"):
-        Simulation(ramp(fmus / "fmi2" / "Integrator.fmu"), coupling=coupling)
+@pytest.mark.parametrize("name", ["linaer", "", None])
+def test_unknown_extrapolations_are_refused(fmus: Path, name: str) -> None:
+    known = r"use 'auto', 'hold' \(zero-order hold\) or 'linear' \(first-order hold, linear extrapolation\)"
+    with pytest.raises(SetupError, match=rf"^extrapolation {name!r} is unknown; {known}$"):
+        Simulation(ramp(fmus / "fmi2" / "Integrator.fmu"), extrapolation=name)
 
 
 # Signals
@@ -204,7 +203,7 @@ def test_unknown_couplings_are_refused(fmus: Path, coupling: str) -> None:
 def test_a_ramp_is_followed_exactly_where_linear_and_late_where_held(fmus: Path, flavour: str) -> None:
     system = ramp(fmus / flavour / "Integrator.fmu")
     for h in (0.1, 0.05):
-        linear, held = (simulate(system, 2.0, h, coupling=c) for c in ("linear", "hold"))
+        linear, held = (simulate(system, 2.0, h, extrapolation=c) for c in ("linear", "hold"))
         # the last step ends after the last sample; its rate is that of the step before
         assert linear["i.x"] == pytest.approx(linear.time**2 / 2, rel=1e-12, abs=1e-15)
         late = held.time**2 / 2 - held["i.x"]
@@ -214,7 +213,7 @@ def test_a_ramp_is_followed_exactly_where_linear_and_late_where_held(fmus: Path,
 @pytest.mark.parametrize("flavour", NATIVE)
 @pytest.mark.parametrize("every", [2, 3])
 def test_a_slow_component_follows_a_ramp_exactly(fmus: Path, flavour: str, every: int) -> None:
-    r = simulate(ramp(fmus / flavour / "Integrator.fmu", every), 1.2, 0.1, coupling="linear")
+    r = simulate(ramp(fmus / flavour / "Integrator.fmu", every), 1.2, 0.1, extrapolation="linear")
     own = r.time[::every]
     assert r["i.x"][::every] == pytest.approx(own**2 / 2, rel=1e-12, abs=1e-15)
 
@@ -231,7 +230,7 @@ def test_a_signal_is_never_asked_for_values_after_the_last_point(fmus: Path, vec
         system = System()
         system.add("i", fmus / "fmi2" / "Integrator.fmu", every=every)
         system.drive("i.u", signal, vectorized=vectorized)
-        simulate(system, 20.0, 0.1, coupling="linear")
+        simulate(system, 20.0, 0.1, extrapolation="linear")
         assert sorted(set(asked)) == [0.1 * i for i in range(0, 201, every)]
         asked.clear()
 
@@ -239,8 +238,8 @@ def test_a_signal_is_never_asked_for_values_after_the_last_point(fmus: Path, vec
 # Order of convergence
 
 
-def runs(system: System, stop: float, steps: Sequence[float], coupling: Coupling) -> list[Results]:
-    with Simulation(system, coupling=coupling) as simulation:
+def runs(system: System, stop: float, steps: Sequence[float], coupling: str) -> list[Results]:
+    with Simulation(system, extrapolation=coupling) as simulation:
         return [simulation.run(stop, h) for h in steps]
 
 
@@ -277,7 +276,7 @@ STEPS = [1 / 20, 1 / 40, 1 / 80, 1 / 160]
 
 @pytest.mark.parametrize(("coupling", "expected"), [("hold", 1.0), ("linear", 2.0)])
 @pytest.mark.parametrize("flavour", NATIVE)
-def test_order_of_convergence_of_a_feedback_loop(fmus: Path, flavour: str, coupling: Coupling, expected: float) -> None:
+def test_order_of_convergence_of_a_feedback_loop(fmus: Path, flavour: str, coupling: str, expected: float) -> None:
     errors = [largest_error(r) for r in runs(loop(fmus / flavour), 2.0, STEPS, coupling)]
     print(f"{flavour}, {coupling}: largest errors {errors}, order {order(STEPS, errors):.3f}")
     assert order(STEPS, errors) == pytest.approx(expected, abs=0.1)
@@ -295,7 +294,7 @@ def test_linear_coupling_of_an_integrator_and_a_gain_is_its_recurrence(fmus: Pat
     system.add("g", fmus / flavour / "Gain.fmu", start={"K": -K, "u[2]": 0.0})
     system.connect("i.x", "g.u[1]")
     system.connect("g.y[1]", "i.u")
-    found = simulate(system, n * h, h, coupling="linear")["i.x"]
+    found = simulate(system, n * h, h, extrapolation="linear")["i.x"]
     assert found == pytest.approx(np.array(x), rel=1e-11, abs=1e-13)
 
 
@@ -335,8 +334,8 @@ def test_a_slow_gain_in_a_fast_loop_is_held_and_of_first_order(fmus: Path, every
     system = loop(fmus / "fmi2", gain=every)
     steps = [0.3 / n for n in (6, 12, 24, 48)]
     found = runs(system, 1.8, steps, "auto")
-    assert found[0].info["coupling"]["held"] == ["tank.a"]
-    assert found[0].info["coupling"]["linear"] == ["gain.u[1]", "tank.b"]
+    assert found[0].info["extrapolation"]["hold"] == ["tank.a"]
+    assert found[0].info["extrapolation"]["linear"] == ["gain.u[1]", "tank.b"]
     assert order(steps, [largest_error(r) for r in found]) == pytest.approx(1.0, abs=0.15)
 
 
@@ -403,7 +402,7 @@ def test_a_declared_jump_just_after_a_point_by_rounding_is_at_this_point(fmus: P
     system = System()
     system.add("i", fmus / "fmi2" / "Integrator.fmu")
     system.drive("i.u", lambda t: 1.0 + t if t < 0.9 else 5.0, breakpoints=(0.9,))
-    r = simulate(system, 1.8, 0.3, coupling="linear")
+    r = simulate(system, 1.8, 0.3, extrapolation="linear")
     assert r["i.u"].tolist()[2:4] == [1.6, 5.0]
     assert r["i.x"][-1] == pytest.approx(0.9 + 0.9**2 / 2 + 5.0 * 0.9, rel=1e-12)
     assert r.time[3] == 3 * 0.3
@@ -418,7 +417,7 @@ def test_a_breakpoint_between_two_points_draws_no_line_across(fmus: Path, flavou
     # the slopes tell which side a rate comes from; the jump is between 0.75 and 1
     function = {"before": lambda t: 1.0 + 2.0 * t, "after": lambda t: 10.0 - 4.0 * t}
     system.drive("i.u", lambda t: function["before" if t < 0.8 else "after"](t), breakpoints=(0.8,))
-    r = simulate(system, 2.0, h, coupling="linear")
+    r = simulate(system, 2.0, h, extrapolation="linear")
     increments = np.diff(r["i.x"])
     middles = r.time[:-1] + h / 2
     expected = [h * function["before" if t < 1.0 else "after"](m) for t, m in zip(r.time[:-1], middles, strict=True)]
@@ -426,7 +425,7 @@ def test_a_breakpoint_between_two_points_draws_no_line_across(fmus: Path, flavou
     undeclared = System()
     undeclared.components = system.components
     undeclared.drive("i.u", system.signals[0].function)
-    across = np.diff(simulate(undeclared, 2.0, h, coupling="linear")["i.x"])
+    across = np.diff(simulate(undeclared, 2.0, h, extrapolation="linear")["i.x"])
     assert across[3] == pytest.approx(h * (function["before"](0.75) + function["after"](1.0)) / 2, rel=1e-11)
     assert np.flatnonzero(np.abs(across - increments) > 1e-9).tolist() == [3]
 
@@ -442,20 +441,20 @@ def test_from_a_jump_at_a_point_on_a_signal_is_followed_exactly(fmus: Path, flav
     system = System()
     system.add("i", fmus / flavour / "Integrator.fmu")
     system.drive("i.u", function, breakpoints=(1.0,))
-    r = simulate(system, 2.0, h, coupling="linear")
+    r = simulate(system, 2.0, h, extrapolation="linear")
     expected = [h * function(t + h / 2) for t in r.time[:-1]]
     assert np.diff(r["i.x"]) == pytest.approx(expected, rel=1e-11)
 
 
 def test_breakpoints_outside_the_run_change_nothing(fmus: Path) -> None:
-    plain = simulate(loop(fmus / "fmi2"), 2.0, 0.1, coupling="linear")
+    plain = simulate(loop(fmus / "fmi2"), 2.0, 0.1, extrapolation="linear")
     for outside in (-0.5, 2.5, 1e9):
-        other = simulate(loop(fmus / "fmi2", breakpoints=(outside,)), 2.0, 0.1, coupling="linear")
+        other = simulate(loop(fmus / "fmi2", breakpoints=(outside,)), 2.0, 0.1, extrapolation="linear")
         assert other.values.tobytes() == plain.values.tobytes()
 
 
 def test_breakpoints_do_not_matter_to_held_inputs(fmus: Path) -> None:
-    runs = [simulate(loop(fmus / "fmi2", breakpoints=b), 2.0, 0.1, coupling="hold") for b in ((), (0.5, 0.77))]
+    runs = [simulate(loop(fmus / "fmi2", breakpoints=b), 2.0, 0.1, extrapolation="hold") for b in ((), (0.5, 0.77))]
     assert runs[0].values.tobytes() == runs[1].values.tobytes()
 
 
@@ -467,14 +466,16 @@ def test_after_a_jump_connections_are_held_too(fmus: Path) -> None:
     system.add("i", fmus / "fmi2" / "Integrator.fmu")
     system.drive("g.u[1]", lambda t: 8.0 if t >= 0.5 else 0.0, breakpoints=(0.5,))
     system.connect("g.y[1]", "i.u")
-    x = simulate(system, 1.5, h, coupling="linear")["i.x"]
+    x = simulate(system, 1.5, h, extrapolation="linear")["i.x"]
     assert x == pytest.approx(8.0 * np.maximum(h * np.arange(7) - 0.5, 0.0), abs=1e-12)
 
 
 def test_both_versions_give_the_same_with_linear_inputs(fmus: Path) -> None:
-    a, b = (simulate(loop(fmus / flavour), 2.0, 0.05, coupling="linear") for flavour in NATIVE)
+    a, b = (simulate(loop(fmus / flavour), 2.0, 0.05, extrapolation="linear") for flavour in NATIVE)
     assert a.values == pytest.approx(b.values, rel=1e-12, abs=1e-14)
-    assert not math.isclose(a["tank.x"][-1], simulate(loop(fmus / "fmi2"), 2.0, 0.05, coupling="hold")["tank.x"][-1])
+    assert not math.isclose(
+        a["tank.x"][-1], simulate(loop(fmus / "fmi2"), 2.0, 0.05, extrapolation="hold")["tank.x"][-1]
+    )
 
 
 @pytest.mark.parametrize("flavour", NATIVE)
@@ -486,7 +487,7 @@ def test_inputs_that_are_set_one_after_the_other_are_all_linear(fmus: Path, flav
     system.connect("m.p", "g.u[1]")
     system.connect("g.y[1]", "m.b")
     r = simulate(system, 1.0, h)
-    assert r.info["coupling"]["linear"] == ["g.u[1]", "m.a", "m.b"]
+    assert r.info["extrapolation"]["linear"] == ["g.u[1]", "m.a", "m.b"]
     # x' = 21 t, but for b = 2 t in the first step, in which nothing is known of its rate
     assert r["m.x"][1:] == pytest.approx(21.0 * r.time[1:] ** 2 / 2 - 10.0 * h**2, rel=1e-12)
 
@@ -504,6 +505,6 @@ def test_a_jump_of_a_held_signal_in_the_window_before_is_seen(fmus: Path, monkey
     for name in ("_FIRST_CHUNK", "_LARGEST_CHUNK"):
         monkeypatch.setattr(cosim.master.run, name, 4)
     whole = simulate(system, 20.0, 1.0)
-    assert whole.info["coupling"]["linear"] == ["i.u"]
+    assert whole.info["extrapolation"]["linear"] == ["i.u"]
     monkeypatch.setattr(cosim.master.sampling, "_MOST_SAMPLES", 4)  # as 4 million are in a long run
     assert simulate(system, 20.0, 1.0)["i.x"].tolist() == whole["i.x"].tolist()

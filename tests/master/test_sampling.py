@@ -13,7 +13,6 @@ import pytest
 
 import cosim.master.sampling
 from cosim import Simulation, SimulationError, System, simulate
-from cosim.master.extrapolation import Coupling
 from cosim.master.sampling import Samples, sample
 from cosim.system.resolution import Drive
 from cosim.system.variables import Element
@@ -157,14 +156,14 @@ def test_samples_behind_the_loop_are_dropped(monkeypatch: pytest.MonkeyPatch, ch
 @pytest.mark.parametrize("every", [1, 2, 3])
 @pytest.mark.parametrize("coupling", ["hold", "linear"])
 def test_a_run_through_many_windows_is_one_through_a_single_one(
-    fmus: Path, monkeypatch: pytest.MonkeyPatch, coupling: Coupling, every: int
+    fmus: Path, monkeypatch: pytest.MonkeyPatch, coupling: str, every: int
 ) -> None:
     system = System()
     system.add("i", fmus / "Integrator.fmu", every=every)
     system.drive("i.u", np.cos, vectorized=True, breakpoints=(7.0, 11.15, 30.3))
-    whole = simulate(system, 100.0, 0.1, coupling=coupling)
+    whole = simulate(system, 100.0, 0.1, extrapolation=coupling)
     monkeypatch.setattr(cosim.master.sampling, "_MOST_SAMPLES", 30)
-    assert simulate(system, 100.0, 0.1, coupling=coupling).values.tobytes() == whole.values.tobytes()
+    assert simulate(system, 100.0, 0.1, extrapolation=coupling).values.tobytes() == whole.values.tobytes()
 
 
 def test_the_window_holds_what_a_slow_component_needs(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -475,7 +474,7 @@ def test_sampling_stops_when_it_is_told_to(reach: int, end: int, monkeypatch: py
 
 
 @pytest.mark.parametrize("coupling", ["hold", "linear"])
-def test_a_slow_signal_changes_no_value(fmus: Path, clock: Clock, coupling: Coupling) -> None:
+def test_a_slow_signal_changes_no_value(fmus: Path, clock: Clock, coupling: str) -> None:
     def slow(t: float) -> float:
         clock.now += 0.01
         return math.sin(t)
@@ -486,7 +485,7 @@ def test_a_slow_signal_changes_no_value(fmus: Path, clock: Clock, coupling: Coup
         system.drive("i.u", function)
         return system
 
-    expected = simulate(system(math.sin), 3.0, 0.1, coupling=coupling).values
-    with Simulation(system(slow), coupling=coupling) as simulation:
+    expected = simulate(system(math.sin), 3.0, 0.1, extrapolation=coupling).values
+    with Simulation(system(slow), extrapolation=coupling) as simulation:
         assert simulation.run(3.0, 0.1).values.tobytes() == expected.tobytes()
         assert simulation.run(3.0, 0.1).values.tobytes() == expected.tobytes()  # has all samples from the first

@@ -27,8 +27,6 @@ from cosim import (
     simulate,
 )
 from cosim.fmi.instance import CallFailed, Instance
-from cosim.master.extrapolation import Coupling
-from cosim.master.operations import Order
 from tests.support.fmi3_gain import HELD
 from tests.support.small_fmus import FLAVOURS, build, compiled
 from tests.support.tiny_models import GAIN, INTEGRATOR, ROOT
@@ -104,14 +102,12 @@ def assert_equal(a: Results, b: Results) -> None:
 @pytest.mark.parametrize("coupling", ["auto", "hold"])
 @pytest.mark.parametrize("order", ["sequential", "parallel"])
 @pytest.mark.parametrize("flavour", FLAVOURS)
-def test_every_run_is_what_a_first_run_is(
-    fmus: Path, temporary: Path, flavour: str, order: Order, coupling: Coupling
-) -> None:
+def test_every_run_is_what_a_first_run_is(fmus: Path, temporary: Path, flavour: str, order: str, coupling: str) -> None:
     system = study(fmus / flavour)
-    first = simulate(system, STOP, STEP, order=order, coupling=coupling)
+    first = simulate(system, STOP, STEP, order=order, extrapolation=coupling)
     with pytest.raises(SimulationError) as failed_first:
-        simulate(study_that_fails(fmus / flavour), STOP, STEP, order=order, coupling=coupling)
-    with Simulation(system, order=order, coupling=coupling) as simulation:
+        simulate(study_that_fails(fmus / flavour), STOP, STEP, order=order, extrapolation=coupling)
+    with Simulation(system, order=order, extrapolation=coupling) as simulation:
         assert_equal(run(simulation), first)
         assert_equal(run(simulation), first)
 
@@ -121,7 +117,7 @@ def test_every_run_is_what_a_first_run_is(
 
         assert_equal(
             simulation.run(2.5, 0.1, start_time=1.0),
-            simulate(system, 2.5, 0.1, start_time=1.0, order=order, coupling=coupling),
+            simulate(system, 2.5, 0.1, start_time=1.0, order=order, extrapolation=coupling),
         )
         assert_equal(run(simulation), first)
 

@@ -7,27 +7,28 @@ import pytest
 from fmpy.model_description import ModelDescription
 
 from cosim import System
-from cosim.master.extrapolation import linear_inputs
-from cosim.master.value_layout import Layout
+from cosim.master.algorithm import algorithm
+from cosim.master.extrapolated_inputs import extrapolated_inputs
+from cosim.master.value_layout import ValueLayout
 from cosim.system.resolution import resolve
 from tests.support.descriptions import fmi2, ports
 
 
 def layout_of(
-    system: System, descriptions: dict[str, ModelDescription], *recorded: str, coupling: str = "hold"
-) -> Layout:
+    system: System, descriptions: dict[str, ModelDescription], *recorded: str, extrapolation: str = "hold"
+) -> ValueLayout:
     """The layout of a system that records variables `component.variable`."""
-    resolved = resolve(system, ports(**descriptions), "parallel")
+    resolved = resolve(system, ports(**descriptions), needs_levels=False)
     names = [path.partition(".") for path in recorded]
     elements = [(component, e) for component, _, name in names for e in resolved.ports[component].find(name)]
-    return Layout(resolved, elements, linear_inputs(resolved, coupling))
+    return ValueLayout(resolved, elements, extrapolated_inputs(resolved, algorithm(extrapolation=extrapolation)))
 
 
 #: Level, component, and names of the variables in one call.
 Call = tuple[int, str, str]
 
 
-def calls(layout: Layout, kind: str) -> list[Call]:
+def calls(layout: ValueLayout, kind: str) -> list[Call]:
     """Those of a kind; positions are those of the elements, one after the other."""
     parts = getattr(layout, kind)
     for part in parts:
@@ -167,14 +168,16 @@ def test_an_added_signal_stands_behind_all_that_is_exchanged() -> None:
     assert layout.columns == {("a", "u"): 0, ("b", "u"): 1}
 
 
-@pytest.mark.parametrize("coupling", ["auto", "hold"])
-def test_inputs_stand_in_the_order_held_extrapolated_known_beforehand(coupling: str) -> None:
+@pytest.mark.parametrize("extrapolation", ["auto", "hold"])
+def test_inputs_stand_in_the_order_held_extrapolated_known_beforehand(extrapolation: str) -> None:
     """So that what takes rates is contiguous: `d` is discrete and held, `v` follows a connection, others signals."""
     variables = ("u input Real", "v input Real", "w input Real", "d input Real variability=discrete")
     system = system_of("a", "b", connect="a.y>b.v", drive="a.u b.u b.w b.d")
     descriptions = {"a": fmi2(*GAIN, guid="a"), "b": fmi2(*variables, guid="b", interpolates=True)}
-    layout = layout_of(system, descriptions, coupling=coupling)
-    order = "d v u w" if coupling == "auto" else "u v w d"
+    layout = layout_of(system, descriptions, extrapolation=extrapolation)
+    order = "d v u w" if extrapolation == "auto" else "u v w d"
     assert calls(layout, "sets") == [(0, "a", "u"), (1, "b", order)]
-    (part,) = [part for part in layout.sets if part.component == "b"]
-    assert [e.name for e in layout.linear_elements(part)] == (["v", "u", "w"] if coupling == "auto" else [])
+    (transfer,) = [each for each in layout.sets if each.component == "b"]
+    assert [e.name for e in layout.extrapolated_elements(transfer)] == (
+        ["v", "u", "w"] if extrapolation == "auto" else []
+    )

@@ -10,8 +10,6 @@ import pytest
 
 from controller_fmu.optimal_gains import PerformanceIndex, optimal_gains
 from cosim import Results, simulate
-from cosim.master.extrapolation import Coupling
-from cosim.master.operations import Order
 from parallel_robot import continuous_loop as closed_loop
 from parallel_robot.metrics import metrics
 from parallel_robot.scenario import load_scenario
@@ -49,8 +47,8 @@ def test_the_oracle_is_the_loop_of_python_control(path: np.ndarray) -> None:
 def run(
     folder: Path,
     step: float,
-    coupling: Coupling,
-    order: Order = "sequential",
+    coupling: str,
+    order: str = "sequential",
     flavour: str = DEFAULT_FLAVOUR,
     mu: float = 1.0,
     nu: float = 1.0,
@@ -61,7 +59,7 @@ def run(
         gains = optimal_gains(PerformanceIndex(mu, nu))
         for name, value in (("alpha", gains.alpha), ("beta", gains.beta)):
             scenario = scenario.with_start_value("controller", name, value)
-    return simulate(scenario.system(folder, flavour), scenario.stop_time, step, order=order, coupling=coupling)
+    return simulate(scenario.system(folder, flavour), scenario.stop_time, step, order=order, extrapolation=coupling)
 
 
 def distance(results: Results, path: np.ndarray) -> float:
@@ -83,8 +81,8 @@ CASES = [
 def test_coupled_fmus_approach_the_continuous_loop_at_their_order(
     native_fmus: Path,
     path: np.ndarray,
-    coupling: Coupling,
-    order: Order,
+    coupling: str,
+    order: str,
     flavour: str,
     bound: float,
     expected: float,

@@ -24,7 +24,7 @@ P = PARAMETERS.unpack(PARAMETERS.starts)
 def run(robot_fmus: Path) -> Results:
     scenario = load_scenario("open-loop")
     return simulate(
-        scenario.system(robot_fmus, DEFAULT_FLAVOUR), scenario.stop_time, scenario.step_size, coupling="hold"
+        scenario.system(robot_fmus, DEFAULT_FLAVOUR), scenario.stop_time, scenario.step_size, extrapolation="hold"
     )
 
 
@@ -94,7 +94,7 @@ def test_rk4_has_order_4(robot_fmus: Path) -> None:
         system = System()
         start = {"tau_a": [0.5, -0.3, 0.4], "tau_d": 0.0, "dm": 0.0, "max_step": step}
         system.add("plant", robot_fmus / DEFAULT_FLAVOUR / "RobotPlant.fmu", start=start)
-        results = simulate(system, 0.64, 0.64, record=["plant.x_E", "plant.y_E"], coupling="hold")
+        results = simulate(system, 0.64, 0.64, record=["plant.x_E", "plant.y_E"], extrapolation="hold")
         return results.values[-1]
 
     steps = [0.04, 0.02, 0.01]
@@ -109,6 +109,6 @@ def test_mass_change_keeps_the_loop_closed_and_the_start_at_rest(robot_fmus: Pat
     system = System()
     system.add("plant", robot_fmus / DEFAULT_FLAVOUR / "RobotPlant.fmu", start={"tau_a": 0.0, "tau_d": 0.0})
     system.drive("plant.dm", lambda t: 0.25 * np.sin(np.pi * t))
-    results = simulate(system, 1.0, 0.01, coupling="hold")
+    results = simulate(system, 1.0, 0.01, extrapolation="hold")
     assert np.abs(results["plant.omega_a"]).max() < 1e-14
     assert results["plant.closure_error"].max() < 1e-15

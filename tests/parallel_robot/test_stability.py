@@ -71,7 +71,7 @@ def test_runs_are_stable_up_to_the_largest_step_and_not_a_quarter_above(
     limit = largest_stable_step({"controller": controller}, order=order, extrapolation=extrapolation)
     start = {f"controller.{name}": value for name, value in controller.items()}
     system = load_scenario("tracking-undisturbed").system(robot_fmus, DEFAULT_FLAVOUR)
-    with Simulation(system, order=order, coupling=extrapolation) as simulation:
+    with Simulation(system, order=order, extrapolation=extrapolation) as simulation:
         allowed = 10.0 * largest_error(simulation, limit / 2, start)
         assert allowed < 0.1
         assert largest_error(simulation, limit, start) <= allowed

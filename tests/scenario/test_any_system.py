@@ -121,7 +121,7 @@ def by_hand() -> Results:
         0.05,
         start_time=1.0,
         order="parallel",
-        coupling="hold",
+        extrapolation="hold",
         record=["lag.x", "integrator.x", "gain.y"],
         record_every=4,
     )

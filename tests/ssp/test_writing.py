@@ -224,11 +224,11 @@ def test_libcosim_gives_the_same_with_the_same_gains(robot: Path, robot_fmus: Pa
     other = fresh(tmp_path, LIBCOSIM, ssp=robot, names=names, n=n)
     assert other["time"] == pytest.approx(STEP * np.arange(1, n + 1), abs=1e-9)
     assert other["controller.alpha"][-1] == ROW.alpha
-    results = simulate(read(robot).system, STOP, STEP, order="parallel", coupling="hold")
+    results = simulate(read(robot).system, STOP, STEP, order="parallel", extrapolation="hold")
     for name in names[:-1]:
         expected = results[name][1:]
         np.testing.assert_allclose(other[name], expected, rtol=0, atol=1e-12 * max(1.0, np.max(np.abs(expected))))
-    default = by_hand(robot_fmus, {}, order="parallel", coupling="hold")  # other gains would be seen
+    default = by_hand(robot_fmus, {}, order="parallel", extrapolation="hold")  # other gains would be seen
     assert np.max(np.abs(np.array(other["plant.x_E"]) - default["plant.x_E"][1:])) > 1e-7
 
 
@@ -247,7 +247,7 @@ def test_libcosim_agrees_on_transformations_and_bindings(small: Path, tmp_path: 
     path = archive(tmp_path / "hand.ssp", text, fmus, x_ssv=parameter_set("x_start Real 2.0"))
     script = LIBCOSIM.replace("ssp_path=A.ssp)", "ssp_path=A.ssp, step_size=10**7)")
     other = fresh(tmp_path, script, ssp=path, names=["tank.x", "gain.y[1]"], n=100)
-    results = simulate(read(path).system, 1.0, 0.01, order="parallel", coupling="hold")
+    results = simulate(read(path).system, 1.0, 0.01, order="parallel", extrapolation="hold")
     assert results["tank.x"][0] == 2.0
     for name in ("tank.x", "gain.y[1]"):
         np.testing.assert_allclose(other[name], results[name][1:], rtol=0, atol=1e-12)
@@ -270,7 +270,7 @@ def test_fmpy_differs_by_its_delay(robot: Path, robot_fmus: Path) -> None:
         return np.column_stack([found[name][: round(STOP / STEP)] for name in POSITION])
 
     def ours(step: float) -> np.ndarray:
-        results = simulate(read(robot).system, STOP, step, order="parallel", coupling="hold")
+        results = simulate(read(robot).system, STOP, step, order="parallel", extrapolation="hold")
         return np.column_stack([results[name] for name in POSITION])[round(STEP / step) :: round(STEP / step)]
 
     def distance(a: np.ndarray, b: np.ndarray) -> float:

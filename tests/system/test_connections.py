@@ -55,7 +55,7 @@ def test_factor_and_offset(fmus: Path, flavour: str, order: str) -> None:
 def test_linear_coupling_through_a_factor(fmus: Path, flavour: str) -> None:
     """X' = 2 (3 t - 1) comes out exactly where the inputs are linear: the integrator's input lags by no step."""
     results = simulate(chain(fmus / flavour, factor=3.0, offset=-1.0), 1.0, 0.1)
-    assert results.info["coupling"]["held"] == []
+    assert results.info["extrapolation"]["hold"] == []
     # the rate of a connection is known from the second point on: one step is held
     held = 2.0 * (3.0 * 0.1**2 / 2)
     exact = 3.0 * results.time**2 - 2.0 * results.time
@@ -155,13 +155,13 @@ def test_a_signal_is_added_to_a_connection(fmus: Path, flavour: str, order: str)
     results = simulate(disturbed(fmus / flavour, lambda t: np.sin(9.0 * t), vectorized=True), 1.0, 0.1, order=order)
     expected = 2.0 * results["clock.now"] + np.sin(9.0 * results.time)
     assert results["gain.u[1]"] == pytest.approx(expected, abs=1e-15)
-    assert "gain.u[1]" in results.info["coupling"]["held"]  # as samples are
-    assert ("integrator.u" in results.info["coupling"]["linear"]) == (flavour != "pythonfmu")
+    assert "gain.u[1]" in results.info["extrapolation"]["hold"]  # as samples are
+    assert ("integrator.u" in results.info["extrapolation"]["linear"]) == (flavour != "pythonfmu")
 
 
 def test_an_added_zero_is_the_held_connection(fmus: Path) -> None:
     added = simulate(disturbed(fmus / "fmi2", lambda _: 0.0), 1.0, 0.1)
-    held = simulate(chain(fmus / "fmi2", factor=2.0), 1.0, 0.1, coupling="hold")
+    held = simulate(chain(fmus / "fmi2", factor=2.0), 1.0, 0.1, extrapolation="hold")
     assert added["gain.y[1]"].tolist() == held["gain.y[1]"].tolist()
 
 

@@ -15,7 +15,7 @@ from tests.support.descriptions import fmi2, ports
 
 
 def resolved_for(order: str, system: System, descriptions: dict[str, Ports]) -> ResolvedSystem:
-    return resolve(system, descriptions, order)
+    return resolve(system, descriptions, needs_levels=order == "sequential")
 
 
 # Connections

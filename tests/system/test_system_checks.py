@@ -445,7 +445,7 @@ def test_durations_that_are_whole_but_for_rounding_are_accepted(tiny, stop, step
 
 
 def test_an_unknown_order_is_refused(system):
-    refused(system, "order 'jacobi' is unknown; use 'sequential' or 'parallel'", order="jacobi")
+    refused(system, "order 'jacobi' is unknown; use 'sequential' (Gauss-Seidel) or 'parallel' (Jacobi)", order="jacobi")
 
 
 def test_an_empty_system_is_refused():

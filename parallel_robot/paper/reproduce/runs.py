@@ -263,7 +263,7 @@ def run_all(folder: Path, progress: Progress = lambda what: None, plan: Plan | N
             "step_size": scenario.step_size,
             "stop_time": scenario.stop_time,
             "order": scenario.order,
-            "coupling": info["coupling"],
+            "extrapolation": info["extrapolation"],
             "seed": scenario.seed,
             "disturbance": dataclasses.asdict(multisine(scenario)),
             "mass_change": dataclasses.asdict(scenario.signals[MASS_CHANGE]),

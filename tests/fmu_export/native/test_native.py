@@ -95,7 +95,7 @@ def tracking(robot_fmus: Path, native_fmus: Path) -> dict[str, Results]:
     folders = {"pythonfmu": robot_fmus} | dict.fromkeys(FLAVOURS, native_fmus)
     return {
         flavour: simulate(
-            scenario.system(folder, flavour), 3.0, scenario.step_size, order="sequential", coupling="hold"
+            scenario.system(folder, flavour), 3.0, scenario.step_size, order="sequential", extrapolation="hold"
         )
         for flavour, folder in folders.items()
     }
@@ -118,7 +118,7 @@ def test_flavours_agree_with_feedforward_and_weak_motors(robot_fmus: Path, nativ
     scenario = load_scenario("tracking-feedforward").with_start_value("controller", "tau_max", 0.1)
     folders = {"pythonfmu": robot_fmus} | dict.fromkeys(FLAVOURS, native_fmus)
     reference, *others = (
-        simulate(scenario.system(folder, flavour), 1.0, scenario.step_size, coupling="hold")
+        simulate(scenario.system(folder, flavour), 1.0, scenario.step_size, extrapolation="hold")
         for flavour, folder in folders.items()
     )
     torque = np.abs(reference["plant.tau_a"])

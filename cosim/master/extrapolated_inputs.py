@@ -1,59 +1,59 @@
-"""Which inputs change linearly between communication points, and which are held.
+"""Which inputs are extrapolated between communication points, and which are held.
 
 A held input is late by half a step on average, which makes the coupling first-order accurate. An FMU that can
-interpolate its inputs takes a rate with them (`fmi2SetRealInputDerivatives`), or asks for them during its step (FMI
-3.0, intermediate update). The rate of a connection is that between its last two values, the rate of a signal, which is
-known beforehand, that to its next value; both make the coupling second-order accurate. After a jump nothing is known of
-a connection's rate, and it is held for one step.
+interpolate its inputs takes their derivatives with them (`fmi2SetRealInputDerivatives`), or asks for its inputs during
+a step (FMI 3.0, intermediate update). The derivatives of a connection come from its last values, see
+`cosim.master.algorithm`; the rate of a signal, which is known beforehand, is that to its next value. After a jump
+nothing is known of a connection's derivatives, and it is held for one step.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Literal, get_args
 
-from cosim.errors import SetupError, nearest
+from cosim.errors import SetupError
+from cosim.master.algorithm import AUTO, Algorithm
 from cosim.system.resolution import ResolvedSystem
 from cosim.system.variables import Element
 
-#: "auto": linear where the FMU can; "hold": all held; "linear": an error where an FMU can't.
-Coupling = Literal["auto", "hold", "linear"]
-
 
 @dataclass(frozen=True)
-class LinearInputs:
-    """What changes linearly.
+class ExtrapolatedInputs:
+    """What is extrapolated.
 
     Attributes
     ----------
+    algorithm : Algorithm
     elements : mapping
-        Component -> all elements of the variables of which at least one element does.
+        Component -> all elements of the variables of which at least one element is extrapolated.
     moving : frozenset
-        (component, element) of those that do.
+        (component, element) of those that are.
     held : tuple of str
-        Names `component.variable` of fed inputs that don't.
+        Names `component.variable` of fed inputs that are not.
     """
 
+    algorithm: Algorithm
     elements: Mapping[str, tuple[Element, ...]]
     moving: frozenset[tuple[str, str]]
     held: tuple[str, ...]
 
-    def summary(self, coupling: Coupling) -> dict[str, object]:
-        """For people: the mode, and names of what is linear and what is held."""
-        return {"mode": coupling, "linear": [".".join(key) for key in sorted(self.moving)], "held": list(self.held)}
+    def summary(self) -> dict[str, object]:
+        """For people: what was asked for, and the names of what is extrapolated and of what is held."""
+        extrapolation = self.algorithm.extrapolation
+        moving = {extrapolation.name: [".".join(key) for key in sorted(self.moving)]} if extrapolation.degree else {}
+        return {"mode": extrapolation.name if self.algorithm.demanded else AUTO, **moving, "hold": list(self.held)}
 
 
-def linear_inputs(system: ResolvedSystem, coupling: Coupling) -> LinearInputs:
+def extrapolated_inputs(system: ResolvedSystem, algorithm: Algorithm) -> ExtrapolatedInputs:
     """Decide for every fed input.
 
     Raises
     ------
     SetupError
-        The coupling is unknown, or "linear" where an input can only be held; the message says which and why.
+        The extrapolation is demanded where an input can only be held; the message says which and why.
     """
-    if coupling not in get_args(Coupling):
-        raise SetupError(f"coupling {coupling!r} is unknown; {nearest(str(coupling), get_args(Coupling))}")
+    extrapolation = algorithm.extrapolation
     moving: set[tuple[str, str]] = set()
     held: list[str] = []
     added = {(d.component, e.name) for d in system.drives if d.added for e in d.targets}
@@ -61,10 +61,12 @@ def linear_inputs(system: ResolvedSystem, coupling: Coupling) -> LinearInputs:
         name = f"{component}.{element.name}"
         disturbed = (component, element.name) in added
         obstacle = "a sampled signal is added to it" if disturbed else _obstacle(system, component, element, every)
-        if coupling == "hold" or (obstacle and coupling == "auto"):
+        if extrapolation.degree == 0 or (obstacle and not algorithm.demanded):
             held.append(name)
         elif obstacle:
-            raise SetupError(f"coupling 'linear': input '{name}' can only be held, for {obstacle}; use 'auto'")
+            raise SetupError(
+                f"extrapolation '{extrapolation.name}': input '{name}' can only be held, for {obstacle}; use '{AUTO}'"
+            )
         else:
             moving.add((component, element.name))
     variables = {(c, e.variable.name) for c, e, _ in _fed(system) if (c, e.name) in moving}
@@ -72,7 +74,9 @@ def linear_inputs(system: ResolvedSystem, coupling: Coupling) -> LinearInputs:
         component: tuple(e for e in port.all_elements() if (component, e.variable.name) in variables)
         for component, port in system.ports.items()
     }
-    return LinearInputs({c: e for c, e in elements.items() if e}, frozenset(moving), tuple(sorted(held)))
+    return ExtrapolatedInputs(
+        algorithm, {c: e for c, e in elements.items() if e}, frozenset(moving), tuple(sorted(held))
+    )
 
 
 def _fed(system: ResolvedSystem) -> Iterable[tuple[str, Element, int]]:
