@@ -34,6 +34,7 @@ _MODULES = {
     "SimulationError": "cosim.master.failures",
     "SimulationInterrupted": "cosim.master.failures",
     "Sink": "cosim.master.recording",
+    "SteppedRun": "cosim.master.stepping",
     "StoredResults": "cosim.results.stored",
     "System": "cosim.system.system",
     "TableWriter": "cosim.results.stored",
@@ -60,6 +61,7 @@ __all__ = [
     "SimulationError",
     "SimulationInterrupted",
     "Sink",
+    "SteppedRun",
     "StoredResults",
     "System",
     "TableWriter",
@@ -75,6 +77,7 @@ if TYPE_CHECKING:
     from cosim.master.failures import SimulationError, SimulationInterrupted
     from cosim.master.recording import Sink
     from cosim.master.simulation import Simulation, simulate
+    from cosim.master.stepping import SteppedRun
     from cosim.output import OutputError
     from cosim.results.formats import FormatError
     from cosim.results.results import Results

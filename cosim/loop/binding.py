@@ -170,7 +170,7 @@ def loop_library() -> ctypes.CDLL:
         raise LoopLibraryError(
             f"the compiled loop {LIBRARY} lays out its data in another way than binding.py: {differing[0]}"
         )
-    library.loop_perform.argtypes = [POINTER(Loop), POINTER(Operation), c_int64]
-    library.loop_run.argtypes = [POINTER(Loop), c_int64, c_int64]
+    library.loop_perform.argtypes = [POINTER(Loop), POINTER(Operation), c_int64, c_int64]
+    library.loop_run.argtypes = [POINTER(Loop), c_int64, c_int64, c_bool]
     library.loop_perform.restype = library.loop_run.restype = c_bool
     return library

@@ -34,19 +34,20 @@ enum { NONE = -1 };
 
 /* How n inputs of an FMU change over a step: polynomials of a degree, through their values at so many points. */
 typedef struct {
-    double *history;       /* points rows of n: values at this point (before it is reached: at the last one), before it, ... */
-    double *derivatives;   /* degree rows of n: by time, the first, the second, ... */
-    double *buffer;        /* FMI 3.0: n values during the step */
+    double
+        *history; /* points rows of n: values at this point (before it is reached: at the last one), before it, ... */
+    double *derivatives; /* degree rows of n: by time, the first, the second, ... */
+    double *buffer; /* FMI 3.0: n values during the step */
     const int32_t *orders; /* of the derivatives, as fmi2SetRealInputDerivatives wants them */
     const double *weights; /* for 1, 2, ... points known values: degree rows of points, times the step^-order */
-    double time;           /* of this point */
+    double time; /* of this point */
     int32_t points, degree, known;
 } Extrapolated;
 
 typedef struct {
     uint8_t kind, type, version; /* version of FMI: 2 or 3 */
-    uint8_t more;                /* EXTRAPOLATE: whether the next operation has more of the same instance */
-    int32_t every;               /* takes part in the communication points whose number is a multiple of this */
+    uint8_t more; /* EXTRAPOLATE: whether the next operation has more of the same instance */
+    int32_t every; /* takes part in the communication points whose number is a multiple of this */
     void *function, *instance;
     const uint32_t *references;
     void *data; /* SET, GET: buffer for values in the type of the function; NULL for doubles, which need no copy.
@@ -119,7 +120,8 @@ static void convert(int32_t type, void *buffer, double *values, int64_t n, bool 
 
 /* Call the function of an operation that gets or sets values. */
 static int call(const Operation *op, void *data) {
-    if (op->version == 2) return ((Exchange2 *)op->function)(op->instance, op->references, (size_t)op->n_references, data);
+    if (op->version == 2)
+        return ((Exchange2 *)op->function)(op->instance, op->references, (size_t)op->n_references, data);
     return ((Exchange3 *)op->function)(op->instance, op->references, (size_t)op->n_references, data, (size_t)op->n);
 }
 
@@ -142,7 +144,10 @@ static int get(const Operation *op, double *values) {
 static bool all_finite(const double *values, const int32_t *positions, int32_t n) {
     uint64_t bits = 0;
     for (int32_t i = 0; i < n; i++) {
-        union { double value; uint64_t bits; } difference = {values[positions[i]] - values[positions[i]]};
+        union {
+            double value;
+            uint64_t bits;
+        } difference = {values[positions[i]] - values[positions[i]]};
         bits |= difference.bits;
     }
     return bits << 1 == 0;
@@ -190,8 +195,7 @@ static int extrapolate(const Loop *loop, const Operation *op, int64_t point, dou
         scale *= per_second;
         if (d + 1 >= in->known) /* no polynomial of this degree goes through so few points */
             for (int32_t i = 0; i < n; i++) derivative[i] = 0.0;
-        else
-            differentiate(derivative, weights, scale, now, history, in->known, n);
+        else differentiate(derivative, weights, scale, now, history, in->known, n);
     }
     if (in->points > 2) memmove(history + n, history, (size_t)(in->points - 2) * (size_t)n * sizeof *history);
     memcpy(history, now, (size_t)n * sizeof *history);
@@ -204,7 +208,8 @@ static int extrapolate(const Loop *loop, const Operation *op, int64_t point, dou
     }
     in->time = time;
     if (op->version == 3) return 0; /* the FMU asks for its inputs during the step */
-    return ((Derivatives2 *)op->function)(op->instance, op->references, (size_t)op->n_references, in->orders, in->derivatives);
+    return ((Derivatives2 *)op->function)(op->instance, op->references, (size_t)op->n_references, in->orders,
+                                          in->derivatives);
 }
 
 /* Values of n inputs some time after a communication point: a Taylor series. */
@@ -223,8 +228,8 @@ static void evaluate(const Extrapolated *in, double since, int32_t n) {
 }
 
 /* fmi3IntermediateUpdateCallback; the environment of the instance points to a pointer to its first EXTRAPOLATE operation, if any. */
-EXPORT void intermediate_update(void *environment, double time, bool set_requested, bool get_allowed, bool step_finished, bool can_return_early,
-                                bool *return_early, double *return_time) {
+EXPORT void intermediate_update(void *environment, double time, bool set_requested, bool get_allowed,
+                                bool step_finished, bool can_return_early, bool *return_early, double *return_time) {
     (void)get_allowed, (void)step_finished, (void)can_return_early;
     const Operation *op = environment ? *(const Operation **)environment : NULL;
     *return_early = false;
@@ -268,7 +273,8 @@ static int perform(const Loop *loop, const Operation *op, int64_t point, double 
             for (int32_t i = 0, n = op->n_targets; i < n; i++) {
                 const double *factors = op->data, *offsets = factors + n;
                 int32_t added = sources[n + i];
-                values[targets[i]] = factors[i] * values[sources[i]] + offsets[i] + (added == NONE ? 0.0 : values[added]);
+                values[targets[i]] =
+                    factors[i] * values[sources[i]] + offsets[i] + (added == NONE ? 0.0 : values[added]);
             }
             return 0;
         case STEP:
@@ -365,13 +371,17 @@ static const Field layout[] = {
 
 EXPORT const Field *loop_layout(void) { return layout; }
 
-/* Perform operations once, before the first communication point. */
-EXPORT bool loop_perform(Loop *loop, const Operation operations[], int64_t n) { return perform_all(loop, operations, n, 0, false); }
+/* Perform operations once, at a communication point. */
+EXPORT bool loop_perform(Loop *loop, const Operation operations[], int64_t n, int64_t point) {
+    return perform_all(loop, operations, n, point, false);
+}
 
-/* Go through the communication points first ... end - 1, with a step after each but the last one of the run. */
-EXPORT bool loop_run(Loop *loop, int64_t first, int64_t end) {
+/* Go through the communication points first ... end - 1, with a step after each but the last one of the run; at the first
+ * one values may have been exchanged already. */
+EXPORT bool loop_run(Loop *loop, int64_t first, int64_t end, bool exchanged) {
     for (int64_t point = first; point < end; point++) {
-        if (!perform_all(loop, loop->at_point, loop->n_at_point, point, false)) return false;
+        if (!(exchanged && point == first) && !perform_all(loop, loop->at_point, loop->n_at_point, point, false))
+            return false;
         if (loop->record_every == 1 || point % loop->record_every == 0) {
             int64_t record = loop->record_every == 1 ? point : point / loop->record_every;
             double *row = loop->records + (record - loop->first_record) * loop->n_recorded;

@@ -59,6 +59,31 @@ class InMemory:
         return self._times(0, self._end), self._values[: self._end]
 
 
+class Growing:
+    """All rows in one array, which grows: for runs whose end is not known."""
+
+    def __init__(self, times: Callable[[int, int], np.ndarray], columns: int) -> None:
+        self._times = times
+        self._values = np.empty((64, columns))
+        self._end = 0
+
+    def room(self, first: int, end: int) -> tuple[np.ndarray, int]:  # noqa: ARG002
+        """See `Recorder`."""
+        if end > len(self._values):
+            grown = np.empty((max(end, 2 * len(self._values)), self._values.shape[1]))
+            grown[: self._end] = self._values[: self._end]
+            self._values = grown
+        return self._values, 0
+
+    def recorded(self, end: int) -> None:
+        """See `Recorder`."""
+        self._end = end
+
+    def result(self) -> tuple[np.ndarray, np.ndarray]:
+        """See `Recorder`."""
+        return self._times(0, self._end), self._values[: self._end]
+
+
 class PassedOn:
     """Rows in a buffer that goes to a sink when it is full."""
 

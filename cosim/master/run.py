@@ -5,14 +5,14 @@ from __future__ import annotations
 import ctypes
 import math
 import time as clock
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from cosim.fmi.instance import Instance, VariableBuffer
-from cosim.loop.binding import NOT_FINITE, RETURNED_EARLY, WANTS_TO_END, Loop, Operation, loop_library
+from cosim.loop.binding import NOT_FINITE, RETURNED_EARLY, WANTS_TO_END, Kind, Loop, Operation, loop_library
 from cosim.master.failures import Failing, SimulationError, SimulationInterrupted
 from cosim.master.interrupts import DeferredInterrupt
 from cosim.master.operations import Exchange, NamedOperation, OperationTable
@@ -89,7 +89,7 @@ class Run:
             raise self._signal_failure(0)
         self._point_at_samples()
         at_start = self._exchange.at_start
-        if not loop_library().loop_perform(ctypes.byref(self._loop), at_start.operations, len(at_start)):
+        if not loop_library().loop_perform(ctypes.byref(self._loop), at_start.operations, len(at_start), 0):
             raise self._failure(at_start)
         for component, instance in self._instances.items():
             with Failing(component, time, instance):
@@ -145,9 +145,78 @@ class Run:
             raise SimulationInterrupted(grid.time(grid.last_point), finish("interrupted"))
         return finish("completed")
 
-    def _go_on(self, recorder: Recorder, first: int, end: int, record_every: int) -> int:
-        """Perform a chunk of points; returns the first point that is still to be performed."""
-        end = self._samples.cover(first, end, self._stop)
+    # By hand
+
+    @property
+    def values(self) -> np.ndarray:
+        """All values that are exchanged or recorded, where the layout has them."""
+        return self._exchange.values
+
+    def exchange(self, point: int, components: Collection[str] | None = None) -> None:
+        """Exchange values at a communication point; with `components`, only read their outputs.
+
+        Raises
+        ------
+        SimulationError
+            An FMU or a signal fails.
+        """
+        if self._samples.cover(point, point + 1, lambda: False) <= point:
+            raise self._signal_failure(point)
+        self._point_at_samples()
+        table = self._exchange.at_point
+        size = ctypes.sizeof(Operation)
+        for first, n in [(0, len(table))] if components is None else _reads(table, components):
+            operations = ctypes.cast(ctypes.addressof(table.operations) + first * size, ctypes.POINTER(Operation))
+            if not loop_library().loop_perform(ctypes.byref(self._loop), operations, n, point):
+                self._loop.failed += first
+                raise self._failure(table)
+
+    def advance(self, recorder: Recorder, first: int, end: int, record_every: int) -> None:
+        """Step from a communication point, where values have been exchanged, to another, and exchange there.
+
+        Raises
+        ------
+        SimulationError
+            An FMU or a signal fails.
+        """
+        self._loop.record_every = record_every
+        point = first
+        while point < end:
+            point = self._go_on(recorder, point, end, record_every, exchanged=point == first, stop=lambda: False)
+        self.exchange(end)
+
+    def recorded_now(self) -> np.ndarray:
+        """What is recorded (columns,) of the values as they are."""
+        runs = self._exchange.recorded_runs
+        return np.concatenate([self.values[a : a + n] for a, n in runs.tolist()] or [np.empty(0)])
+
+    def record(self, recorder: Recorder, point: int, record_every: int) -> None:
+        """Record the values as they are for a communication point."""
+        if point % record_every == 0:
+            row = _rows(point, record_every)
+            rows, first = recorder.room(row, row + 1)
+            rows[row - first] = self.recorded_now()
+            recorder.recorded(row + 1)
+
+    def terminate(self, time: float) -> None:
+        """Tell all FMUs that the run is over."""
+        self._terminate(time)
+
+    def _go_on(
+        self,
+        recorder: Recorder,
+        first: int,
+        end: int,
+        record_every: int,
+        *,
+        exchanged: bool = False,
+        stop: Callable[[], bool] | None = None,
+    ) -> int:
+        """Perform a chunk of points; returns the first point that is still to be performed.
+
+        At the first one values may have been `exchanged` already.
+        """
+        end = self._samples.cover(first, end, stop or self._stop)
         if end == first:
             if self._samples.failure is None:  # Ctrl-C came while a signal was sampled
                 return first
@@ -155,7 +224,7 @@ class Run:
         self._point_at_samples()
         rows, self._loop.first_record = recorder.room(_rows(first, record_every), _rows(end, record_every))
         self._loop.records = _pointer(rows, ctypes.c_double)
-        if loop_library().loop_run(ctypes.byref(self._loop), first, end):
+        if loop_library().loop_run(ctypes.byref(self._loop), first, end, exchanged):
             recorder.recorded(_rows(end, record_every))
             return end
         stepping = bool(self._loop.failed_at_step)
@@ -202,6 +271,13 @@ class Run:
         if status == RETURNED_EARLY:
             return f"{row.function} returned early, at t = {ctypes.c_double.from_address(operation.data).value!r} s"
         return str(instance.failure(row.function, status))
+
+
+def _reads(table: OperationTable, components: Collection[str]) -> Iterator[tuple[int, int]]:
+    """Places of the operations that read outputs of components."""
+    for i, row in enumerate(table.rows):
+        if row.operation.kind == Kind.GET and row.component in components:
+            yield i, 1
 
 
 def _rows(point: int, record_every: int) -> int:

@@ -24,9 +24,10 @@ from cosim.master.failures import Failing
 from cosim.master.interrupts import DeferredInterrupt
 from cosim.master.operations import Exchange
 from cosim.master.pacing import Pacer
-from cosim.master.recording import InMemory, PassedOn, Recorder, Sink
+from cosim.master.recording import Growing, InMemory, PassedOn, Recorder, Sink
 from cosim.master.run import Grid, Run
 from cosim.master.sampling import Samples, sample
+from cosim.master.stepping import SteppedRun
 from cosim.master.value_layout import ValueLayout
 from cosim.results.results import Results
 from cosim.system.resolution import Drive, StartValue, resolve, resolve_start_value, split
@@ -38,6 +39,9 @@ _STEP_TOLERANCE = 1e-6
 
 #: More steps than this is taken for a mistake.
 _MOST_STEPS = 1e10
+
+#: Communication points of a run without an end.
+_MOST_POINTS = int(_MOST_STEPS)
 
 
 class Simulation:
@@ -99,6 +103,7 @@ class Simulation:
         self._instances: dict[str, Instance] = {}
         self._exchange: Exchange | None = None
         self._used = False
+        self._stepped: SteppedRun | None = None
         self._samples: tuple[Any, Samples] | None = None
 
     @property
@@ -247,41 +252,116 @@ class Simulation:
         SimulationInterrupted
             Ctrl-C; its `results` hold what had been recorded.
         """
-        if self._stack is None:
-            raise SetupError("the simulation is not open; use it in a with statement")
         began = clock.perf_counter()
         grid = Grid(start_time, step_size, number_of_steps(start_time, stop_time, step_size))
-        if isinstance(record_every, bool) or not isinstance(record_every, int) or record_every < 1:
-            raise SetupError(f"record_every = {record_every!r} must be a positive whole number of steps")
-        extra = self._extra_starts(start or {})
-        given = {(s.component, e.name) for s in extra for e in s.elements}
-        # a vector of this run replaces what the system gives for its elements
-        starts = [s for s in self._resolved.starts if not {(s.component, e.name) for e in s.elements} <= given]
-        starts += extra
-        samples = self._samples_of(self._drives(signals), grid)
+        samples, starts = self._prepared(grid, start or {}, signals, record_every)
         pacer = None if realtime is None else Pacer(realtime)
         recorder = self._recorder(grid, record_every, sink)
         with DeferredInterrupt() as interrupt:
             run = Run(self._instances, self._fresh_exchange(), samples, grid, interrupt)
             run.initialize(starts)
-            results = Results(
-                time=np.empty(0),
-                names=list(self._names),
-                values=np.empty((0, len(self._names))),
-                info={
-                    "step_size": step_size,
-                    "stop_time": stop_time,
-                    "start_time": start_time,
-                    "order": self._order,
-                    "extrapolation": self._extrapolated.summary(),
-                    "record_every": record_every,
-                    "units": dict(self._units),
-                    "fmus": {name: {"path": str(f.path), "sha256": f.sha256} for name, f in self._fmus.items()},
-                    "parameters": self._parameters(start_time),
-                },
-            )
+            results = self._nothing_yet(grid, record_every, stop_time)
             with _timed(results, began):
                 return run.loop(recorder, record_every, results, progress, pacer)
+
+    @contextmanager
+    def start(
+        self,
+        step_size: float,
+        *,
+        start_time: float = 0.0,
+        stop_time: float | None = None,
+        start: Mapping[str, Any] | None = None,
+        signals: Sequence[Signal] = (),
+        record_every: int = 1,
+    ) -> Iterator[SteppedRun]:
+        """A run that is stepped by hand, as a context; the FMUs are terminated at its end.
+
+        Parameters
+        ----------
+        step_size, start_time : float
+            In s.
+        stop_time : float, optional
+            Time (s) beyond which the run can't be stepped; without an end by default.
+        start, signals, record_every
+            As in `run`.
+
+        Yields
+        ------
+        SteppedRun
+            It stands at the start time, where values have been exchanged.
+
+        Raises
+        ------
+        SetupError
+            The run can't be made as described; nothing has run.
+        SimulationError
+            An FMU failed in its initialisation.
+
+        Examples
+        --------
+        >>> with Simulation(system) as simulation, simulation.start(step_size=1e-3) as run:
+        ...     run.step(10)
+        ...     print(f"{run.time:g} s, {len(run['plant.theta_a'])} angles")
+        0.01 s, 3 angles
+        """
+        last = _MOST_POINTS if stop_time is None else number_of_steps(start_time, stop_time, step_size)
+        if stop_time is None:
+            number_of_steps(start_time, start_time + step_size, step_size)  # a step that makes sense
+        grid = Grid(start_time, step_size, last)
+        samples, starts = self._prepared(grid, start or {}, signals, record_every)
+        with DeferredInterrupt() as interrupt:
+            loop = Run(self._instances, self._fresh_exchange(), samples, grid, interrupt)
+            loop.initialize(starts)
+            run = SteppedRun(
+                loop,
+                self._resolved,
+                self._layout,
+                self._instances,
+                grid,
+                Growing(self._times(grid, record_every), len(self._names)),
+                record_every,
+                self._nothing_yet(grid, record_every, stop_time),
+                interrupt,
+                exchanges_by_level=self._extrapolated.algorithm.order.needs_levels,
+            )
+            self._stepped = run
+            try:
+                yield run
+                run.end()
+            finally:
+                self._stepped = None
+
+    def _prepared(
+        self, grid: Grid, start: Mapping[str, Any], signals: Sequence[Signal], record_every: int
+    ) -> tuple[Samples, list[StartValue]]:
+        """Samples of the signals and start values of a run."""
+        if self._stack is None:
+            raise SetupError("the simulation is not open; use it in a with statement")
+        if self._stepped is not None:
+            raise SetupError("a run of this simulation is being stepped; end it first, or make another simulation")
+        if isinstance(record_every, bool) or not isinstance(record_every, int) or record_every < 1:
+            raise SetupError(f"record_every = {record_every!r} must be a positive whole number of steps")
+        extra = self._extra_starts(start)
+        given = {(s.component, e.name) for s in extra for e in s.elements}
+        # a vector of this run replaces what the system gives for its elements
+        starts = [s for s in self._resolved.starts if not {(s.component, e.name) for e in s.elements} <= given]
+        return self._samples_of(self._drives(signals), grid), [*starts, *extra]
+
+    def _nothing_yet(self, grid: Grid, record_every: int, stop_time: float | None) -> Results:
+        """Results without rows, that say how the run is made."""
+        info = {
+            "step_size": grid.step_size,
+            "stop_time": stop_time,
+            "start_time": grid.start_time,
+            "order": self._order,
+            "extrapolation": self._extrapolated.summary(),
+            "record_every": record_every,
+            "units": dict(self._units),
+            "fmus": {name: {"path": str(f.path), "sha256": f.sha256} for name, f in self._fmus.items()},
+            "parameters": self._parameters(grid.start_time),
+        }
+        return Results(np.empty(0), list(self._names), np.empty((0, len(self._names))), info)
 
     def _extra_starts(self, start: Mapping[str, Any]) -> list[StartValue]:
         starts = []
@@ -327,11 +407,17 @@ class Simulation:
 
     def _recorder(self, grid: Grid, record_every: int, sink: Sink | None) -> Recorder:
         rows, columns = grid.last_point // record_every + 1, len(self._names)
+        times = self._times(grid, record_every)
+        return InMemory(times, rows, columns) if sink is None else PassedOn(times, rows, columns, sink)
+
+    @staticmethod
+    def _times(grid: Grid, record_every: int) -> Callable[[int, int], np.ndarray]:
+        """Times (n,) of the rows first ... end - 1."""
 
         def times(first: int, end: int) -> np.ndarray:
             return grid.start_time + np.arange(first, end) * record_every * grid.step_size
 
-        return InMemory(times, rows, columns) if sink is None else PassedOn(times, rows, columns, sink)
+        return times
 
     def _parameters(self, time: float) -> dict[str, float]:
         """Values of all real parameters, as the FMUs report them."""

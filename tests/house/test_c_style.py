@@ -20,7 +20,7 @@ def unformatted(*files: Path) -> list[str]:
 
 
 def test_c_is_formatted() -> None:
-    files = [p for folder in ("fmu_export", "interop") for p in sorted((CHECKOUT / folder).rglob("*.[ch]"))]
+    files = [p for folder in ("cosim", "fmu_export", "interop") for p in sorted((CHECKOUT / folder).rglob("*.[ch]"))]
     assert len(files) > 5
     assert unformatted(*files) == []
 

@@ -37,7 +37,7 @@ except cosim.SimulationError as error:
 WRONG = {
     "cosim.simulat": 'Module has no attribute "simulat"',
     'cosim.System().add("plant", 3)': 'Argument 2 to "add" of "System" has incompatible type "int"',
-    'cosim.simulate(cosim.System(), 1.0, 1e-3, order="random")': 'Argument "order" to "simulate"',
+    "cosim.simulate(cosim.System(), 1.0, 1e-3, order=1)": 'Argument "order" to "simulate"',
     "cosim.System().connect('a.x')": 'Missing positional argument "target"',
 }
 

@@ -1,0 +1,298 @@
+"""A run that is stepped by hand: read and set values at a communication point, go on, read again."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from cosim.errors import SetupError
+from cosim.fmi.instance import Instance, VariableBuffer
+from cosim.master.failures import Failing, SimulationError, SimulationInterrupted
+from cosim.master.interrupts import DeferredInterrupt
+from cosim.master.recording import Growing
+from cosim.master.run import Grid, Run
+from cosim.master.value_layout import ValueLayout
+from cosim.results.results import Results
+from cosim.system.resolution import ResolvedSystem, resolve_start_value, split
+from cosim.system.variables import KINDS, Element, variables_of
+
+#: By how many steps the time of `advance_to` may miss a whole number of them, for rounding.
+_STEP_TOLERANCE = 1e-6
+
+
+class _Quantity:
+    """A scalar or a vector of a component, found once by its name."""
+
+    def __init__(
+        self,
+        component: str,
+        variable: str,
+        elements: Sequence[Element],
+        layout: ValueLayout,
+        instance: Instance,
+        obstacle: str,
+    ) -> None:
+        self.component, self.variable = component, variable
+        self.elements = elements
+        self.obstacle = obstacle
+        self.is_scalar = len(elements) == 1 and variable == elements[0].name
+        self.kind = elements[0].kind
+        known = [layout.positions.get((component, e.name)) for e in elements]
+        self.positions = None if None in known else np.array(known)
+        variables = variables_of(elements)
+        self._whole = np.zeros(sum(math.prod(v.shape or (1,)) for v in variables))
+        self._buffer = VariableBuffer(instance, variables, self._whole)
+        # a single element of an array of FMI 3.0 is set by way of the whole array
+        self._own = slice(elements[0].offset, elements[0].offset + len(elements))
+        bounds = [(e.variable.min, e.variable.max) for e in elements]
+        self.is_checked = self.kind != "real" or any(b != (None, None) for b in bounds)
+
+    @property
+    def is_settable(self) -> bool:
+        """Whether it can be set between two steps."""
+        return not self.obstacle
+
+    def get(self) -> np.ndarray:
+        """Values (n,) as the FMU has them."""
+        self._buffer.get()
+        return self._whole[self._own].copy()
+
+    def set(self, numbers: Any) -> None:
+        """Hand values (n,) to the FMU."""
+        if len(self._whole) > len(self.elements):
+            self._buffer.get()
+        self._whole[self._own] = numbers
+        self._buffer.set()
+
+
+class SteppedRun:
+    """A run that stands at a communication point until it is told to go on; made by `Simulation.start`.
+
+    Values have been exchanged at the communication point where it stands. A run in which nothing is set gives the same
+    numbers, to the last bit, as `Simulation.run`.
+
+    Examples
+    --------
+    >>> from cosim import Simulation
+    >>> with Simulation(system) as simulation, simulation.start(step_size=1e-3) as run:
+    ...     while run.time < 0.01:
+    ...         run.step()
+    ...     x = run["plant.x_E"]
+    """
+
+    def __init__(
+        self,
+        run: Run,
+        system: ResolvedSystem,
+        layout: ValueLayout,
+        instances: Mapping[str, Instance],
+        grid: Grid,
+        recorder: Growing,
+        record_every: int,
+        results: Results,
+        interrupt: DeferredInterrupt,
+        *,
+        exchanges_by_level: bool,
+    ) -> None:
+        self._run = run
+        self._system = system
+        self._layout = layout
+        self._instances = instances
+        self._grid = grid
+        self._recorder = recorder
+        self._record_every = record_every
+        self._results = results
+        self._interrupt = interrupt
+        self._exchanges_by_level = exchanges_by_level
+        self._point = 0
+        self._quantities: dict[str, _Quantity] = {}
+        self._set_since: set[str] = set()
+        self._ended = False
+        self._fed = {(k.target_component, k.target.name) for k in system.links}
+        self._fed |= {(d.component, e.name) for d in system.drives for e in d.targets}
+        run.exchange(0)
+
+    @property
+    def time(self) -> float:
+        """Time (s) of the communication point where the run stands."""
+        return self._grid.time(self._point)
+
+    @property
+    def step_size(self) -> float:
+        """Communication step (s)."""
+        return self._grid.step_size
+
+    @property
+    def results(self) -> Results:
+        """What has been recorded so far, that of this communication point included where it is one to record."""
+        self._exchange_again()
+        time, values = self._recorder.result()
+        if self._point % self._record_every == 0 and not self._ended:
+            time, values = np.append(time, self.time), np.vstack([values, self._run.recorded_now()])
+        info = {**self._results.info, "stop_time": self.time, "status": "completed" if self._ended else "running"}
+        return Results(time, list(self._results.names), values.copy(), info)
+
+    def __getitem__(self, name: str) -> Any:
+        """Value of a scalar, or array (n,) of a vector, `component.variable`, at this communication point.
+
+        Raises
+        ------
+        SetupError
+            There is no such variable, or its type can't be read.
+        SimulationError
+            An FMU fails.
+        """
+        quantity = self._quantity(name)
+        self._exchange_again()
+        if quantity.positions is None:
+            self._check_running()
+            with self._failing(quantity.component):
+                values = quantity.get()
+        else:
+            values = self._run.values[quantity.positions]
+        if not quantity.is_scalar:
+            return values
+        number = float(values[0])
+        return bool(number) if quantity.kind == "boolean" else int(number) if quantity.kind == "integer" else number
+
+    def __setitem__(self, name: str, value: Any) -> None:
+        """Set an input that nothing feeds, or a tunable parameter, from this communication point on.
+
+        Raises
+        ------
+        SetupError
+            FMI does not allow it, something feeds the input, or the value does not fit.
+        SimulationError
+            The FMU refuses the value.
+        """
+        self._check_running()
+        quantity = self._quantity(name)
+        if not quantity.is_settable:
+            raise SetupError(f"'{name}' can't be set during a run: {quantity.obstacle}")
+        numbers = self._numbers(quantity, value)
+        with self._failing(quantity.component):
+            quantity.set(numbers)
+        if quantity.positions is not None:
+            self._run.values[quantity.positions] = numbers
+        self._set_since.add(quantity.component)
+
+    def step(self, n: int = 1) -> None:
+        """Go on by n communication steps, and exchange values there.
+
+        Raises
+        ------
+        SetupError
+            n is not a positive whole number, or the stop time lies before.
+        SimulationError
+            An FMU failed; its `results` hold what had been recorded.
+        SimulationInterrupted
+            Ctrl-C came since the last step; its `results` hold what had been recorded.
+        """
+        self._check_running()
+        if isinstance(n, bool) or not isinstance(n, int) or n < 1:
+            raise SetupError(f"step({n!r}): must be a positive whole number of steps")
+        end = self._point + n
+        if end > self._grid.last_point:
+            stop_time = self._grid.time(self._grid.last_point)
+            raise SetupError(f"step({n}) at t = {self.time:.9g} s: goes beyond the stop time {stop_time:.9g} s")
+        self._exchange_again()
+        try:
+            self._run.advance(self._recorder, self._point, end, self._record_every)
+        except SimulationError as error:
+            self._ended = True
+            error.results = self._all_recorded("failed")
+            raise
+        self._point = end
+        if self._interrupt.requested:
+            raise SimulationInterrupted(self.time, self._all_recorded("interrupted"))
+
+    def advance_to(self, time: float) -> None:
+        """Go on to a communication point at a time (s); does nothing where the run stands there.
+
+        Raises
+        ------
+        SetupError
+            The time lies before this communication point, or is none.
+        SimulationError, SimulationInterrupted
+            As `step`.
+        """
+        exact = (time - self.time) / self.step_size
+        if not math.isfinite(exact) or exact < -_STEP_TOLERANCE:
+            raise SetupError(f"advance_to({time!r}): the run stands at t = {self.time:.9g} s already; runs only go on")
+        n = round(exact)
+        if abs(exact - n) > _STEP_TOLERANCE * max(1, n):
+            raise SetupError(
+                f"advance_to({time!r}): no communication point; those around it are at "
+                f"{self._grid.time(self._point + math.floor(exact)):.9g} s and "
+                f"{self._grid.time(self._point + math.ceil(exact)):.9g} s"
+            )
+        if n:
+            self.step(n)
+
+    def end(self) -> None:
+        """Record where the run stands and terminate the FMUs; leaving the context does so too."""
+        if self._ended:
+            return
+        self._exchange_again()
+        self._run.record(self._recorder, self._point, self._record_every)
+        self._ended = True
+        self._run.terminate(self.time)
+
+    # Within
+
+    def _check_running(self) -> None:
+        if self._ended:
+            raise SetupError("the run has ended; start another one")
+
+    def _failing(self, component: str) -> Failing:
+        return Failing(component, self.time, self._instances[component])
+
+    def _all_recorded(self, status: str) -> Results:
+        time, values = self._recorder.result()
+        return Results(time, list(self._results.names), values.copy(), {**self._results.info, "status": status})
+
+    def _quantity(self, name: str) -> _Quantity:
+        if name not in self._quantities:
+            port, variable = split(name, self._system.ports)
+            elements = port.find(variable)
+            if elements[0].kind not in KINDS.values():
+                raise SetupError(f"'{name}' is of type {elements[0].kind}, which can't be read or set during a run")
+            component = port.component
+            obstacle = _obstacle(component, elements, self._fed)
+            instance = self._instances[component]
+            self._quantities[name] = _Quantity(component, variable, elements, self._layout, instance, obstacle)
+        return self._quantities[name]
+
+    def _numbers(self, quantity: _Quantity, value: Any) -> Any:
+        """Values (n,) that fit the variable; plain real arrays take the short way."""
+        if not quantity.is_checked and not isinstance(value, str | bool):
+            try:
+                numbers = np.asarray(value, dtype=float)
+            except (TypeError, ValueError):
+                numbers = np.array(np.nan)
+            n = len(quantity.elements)
+            if numbers.shape == ((n,) if numbers.ndim else ()) and math.isfinite(float(numbers.sum())):
+                return numbers
+        return resolve_start_value(self._system.ports[quantity.component], quantity.variable, value).values
+
+    def _exchange_again(self) -> None:
+        """What was set reaches, at this communication point, all that depends on it directly."""
+        if self._set_since and not self._ended:
+            components = None if self._exchanges_by_level else self._set_since
+            self._set_since = set()
+            self._run.exchange(self._point, components)
+
+
+def _obstacle(component: str, elements: Sequence[Element], fed: set[tuple[str, str]]) -> str:
+    """Why a variable can't be set between two steps; empty when it can."""
+    for element in elements:
+        variable = element.variable
+        if (component, element.name) in fed:
+            return "a connection or a signal feeds it"
+        if variable.causality != "input" and variable.variability != "tunable":
+            what = f"{variable.variability or 'continuous'} {variable.causality}"
+            return f"it is a {what}; FMI allows inputs and tunable parameters only"
+    return ""
