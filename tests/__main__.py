@@ -11,6 +11,9 @@ import resource
 import subprocess
 import sys
 
+#: Each process leaves a file.
+REPORT_OF_COVERAGE = (("coverage", "combine", "--quiet"), ("coverage", "report"))
+
 STYLE_AND_TYPES = (("ruff", "check", "."), ("ruff", "format", "--check", "."), ("mypy",))
 
 #: By file: the tests of a file share FMUs and runs.
@@ -31,9 +34,8 @@ FAST = tuple(
 def tests(options: argparse.Namespace) -> tuple[str, ...]:
     """The command of the tests, as of `python -m`."""
     command = ("pytest", *IN_PARALLEL, *(FAST if options.fast else ()), *(("-m", "") if options.all else ()))
-    if options.coverage:  # so that the import of the plugin counts too
-        return ("coverage", "run", "--parallel-mode", "-m", *command, "--cov", "--cov-report=term")
-    return command
+    # coverage starts pytest, not the other way round: the import of the regression's plugin counts too
+    return ("coverage", "run", "-m", *command) if options.coverage else command
 
 
 def main() -> int:
@@ -45,7 +47,7 @@ def main() -> int:
     parser.add_argument("--coverage", action="store_true", help="measure coverage; takes a third longer")
     options = parser.parse_args()
     failed = []
-    for command in (*STYLE_AND_TYPES, tests(options)):
+    for command in (*STYLE_AND_TYPES, tests(options), *(REPORT_OF_COVERAGE if options.coverage else ())):
         print("$", *(word or "''" for word in command), flush=True)
         if subprocess.run([sys.executable, "-m", *command], check=False).returncode:
             failed.append(command[0])
