@@ -27,6 +27,7 @@ _MODULES = {
     "OutputError": "cosim.output",
     "Results": "cosim.results.results",
     "ResultsError": "cosim.errors",
+    "RunState": "cosim.master.state",
     "SetupError": "cosim.errors",
     "Signal": "cosim.system.system",
     "SignalFunction": "cosim.system.system",
@@ -54,6 +55,7 @@ __all__ = [
     "OutputError",
     "Results",
     "ResultsError",
+    "RunState",
     "SetupError",
     "Signal",
     "SignalFunction",
@@ -77,6 +79,7 @@ if TYPE_CHECKING:
     from cosim.master.failures import SimulationError, SimulationInterrupted
     from cosim.master.recording import Sink
     from cosim.master.simulation import Simulation, simulate
+    from cosim.master.state import RunState
     from cosim.master.stepping import SteppedRun
     from cosim.output import OutputError
     from cosim.results.formats import FormatError

@@ -46,6 +46,19 @@ _TYPES_3 = {
     },
 }
 
+#: C functions about the state of an FMU, for FMI 2.0 and for FMI 3.0.
+_STATE_FUNCTIONS = {
+    version: {
+        "get": f"fmi{version}GetFMU{word}",
+        "set": f"fmi{version}SetFMU{word}",
+        "free": f"fmi{version}FreeFMU{word}",
+        "size": f"fmi{version}SerializedFMU{word}Size",
+        "serialise": f"fmi{version}SerializeFMU{word}",
+        "read": f"fmi{version}De{serialize}FMU{word}",
+    }
+    for version, word, serialize in ((2, "state", "Serialize"), (3, "State", "serialize"))
+}
+
 _STATUS = ("ok", "warning", "discard", "error", "fatal", "pending")
 
 #: Log messages kept of one instance; the last ones explain a failure.
@@ -145,6 +158,9 @@ class Instance:
     ) -> None:
         self.name = name
         self.version = description.fmiMajorVersion
+        self._co_simulation = description.coSimulation
+        self._state_functions = _STATE_FUNCTIONS[self.version]
+        self._byte: Any = fmi2.fmi2Byte if self.version == 2 else fmi3.fmi3Byte
         self._asks_for_inputs = tuple(asks_for_inputs)
         self._operation = ctypes.c_void_p()  # FMI 3.0: what answers when the FMU asks for its inputs
         self._exists = self._corrupted = False
@@ -299,6 +315,53 @@ class Instance:
     def let_ask_for_inputs(self, operation: Operation) -> None:
         """FMI 3.0: let an operation of the loop (which must outlive the steps) answer when the FMU asks for inputs."""
         self._operation.value = ctypes.addressof(operation)
+
+    def save_state(self) -> bytes:
+        """The state of the FMU, serialised.
+
+        Raises
+        ------
+        CallFailed
+            It can't be saved; the text says why.
+        """
+        self._check_states()
+        state, size = ctypes.c_void_p(), ctypes.c_size_t()
+        self.call(self._state_functions["get"], ctypes.byref(state))
+        try:
+            self.call(self._state_functions["size"], state, ctypes.byref(size))
+            data = (self._byte * size.value)()
+            self.call(self._state_functions["serialise"], state, data, size)
+        finally:
+            self.call(self._state_functions["free"], ctypes.byref(state))
+        return bytes(data)
+
+    def restore_state(self, data: bytes) -> None:
+        """Bring the FMU into a state that `save_state` gave, of this instance or another one of the same FMU file.
+
+        Raises
+        ------
+        CallFailed
+            The FMU can't take it.
+        """
+        self._check_states()
+        state, buffer = ctypes.c_void_p(), (self._byte * len(data)).from_buffer_copy(data)
+        self.call(self._state_functions["read"], buffer, len(data), ctypes.byref(state))
+        try:
+            self.call(self._state_functions["set"], state)
+        finally:
+            self.call(self._state_functions["free"], ctypes.byref(state))
+
+    def _check_states(self) -> None:
+        """Whether the FMU has states that can be saved.
+
+        Raises
+        ------
+        CallFailed
+            It has none.
+        """
+        for capability in ("canGetAndSetFMUstate", "canSerializeFMUstate"):  # fmpy's words, for FMI 3.0 too
+            if not getattr(self._co_simulation, capability):
+                raise CallFailed(f"can't save its state ({capability} is not set in its model description)")
 
     def terminate(self) -> None:
         """Tell the FMU that the run is over."""

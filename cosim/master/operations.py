@@ -85,6 +85,7 @@ class Exchange:
         self._extrapolation = extrapolated.algorithm.extrapolation
         self._arena = Arena()
         self._buffers: list[VariableBuffer] = []  # that operations point into
+        self._extrapolated: list[tuple[Extrapolated, int]] = []  # with the number of inputs
         self._links_from: dict[str, list[Link]] = {}
         self._links_to: dict[str, list[Link]] = {}
         for link in system.links:
@@ -113,6 +114,19 @@ class Exchange:
             [row for c in system.components for row in self._extrapolate_and_step(c, sets_of.get(c, ()))]
         )
         self._let_fmus_ask_for_inputs()
+
+    def history(self) -> np.ndarray:
+        """What extrapolated inputs know of earlier communication points, as numbers (n,)."""
+        return np.array([number for inputs, n in self._extrapolated for number in _history_of(inputs, n)])
+
+    def restore_history(self, numbers: np.ndarray) -> None:
+        """Give extrapolated inputs what `history` gave."""
+        rest = numbers.tolist()
+        for inputs, n in self._extrapolated:
+            inputs.known, inputs.time = int(rest.pop(0)), rest.pop(0)
+            for pointer, count in _arrays_of(inputs, n):
+                for i in range(count):
+                    pointer[i] = rest.pop(0)
 
     def _let_fmus_ask_for_inputs(self) -> None:
         """FMI 3.0: the first operation that extrapolates an FMU's inputs answers, and finds the others behind it."""
@@ -234,6 +248,7 @@ class Exchange:
         inputs.orders = self._arena.integers([order for order in orders for _ in range(n)])
         inputs.weights = self._arena.array(ctypes.c_double, _weights(self._extrapolation))
         inputs.degree, inputs.points = degree, points
+        self._extrapolated.append((inputs, n))
         name = "fmi2SetRealInputDerivatives" if instance.version == 2 else "fmi3SetFloat64"
         operation = self._operation(
             Kind.EXTRAPOLATE,
@@ -259,6 +274,14 @@ class Exchange:
             data=ctypes.addressof(self._arena.zeros(1)),
         )
         return NamedOperation(operation, component, name)
+
+
+def _arrays_of(inputs: Extrapolated, n: int) -> tuple[tuple[Any, int], tuple[Any, int]]:
+    return (inputs.history, (inputs.points - 1) * n), (inputs.derivatives, inputs.degree * n)
+
+
+def _history_of(inputs: Extrapolated, n: int) -> list[float]:
+    return [inputs.known, inputs.time, *(p[i] for p, count in _arrays_of(inputs, n) for i in range(count))]
 
 
 def _weights(extrapolation: Extrapolation) -> list[float]:

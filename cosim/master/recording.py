@@ -83,6 +83,10 @@ class Growing:
         """See `Recorder`."""
         return self._times(0, self._end), self._values[: self._end]
 
+    def replace(self, values: np.ndarray) -> None:
+        """Take over the rows (n, columns) of another run."""
+        self._values, self._end = values.copy(), len(values)
+
 
 class PassedOn:
     """Rows in a buffer that goes to a sink when it is full."""

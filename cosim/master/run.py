@@ -185,6 +185,16 @@ class Run:
             point = self._go_on(recorder, point, end, record_every, exchanged=point == first, stop=lambda: False)
         self.exchange(end)
 
+    def history(self) -> np.ndarray:
+        """What extrapolated inputs know of earlier communication points, as numbers (n,)."""
+        return self._exchange.history()
+
+    def stand_at(self, point: int, values: np.ndarray, history: np.ndarray) -> None:
+        """Take over the values (n,) and the history of a run that stood at a communication point."""
+        self._exchange.values[:] = values
+        self._exchange.restore_history(history)
+        self._samples.begin_at(point)
+
     def recorded_now(self) -> np.ndarray:
         """What is recorded (columns,) of the values as they are."""
         runs = self._exchange.recorded_runs

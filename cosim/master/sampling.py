@@ -90,6 +90,11 @@ class Samples:
                 break
         return max(first, min(end, self._usable()))
 
+    def begin_at(self, point: int) -> None:
+        """Forget all samples, and go on from a point; the loop looks back from there."""
+        self.first = self.end = max(point - self._reach, 0)
+        self.failure = self.failed = None
+
     def _usable(self) -> int:
         """End of the points for which the loop finds all that it looks at."""
         whole = self.end > self._last_point or self.failure is not None

@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 
 from cosim.errors import SetupError
-from cosim.fmi.instance import Instance, VariableBuffer
+from cosim.fmi.instance import CallFailed, Instance, VariableBuffer
 from cosim.master.failures import Failing, SimulationError, SimulationInterrupted
 from cosim.master.interrupts import DeferredInterrupt
 from cosim.master.recording import Growing
 from cosim.master.run import Grid, Run
+from cosim.master.state import RunState
 from cosim.master.value_layout import ValueLayout
 from cosim.results.results import Results
 from cosim.system.resolution import ResolvedSystem, resolve_start_value, split
@@ -231,6 +232,68 @@ class SteppedRun:
             )
         if n:
             self.step(n)
+
+    def save(self) -> RunState:
+        """The state of the run at this communication point, its recorded rows included.
+
+        `RunState.write` and `RunState.read` take it to another process.
+
+        Raises
+        ------
+        SetupError
+            The FMU of a component can't save or serialise its state; the message names the component.
+        """
+        self._check_running()
+        self._exchange_again()
+        fmus = {}
+        for component, instance in self._instances.items():
+            try:
+                fmus[component] = instance.save_state()
+            except CallFailed as error:
+                raise SetupError(f"component '{component}': its FMU {error}; the run can't be saved") from error
+        _, recorded = self._recorder.result()
+        values = self._run.values.copy()
+        return RunState(self._made_with(), self._point, fmus, values, self._run.history(), recorded.copy())
+
+    def restore(self, state: RunState) -> None:
+        """Go back, or on, to where a run stood when its state was saved, by this process or another one.
+
+        Signals are functions of time, so the run goes on with those of this run.
+
+        Raises
+        ------
+        SetupError
+            The state belongs to a run that was made with something else, which the message names, or an FMU can't
+            take it.
+        """
+        self._check_running()
+        here = self._made_with()
+        differs = [key for key in here if state.made_with.get(key) != here[key]]
+        if differs:
+            raise SetupError(f"the state is that of another run (other {', '.join(differs)}); start the run as it was")
+        if state.point > self._grid.last_point:
+            raise SetupError(f"the state lies at t = {self._grid.time(state.point):.9g} s, beyond the stop time")
+        for component, instance in self._instances.items():
+            try:
+                instance.restore_state(state.fmus[component])
+            except CallFailed as error:
+                raise SetupError(f"component '{component}': its FMU {error}; the run can't be restored") from error
+        self._set_since = set()
+        self._point = state.point
+        self._recorder.replace(state.recorded)
+        self._run.stand_at(state.point, state.values, state.history)
+
+    def _made_with(self) -> dict[str, Any]:
+        info = self._results.info
+        return {
+            "fmus": {name: fmu["sha256"] for name, fmu in info["fmus"].items()},
+            "order": info["order"],
+            "extrapolation": info["extrapolation"],
+            "step_size": info["step_size"],
+            "start_time": info["start_time"],
+            "record_every": info["record_every"],
+            "names": list(self._results.names),
+        }
 
     def end(self) -> None:
         """Record where the run stands and terminate the FMUs; leaving the context does so too."""

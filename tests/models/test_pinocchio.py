@@ -84,7 +84,7 @@ def test_changed_link_is_found(name: str) -> None:
 
 def test_printed_base_leaves_the_loop_open() -> None:
     """Forward kinematics at the printed start angles: the chains meet with A1 = (0, 0.25), not with (0, 0)."""
-    q = to_joints(PRINTED_START)
+    q = to_joints(np.array(PRINTED_START))
     gaps = {}
     for y in (0.0, 0.25):
         robot = PinocchioRobot(dataclasses.replace(LINKS, y_A=np.array([y, *LINKS.y_A[1:]])))

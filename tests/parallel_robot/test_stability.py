@@ -82,7 +82,7 @@ def test_the_default_algorithm_is_that_of_a_simulation() -> None:
     parameters = inspect.signature(largest_stable_step).parameters
     of_simulation = inspect.signature(Simulation).parameters
     assert parameters["order"].default == of_simulation["order"].default
-    assert parameters["extrapolation"].default == of_simulation["coupling"].default
+    assert parameters["extrapolation"].default == of_simulation["extrapolation"].default
 
 
 def test_linearisation_is_that_of_python_control() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import zipfile
 from collections.abc import Mapping
 from io import BytesIO
+from pathlib import Path
 
 from fmpy import read_model_description
 from fmpy.model_description import ModelDescription
@@ -83,3 +84,15 @@ def ports(**descriptions: ModelDescription) -> dict[str, Ports]:
 
 def _attributes(given: dict[str, str]) -> str:
     return " ".join(f'{key}="{value}"' for key, value in given.items())
+
+
+def without_capability(source: Path, target: Path, capability: str) -> Path:
+    """A copy of an FMU whose model description does not have a capability."""
+    with zipfile.ZipFile(source) as old, zipfile.ZipFile(target, "w") as new:
+        for member in old.infolist():
+            data = old.read(member)
+            if member.filename == "modelDescription.xml":
+                assert f'{capability}="true"'.encode() in data
+                data = data.replace(f'{capability}="true"'.encode(), b"")
+            new.writestr(member, data)
+    return target
