@@ -18,7 +18,7 @@ from pathlib import Path
 from tqdm import tqdm
 
 from benchmarks.coupling import measure_coupling
-from benchmarks.loop import measure_loop, measure_pythonfmu
+from benchmarks.loop import measure_loop, measure_pythonfmu, measure_stepping
 from benchmarks.masters import measure_masters
 from benchmarks.measure import Section
 from benchmarks.plant_step import measure_plant_step
@@ -32,6 +32,7 @@ RESULTS = Path("benchmarks/results")
 PARTS: dict[str, Callable[[Path], Section | list[Section]]] = {
     "plant-step": measure_plant_step,
     "loop": measure_loop,
+    "stepping": measure_stepping,
     "pythonfmu": measure_pythonfmu,
     "coupling": measure_coupling,
     "chain": lambda _: measure_chain(),

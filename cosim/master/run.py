@@ -26,6 +26,9 @@ from cosim.system.variables import variables_of
 #: Between two chunks the loop looks for Ctrl-C and reports progress; this is how long (s) a chunk should take.
 _CHUNK_TIME = 0.05
 _FIRST_CHUNK, _LARGEST_GROWTH, _LARGEST_CHUNK = 64, 16, 1 << 16
+#: A run that is stepped by hand samples its signals for so many points ahead.
+_AHEAD = 1000
+
 _SHORTEST_TIME = 1e-6  # clocks have a resolution
 
 
@@ -74,6 +77,9 @@ class Run:
             n_at_point=len(exchange.at_point),
             n_at_step=len(exchange.at_step),
         )
+
+        self._sampled_from = self._sampled_end = 0
+        self._records: np.ndarray | None = None  # that the loop points at
 
     def initialize(self, starts: Sequence[StartValue]) -> None:
         """Set start values and run all FMUs through their initialisation mode."""
@@ -160,12 +166,15 @@ class Run:
         SimulationError
             An FMU or a signal fails.
         """
-        if self._samples.cover(point, point + 1, lambda: False) <= point:
+        if self._sampled_until(point, point + 1) <= point:
             raise self._signal_failure(point)
-        self._point_at_samples()
         table = self._exchange.at_point
+        if components is None:
+            if not loop_library().loop_perform(ctypes.byref(self._loop), table.operations, len(table), point):
+                raise self._failure(table)
+            return
         size = ctypes.sizeof(Operation)
-        for first, n in [(0, len(table))] if components is None else _reads(table, components):
+        for first, n in _reads(table, components):
             operations = ctypes.cast(ctypes.addressof(table.operations) + first * size, ctypes.POINTER(Operation))
             if not loop_library().loop_perform(ctypes.byref(self._loop), operations, n, point):
                 self._loop.failed += first
@@ -182,8 +191,26 @@ class Run:
         self._loop.record_every = record_every
         point = first
         while point < end:
-            point = self._go_on(recorder, point, end, record_every, exchanged=point == first, stop=lambda: False)
+            reached = min(end, self._sampled_until(point, end + 1))
+            if reached <= point:
+                raise self._signal_failure(point)
+            self._perform(recorder, point, reached, record_every, exchanged=point == first)
+            point = reached
         self.exchange(end)
+
+    def _sampled_until(self, first: int, end: int) -> int:
+        """End of the points from `first` on that have samples: at least `end`, unless a signal fails.
+
+        Signals are sampled ahead, for a sampling costs more than a step.
+        """
+        if not (self._sampled_from <= first and end <= self._sampled_end):
+            wanted = min(end + _AHEAD, self._grid.last_point + 1)
+            reached = self._samples.cover(first, wanted, lambda: False)
+            while reached < end and self._samples.failure is None:  # a slow signal comes bit by bit
+                reached = self._samples.cover(first, wanted, lambda: False)
+            self._sampled_from, self._sampled_end = first, reached
+            self._point_at_samples()
+        return self._sampled_end
 
     def history(self) -> np.ndarray:
         """What extrapolated inputs know of earlier communication points, as numbers (n,)."""
@@ -194,6 +221,7 @@ class Run:
         self._exchange.values[:] = values
         self._exchange.restore_history(history)
         self._samples.begin_at(point)
+        self._sampled_end = 0
 
     def recorded_now(self) -> np.ndarray:
         """What is recorded (columns,) of the values as they are."""
@@ -212,31 +240,25 @@ class Run:
         """Tell all FMUs that the run is over."""
         self._terminate(time)
 
-    def _go_on(
-        self,
-        recorder: Recorder,
-        first: int,
-        end: int,
-        record_every: int,
-        *,
-        exchanged: bool = False,
-        stop: Callable[[], bool] | None = None,
-    ) -> int:
-        """Perform a chunk of points; returns the first point that is still to be performed.
-
-        At the first one values may have been `exchanged` already.
-        """
-        end = self._samples.cover(first, end, stop or self._stop)
+    def _go_on(self, recorder: Recorder, first: int, end: int, record_every: int) -> int:
+        """Perform a chunk of points; returns the first point that is still to be performed."""
+        end = self._samples.cover(first, end, self._stop)
         if end == first:
             if self._samples.failure is None:  # Ctrl-C came while a signal was sampled
                 return first
             raise self._signal_failure(first)
         self._point_at_samples()
+        self._perform(recorder, first, end, record_every, exchanged=False)
+        return end
+
+    def _perform(self, recorder: Recorder, first: int, end: int, record_every: int, *, exchanged: bool) -> None:
+        """Perform points that have samples; at the first one values may have been `exchanged` already."""
         rows, self._loop.first_record = recorder.room(_rows(first, record_every), _rows(end, record_every))
-        self._loop.records = _pointer(rows, ctypes.c_double)
+        if rows is not self._records:
+            self._records, self._loop.records = rows, _pointer(rows, ctypes.c_double)
         if loop_library().loop_run(ctypes.byref(self._loop), first, end, exchanged):
             recorder.recorded(_rows(end, record_every))
-            return end
+            return
         stepping = bool(self._loop.failed_at_step)
         recorder.recorded(_rows(self._loop.point + stepping, record_every))
         raise self._failure(self._exchange.at_step if stepping else self._exchange.at_point)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from cosim import SetupError, Simulation, SimulationError, System
@@ -186,3 +187,19 @@ def test_an_fmu_that_fails_ends_it_with_what_was_recorded(tiny: Path) -> None:
             with pytest.raises(SetupError, match="has ended"):
                 run.step()
         assert len(simulation.run(0.5, STEP).time) == 6
+
+
+def test_a_signal_that_fails_ends_it_where_it_fails_and_not_before(tiny: Path) -> None:
+    """Signals are sampled ahead of the step."""
+    system = System()
+    system.add("i", tiny / "Integrator.fmu")
+    system.drive("i.u", lambda t: 1.0 / (t < 0.55))
+    with Simulation(system) as simulation, simulation.start(step_size=STEP) as run:
+        run.advance_to(0.5)
+        assert run["i.x"] == pytest.approx(0.5, rel=1e-12)
+        with pytest.raises(
+            SimulationError, match=r"t = 0.6 s: the signal that feeds 'i.u' failed: ZeroDivisionError"
+        ) as e:
+            run.step(3)
+    assert e.value.results is not None
+    assert e.value.results.time == pytest.approx(np.arange(6) * STEP)
