@@ -180,8 +180,10 @@ class Run:
                 self._loop.failed += first
                 raise self._failure(table)
 
-    def advance(self, recorder: Recorder, first: int, end: int, record_every: int) -> None:
+    def advance(self, recorder: Recorder, first: int, end: int, record_every: int) -> int:
         """Step from a communication point, where values have been exchanged, to another, and exchange there.
+
+        Returns the point that was reached: an earlier one after Ctrl-C.
 
         Raises
         ------
@@ -190,23 +192,25 @@ class Run:
         """
         self._loop.record_every = record_every
         point = first
-        while point < end:
-            reached = min(end, self._sampled_until(point, end + 1))
+        while point < end and not (point > first and self._interrupt.requested):
+            chunk_end = min(end, point + _LARGEST_CHUNK)
+            reached = min(chunk_end, self._sampled_until(point, chunk_end + 1))
             if reached <= point:
                 raise self._signal_failure(point)
             self._perform(recorder, point, reached, record_every, exchanged=point == first)
             point = reached
-        self.exchange(end)
+        self.exchange(point)
+        return point
 
     def _sampled_until(self, first: int, end: int) -> int:
-        """End of the points from `first` on that have samples: at least `end`, unless a signal fails.
+        """End of the points from `first` on that have samples: at `end` or before, at `first` only if a signal fails.
 
         Signals are sampled ahead, for a sampling costs more than a step.
         """
         if not (self._sampled_from <= first and end <= self._sampled_end):
             wanted = min(end + _AHEAD, self._grid.last_point + 1)
             reached = self._samples.cover(first, wanted, lambda: False)
-            while reached < end and self._samples.failure is None:  # a slow signal comes bit by bit
+            while reached <= first and self._samples.failure is None:  # a slow signal comes bit by bit
                 reached = self._samples.cover(first, wanted, lambda: False)
             self._sampled_from, self._sampled_end = first, reached
             self._point_at_samples()

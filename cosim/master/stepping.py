@@ -201,12 +201,11 @@ class SteppedRun:
             raise SetupError(f"step({n}) at t = {self.time:.9g} s: goes beyond the stop time {stop_time:.9g} s")
         self._exchange_again()
         try:
-            self._run.advance(self._recorder, self._point, end, self._record_every)
+            self._point = self._run.advance(self._recorder, self._point, end, self._record_every)
         except SimulationError as error:
             self._ended = True
             error.results = self._all_recorded("failed")
             raise
-        self._point = end
         if self._interrupt.requested:
             raise SimulationInterrupted(self.time, self._all_recorded("interrupted"))
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import signal
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from cosim import SetupError, Simulation, SimulationError, System
+from cosim import SetupError, Simulation, SimulationError, SimulationInterrupted, System
+from cosim.master import run as run_module
+from cosim.master import sampling
 from parallel_robot.scenario import load_scenario
 from tests.conftest import DEFAULT_FLAVOUR
 from tests.support.tiny_models import FRAGILE, FRAGILE_MESSAGE, GAIN, INTEGRATOR, build
@@ -203,3 +206,36 @@ def test_a_signal_that_fails_ends_it_where_it_fails_and_not_before(tiny: Path) -
             run.step(3)
     assert e.value.results is not None
     assert e.value.results.time == pytest.approx(np.arange(6) * STEP)
+
+
+def test_a_step_longer_than_what_is_sampled_at_once(tiny: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    system = System()
+    system.add("i", tiny / "Integrator.fmu")
+    system.drive("i.u", np.cos, vectorized=True)
+    with Simulation(system) as simulation:
+        expected = simulation.run(50.0, STEP)
+        monkeypatch.setattr(sampling, "_MOST_SAMPLES", 20)
+        monkeypatch.setattr(run_module, "_LARGEST_CHUNK", 64)
+        with simulation.start(step_size=STEP) as run:
+            run.step(500)
+        same(run.results, expected)
+
+
+def test_ctrl_c_ends_a_long_step(tiny: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    system = System()
+    system.add("i", tiny / "Integrator.fmu")
+
+    def signal_of(t: float) -> float:
+        if t > 20.0 and not run_ended:
+            run_ended.append(True)
+            signal.raise_signal(signal.SIGINT)
+        return 1.0
+
+    run_ended: list[bool] = []
+    system.drive("i.u", signal_of)
+    monkeypatch.setattr(run_module, "_LARGEST_CHUNK", 64)
+    with Simulation(system) as simulation:
+        with pytest.raises(SimulationInterrupted) as error, simulation.start(step_size=STEP) as run:
+            run.step(10**8)
+        assert 0 < len(error.value.results.time) < 10_000
+        assert len(simulation.run(0.5, STEP).time) == 6
