@@ -12,19 +12,16 @@ import pytest
 
 from cosim.results.figure_process import FigureProcess
 from fmu_export.native.backend import build_native
-from parallel_robot.fmus import build, default_flavour
+from parallel_robot.fmus import build
 from parallel_robot.models import MODELS
 from tests.support import compilation
 from tests.support.compilation import shared_compilation
 from tests.support.fmi3_gain import build_gain
-from tests.support.native_fmus import FLAVOURS, require_compiler, unpack
+from tests.support.native_fmus import DEFAULT_FLAVOUR, FLAVOURS, require_compiler, unpack
 
 # nohup and background jobs start the tests with SIGINT ignored, and every process that the tests start inherits it
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
-
-#: The flavour that `cosim run` takes when none is asked for: fmi2 where there is a C compiler, else pythonfmu.
-DEFAULT_FLAVOUR = default_flavour(Path("no such folder"))[0]
 
 
 class LeftOut:

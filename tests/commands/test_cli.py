@@ -25,7 +25,7 @@ from parallel_robot.choices import scenario_names
 from parallel_robot.commands import tune
 from plant_fmu.model import MODEL as PLANT
 from plant_fmu.model import output_values
-from tests.conftest import DEFAULT_FLAVOUR
+from tests.support.native_fmus import DEFAULT_FLAVOUR
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -35,7 +35,7 @@ from parallel_robot.choices import FLAVOURS
 from parallel_robot.fmus import fmu_path
 from parallel_robot.models import MODELS
 from parallel_robot.scenario import FAMILY, load_scenario
-from tests.conftest import DEFAULT_FLAVOUR
+from tests.support.native_fmus import DEFAULT_FLAVOUR
 
 FIGURES = ["path.png", "tracking_errors.png", "torques.png", "psi.png", "closure_error.png"]
 #: dm = -5 sin(pi t) kg; the mass matrix loses its definiteness within the first tenth of a second.

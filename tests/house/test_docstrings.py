@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from parallel_robot.scenario import load_scenario
-from tests.conftest import DEFAULT_FLAVOUR
+from tests.support.native_fmus import DEFAULT_FLAVOUR
 from tests.support.sources import sources
 
 MODULES = [name for name, path in sources().items() if ">>> " in path.read_text(encoding="utf-8")]

@@ -13,7 +13,7 @@ import pytest
 
 from cosim.__main__ import commands
 from parallel_robot.models import MODELS
-from tests.conftest import DEFAULT_FLAVOUR
+from tests.support.native_fmus import DEFAULT_FLAVOUR
 
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")

@@ -19,7 +19,7 @@ from cosim.commands import sweep
 from fmu_export import DefaultExperiment, Layout, Model, Variable, build_native
 from fmu_export.package.start_values import write_start_values
 from parallel_robot.wiring import CONNECTIONS
-from tests.conftest import DEFAULT_FLAVOUR
+from tests.support.native_fmus import DEFAULT_FLAVOUR
 
 ROOT = Path(__file__).resolve().parents[2]
 

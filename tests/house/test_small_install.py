@@ -15,7 +15,7 @@ import pytest
 
 import cosim.errors
 import fmu_export.errors
-from tests.conftest import DEFAULT_FLAVOUR
+from tests.support.native_fmus import DEFAULT_FLAVOUR
 from tests.support.sources import CHECKOUT, sources
 
 PROJECT = tomllib.loads((CHECKOUT / "pyproject.toml").read_text(encoding="utf-8"))["project"]

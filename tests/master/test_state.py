@@ -12,8 +12,8 @@ import pytest
 from cosim import RunState, SetupError, Simulation, System
 from parallel_robot.fmus import build
 from parallel_robot.scenario import load_scenario
-from tests.conftest import DEFAULT_FLAVOUR
 from tests.support.descriptions import without_capability
+from tests.support.native_fmus import DEFAULT_FLAVOUR
 from tests.support.tiny_models import INTEGRATOR
 from tests.support.tiny_models import build as build_tiny
 

@@ -12,7 +12,7 @@ from cosim import SetupError, Simulation, SimulationError, SimulationInterrupted
 from cosim.master import run as run_module
 from cosim.master import sampling
 from parallel_robot.scenario import load_scenario
-from tests.conftest import DEFAULT_FLAVOUR
+from tests.support.native_fmus import DEFAULT_FLAVOUR
 from tests.support.tiny_models import FRAGILE, FRAGILE_MESSAGE, GAIN, INTEGRATOR, build
 
 STEP = 0.1

@@ -13,8 +13,8 @@ from cosim import Results, simulate
 from parallel_robot import continuous_loop as closed_loop
 from parallel_robot.metrics import metrics
 from parallel_robot.scenario import load_scenario
-from tests.conftest import DEFAULT_FLAVOUR
 from tests.support.continuous_loop import end_effector, solve
+from tests.support.native_fmus import DEFAULT_FLAVOUR
 
 TRACKING = load_scenario("tracking")
 

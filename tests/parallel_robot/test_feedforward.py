@@ -27,7 +27,7 @@ from plant_fmu.inverse_dynamics import minimum_norm_torque
 from plant_fmu.kinematics import inverse_kinematics, velocity_jacobian_rates, velocity_jacobians
 from plant_fmu.model import PARAMETERS
 from plant_fmu.reduced import reduced_form
-from tests.conftest import DEFAULT_FLAVOUR
+from tests.support.native_fmus import DEFAULT_FLAVOUR
 from trajectory_fmu import model as trajectory
 
 P = PARAMETERS.unpack(PARAMETERS.starts)

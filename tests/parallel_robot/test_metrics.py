@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+import os
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -145,3 +148,34 @@ def test_a_system_without_the_plant_has_no_metrics_of_the_plant():
     # a scenario may leave the plant out; its run must not end in an error after the work is done
     found = metrics(made(TIME, {"trajectory.x_ref": 0.2}, DESIRED), steady_after=1.0)
     assert found["tracking"] == {}
+
+
+@pytest.mark.parametrize("rows", [1, 10_000, 10_001, 50_001])
+def test_the_rms_of_so_many_rows_is_that_of_their_exact_sum(rows: int):
+    """Also where the rows are summed in pieces."""
+    time = np.linspace(0.0, 1.0, rows)
+    error = np.random.default_rng(rows).standard_normal(rows)
+    x = metrics(tracked(time, plant__x_E=error), steady_after=2.0)["tracking"]["x"]
+    assert x["rms"] == pytest.approx(math.sqrt(math.fsum(error * error) / rows), rel=1e-14)
+
+
+def test_metrics_are_the_same_to_the_last_bit_with_any_number_of_threads():
+    script = (
+        "import numpy as np\n"
+        "from cosim.results.results import Results\n"
+        "from parallel_robot.metrics import metrics\n"
+        "time, names = np.linspace(0.0, 1.0, 50_001), ['plant.x_E', 'trajectory.x_ref']\n"
+        "for seed in range(8):\n"
+        "    values = np.random.default_rng(seed).standard_normal((len(time), 2))\n"
+        "    print(metrics(Results(time=time, names=names, values=values), 0.5)['tracking'])\n"
+    )
+
+    def printed(threads: str) -> str:
+        environment = {**os.environ, "OPENBLAS_NUM_THREADS": threads}
+        return subprocess.run(
+            [sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=True
+        ).stdout
+
+    one = printed("1")
+    assert one.count("steady_rms") == 8
+    assert printed("2") == one

@@ -15,7 +15,7 @@ from fmu_export.trace.trace import trace
 from parallel_robot.scenario import load_scenario
 from plant_fmu.kinematics import chain_ends
 from plant_fmu.model import MODEL, PARAMETERS
-from tests.conftest import DEFAULT_FLAVOUR
+from tests.support.native_fmus import DEFAULT_FLAVOUR
 
 P = PARAMETERS.unpack(PARAMETERS.starts)
 

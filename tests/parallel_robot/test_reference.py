@@ -12,7 +12,7 @@ from cosim.fmi.fmu_file import read_fmu
 from cosim.regression import Case, check
 from cosim.regression.run import interfaces_of
 from fmu_export.package.start_values import write_start_values
-from tests.conftest import DEFAULT_FLAVOUR
+from tests.support.native_fmus import DEFAULT_FLAVOUR
 
 REFERENCE = Path(__file__).parents[2] / "reference"
 CASES = ("RobotPlant", "RobotController", "RobotTrajectory")  # tests/test_closed_loop_fmu.py has that of all in one

@@ -25,7 +25,7 @@ from parallel_robot.metrics import tracking_errors
 from parallel_robot.models import MODELS
 from parallel_robot.scenario import load_scenario
 from parallel_robot.stability import closed_loop_poles, largest_stable_step, linearize_along
-from tests.conftest import DEFAULT_FLAVOUR
+from tests.support.native_fmus import DEFAULT_FLAVOUR
 
 
 def test_closed_loop_is_stable_along_the_path() -> None:

@@ -19,7 +19,7 @@ from fmu_export.package.start_values import write_start_values
 from parallel_robot.metrics import metrics, tracking_errors
 from parallel_robot.scenario import load_scenario
 from parallel_robot.sweep import METRICS, RobotStudy, flat, robot_study
-from tests.conftest import DEFAULT_FLAVOUR
+from tests.support.native_fmus import DEFAULT_FLAVOUR
 
 
 def scenario(name: str = "tracking"):

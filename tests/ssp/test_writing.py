@@ -26,8 +26,8 @@ from cosim.ssp.writer import Experiment, ParameterSet, write_ssp
 from parallel_robot.paper.reproduce.table import table1
 from parallel_robot.scenario import load_scenario
 from parallel_robot.ssp import write_robot_ssp
-from tests.conftest import DEFAULT_FLAVOUR
 from tests.support.bare_host import fresh
+from tests.support.native_fmus import DEFAULT_FLAVOUR
 from tests.support.small_fmus import FLAVOURS, build, compiled
 from tests.support.ssp_files import (
     archive,

@@ -20,8 +20,13 @@ import pytest
 from fmpy import fmi2, fmi3
 
 from fmu_export.native.toolchain import ToolchainError, find_compiler, host_target
+from parallel_robot.fmus import default_flavour
 
 FLAVOURS = ("fmi2", "fmi3")
+
+#: The flavour that `cosim run` takes when none is asked for: fmi2 where there is a C compiler, else pythonfmu.
+DEFAULT_FLAVOUR = default_flavour(Path("no such folder"))[0]
+
 OK, DISCARD, ERROR = 0, 2, 3
 
 _T = {"i": c_int, "b": c_bool, "d": c_double, "p": c_void_p, "n": c_size_t, "u": c_uint, "s": c_char_p}

@@ -25,7 +25,7 @@ from cosim.sweep.store import read
 from cosim.versions import versions
 from parallel_robot.scenario import load_scenario
 from parallel_robot.sweep import METRICS, robot_study
-from tests.conftest import DEFAULT_FLAVOUR
+from tests.support.native_fmus import DEFAULT_FLAVOUR
 from tests.support.sweep_study import CounterStudy, arrivals, build_counter, process, sha256
 
 ROOT = Path(__file__).parents[2]

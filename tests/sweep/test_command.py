@@ -16,7 +16,7 @@ import pytest
 from cosim.__main__ import main
 from cosim.commands.sweep import sweep_progress
 from cosim.sweep.store import read
-from tests.conftest import DEFAULT_FLAVOUR
+from tests.support.native_fmus import DEFAULT_FLAVOUR
 
 ROOT = Path(__file__).parents[2]
 

@@ -14,7 +14,7 @@ from fmu_export import DefaultExperiment, Layout, Model, Variable, build_native
 from fmu_export.errors import TraceError
 from fmu_export.trace.straight_line import python_source
 from fmu_export.trace.trace import trace
-from tests.conftest import DEFAULT_FLAVOUR
+from tests.support.native_fmus import DEFAULT_FLAVOUR
 
 POINTS = [(a, b) for a in (-2.0, -0.5, -0.0, 0.0, 0.3, 0.5, 1.7) for b in (-0.5, 0.0, 0.3)]
 SIZE = len(POINTS)

@@ -31,8 +31,8 @@ from parallel_robot.paper.reproduce.content import (
     TheoremCheck,
 )
 from parallel_robot.scenario import load_scenario
-from tests.conftest import DEFAULT_FLAVOUR
 from tests.support.html import Elements
+from tests.support.native_fmus import DEFAULT_FLAVOUR
 
 STOP, ONSET, STEADY = 3.0, 1.0, 2.0
 GAINS = {"pd": (0.0, 1.662), "10": (2.0655, 2.1671)}

@@ -41,8 +41,8 @@ from parallel_robot.paper.robustness.study import (
 )
 from parallel_robot.paper.robustness.text import findings
 from parallel_robot.scenario import load_scenario
-from tests.conftest import DEFAULT_FLAVOUR
 from tests.support.html import Elements
+from tests.support.native_fmus import DEFAULT_FLAVOUR
 
 ROOT = Path(__file__).parents[3]
 
