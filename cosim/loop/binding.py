@@ -27,6 +27,7 @@ class Kind(IntEnum):
     EXTRAPOLATE = 3
     STEP = 4
     TRANSFORM = 5
+    CALL = 6
 
 
 #: Sources of derivatives in place of a column of the samples: the last values, or none: held.
@@ -52,6 +53,16 @@ TYPES: dict[Any, int] = {
     ctypes.c_int64: 8,
     ctypes.c_uint64: 9,
 }
+
+
+class Cell(ctypes.Structure):
+    """A variable of a component that is a function in Python; see loop.c."""
+
+    _fields_ = (("address", c_void_p), ("size", c_size_t))
+
+
+#: Function of a CALL operation: takes the time (s) and returns a status.
+Called = ctypes.CFUNCTYPE(ctypes.c_int, c_double)
 
 
 class Extrapolated(ctypes.Structure):
@@ -131,7 +142,7 @@ class _Field(ctypes.Structure):
 def _layout_here() -> dict[str, tuple[int, int]]:
     """Offset and size of each struct and field, as declared above."""
     layout = {}
-    for struct in (Extrapolated, Operation, Loop):
+    for struct in (Cell, Extrapolated, Operation, Loop):
         layout[struct.__name__] = (0, ctypes.sizeof(struct))
         for name, _ in struct._fields_:
             field = getattr(struct, name)
@@ -172,5 +183,7 @@ def loop_library() -> ctypes.CDLL:
         )
     library.loop_perform.argtypes = [POINTER(Loop), POINTER(Operation), c_int64, c_int64]
     library.loop_run.argtypes = [POINTER(Loop), c_int64, c_int64, c_bool]
+    for function in (library.cells_get, library.cells_set):
+        function.argtypes = [c_void_p, POINTER(c_uint32), c_size_t, c_void_p, c_size_t]
     library.loop_perform.restype = library.loop_run.restype = c_bool
     return library

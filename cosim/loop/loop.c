@@ -21,7 +21,7 @@
 #define PREFETCH(address) (void)(address)
 #endif
 
-typedef enum { SAMPLE, SET, GET, EXTRAPOLATE, STEP, TRANSFORM } Kind;
+typedef enum { SAMPLE, SET, GET, EXTRAPOLATE, STEP, TRANSFORM, CALL } Kind;
 
 /* C type of the values that a function of an FMU takes. */
 typedef enum { FLOAT64, FLOAT32, INT8, UINT8, INT16, UINT16, INT32, UINT32, INT64, UINT64 } Type;
@@ -88,6 +88,7 @@ typedef int Exchange2(void *, const uint32_t *, size_t, void *);
 typedef int Exchange3(void *, const uint32_t *, size_t, void *, size_t);
 typedef int Derivatives2(void *, const uint32_t *, size_t, const int32_t *, const double *);
 typedef int Step2(void *, double, double, int);
+typedef int Called(double);
 typedef int Step3(void *, double, double, bool, bool *, bool *, bool *, double *);
 
 #define CONVERTED_BY(CASE, ctype, conversion) \
@@ -279,7 +280,35 @@ static int perform(const Loop *loop, const Operation *op, int64_t point, double 
             return 0;
         case STEP:
             return do_step(op, time, op->every * loop->step_size);
+        case CALL:
+            return ((Called *)op->function)(time);
     }
+    return 0;
+}
+
+/* A variable of a component that is no FMU but a function in Python: its values, of whichever type. */
+typedef struct {
+    void *address;
+    size_t size;
+} Cell;
+
+/* Get and set the cells of an instance, an array of them with the value references as indices, as the functions of FMI 3.0
+ * get and set variables. */
+EXPORT int cells_get(void *instance, const uint32_t *references, size_t n_references, void *values, size_t n) {
+    (void)n;
+    const Cell *cells = instance;
+    char *to = values;
+    for (size_t i = 0; i < n_references; to += cells[references[i]].size, i++)
+        memcpy(to, cells[references[i]].address, cells[references[i]].size);
+    return 0;
+}
+
+EXPORT int cells_set(void *instance, const uint32_t *references, size_t n_references, const void *values, size_t n) {
+    (void)n;
+    const Cell *cells = instance;
+    const char *from = values;
+    for (size_t i = 0; i < n_references; from += cells[references[i]].size, i++)
+        memcpy(cells[references[i]].address, from, cells[references[i]].size);
     return 0;
 }
 
@@ -316,6 +345,9 @@ typedef struct {
 #define FIELD(type, field) {#type "." #field, offsetof(type, field), sizeof(((type *)0)->field)}
 
 static const Field layout[] = {
+    STRUCT(Cell),
+    FIELD(Cell, address),
+    FIELD(Cell, size),
     STRUCT(Extrapolated),
     FIELD(Extrapolated, history),
     FIELD(Extrapolated, derivatives),
