@@ -1,4 +1,4 @@
-"""One instance of an FMU, of FMI 2.0 or 3.0, behind one face; calls go through fmpy.
+"""One instance of an FMU, of FMI 2.0 or 3.0, behind one face.
 
 Values are got and set by way of buffers: a buffer belongs to a fixed list of variables of one FMI type, with their
 value references prepared once, for setting up these costs more than the call itself.
@@ -9,10 +9,8 @@ from __future__ import annotations
 import ctypes
 import itertools
 import os
-import threading
 from collections import deque
 from collections.abc import Callable, Sequence
-from contextlib import chdir
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -21,10 +19,10 @@ from weakref import WeakValueDictionary
 import fmpy.fmi2 as fmi2
 import fmpy.fmi3 as fmi3
 import numpy as np
-from fmpy.fmi1 import FMICallException
 from fmpy.model_description import ModelDescription, ModelVariable
 
 from cosim.errors import CosimError
+from cosim.fmi.library import Library, LibraryError, library_path
 from cosim.loop.binding import Operation, loop_library
 
 #: FMI type -> (name in the C functions, C type), for FMI 2.0 and for FMI 3.0.
@@ -69,8 +67,6 @@ _MOST_MESSAGES = 100
 _instances: WeakValueDictionary[int, Instance] = WeakValueDictionary()
 _numbers = itertools.count(1)
 
-_loading = threading.Lock()
-
 
 def _dispatch_fmi2(environment: int | None, name: bytes, status: int, category: bytes, message: bytes) -> None:
     instance = None if environment is None else _instances.get(environment)
@@ -88,9 +84,9 @@ class CallFailed(CosimError):
     """A call of an FMU returned an error; the text names the function and the status."""
 
 
-def function_address(library: ctypes.CDLL, name: str) -> int:
-    """Address of a function of a loaded library; AttributeError when it has none of that name."""
-    return ctypes.cast(getattr(library, name), ctypes.c_void_p).value or 0
+def function_address(function: Any) -> int:
+    """Address of a function of a loaded library."""
+    return ctypes.cast(function, ctypes.c_void_p).value or 0
 
 
 class VariableBuffer:
@@ -163,22 +159,16 @@ class Instance:
         self._byte: Any = fmi2.fmi2Byte if self.version == 2 else fmi3.fmi3Byte
         self._asks_for_inputs = tuple(asks_for_inputs)
         self._operation = ctypes.c_void_p()  # FMI 3.0: what answers when the FMU asks for its inputs
-        self._exists = self._corrupted = False
+        self._component: int | None = None
+        self._corrupted = False
         self._messages: deque[str] = deque(maxlen=_MOST_MESSAGES)
-        arguments = {
-            "guid": description.guid,
-            "unzipDirectory": str(folder),
-            "modelIdentifier": description.coSimulation.modelIdentifier,
-            "instanceName": name,
-        }
-        self._folder = folder
+        identifier = description.coSimulation.modelIdentifier
         try:
-            # fmpy changes the working folder, which all threads share, and leaves it when a library can't be loaded
-            with _loading, chdir(folder):
-                self.fmu: Any = (fmi2.FMU2Slave if self.version == 2 else fmi3.FMU3Slave)(**arguments)
-        except Exception as error:  # fmpy raises bare exceptions here
-            raise CallFailed(f"can't be loaded: {error}") from error
-        self._instantiate = self._prepared_fmi2() if self.version == 2 else self._instantiate_fmi3
+            self._library = Library(library_path(folder, self.version, identifier), identifier)
+        except LibraryError as error:
+            raise CallFailed(str(error)) from error
+        prepared = self._prepared_fmi2 if self.version == 2 else self._prepared_fmi3
+        self._instantiate = prepared(description.instantiationToken.encode(), folder.absolute() / "resources")
 
     def instantiate(self) -> None:
         """Make the instance.
@@ -188,15 +178,11 @@ class Instance:
         CallFailed
             The FMU refuses.
         """
-        try:
-            with _loading, chdir(self._folder):
-                self._instantiate()
-        except Exception as error:
-            raise CallFailed(f"can't be instantiated: {self.log() or error}") from error
-        self._exists = True
+        self._component = self._instantiate()
+        if self._component is None:
+            raise CallFailed(f"can't be instantiated: {self.log() or 'it does not say why'}")
 
-    def _prepared_fmi2(self) -> Callable[[], None]:
-        # the callbacks must live as long as the instance; fmpy keeps them
+    def _prepared_fmi2(self, token: bytes, resources: Path) -> Callable[[], int | None]:
         callbacks = fmi2.fmi2CallbackFunctions()
         callbacks.logger = _LOGGER
         callbacks.componentEnvironment = number = next(_numbers)
@@ -204,31 +190,27 @@ class Instance:
         callbacks.allocateMemory = fmi2.defaultCallbacks.allocateMemory
         callbacks.freeMemory = fmi2.defaultCallbacks.freeMemory
         fmi2.addLoggerProxy(ctypes.byref(callbacks))
-        return partial(self.fmu.instantiate, loggingOn=True, callbacks=callbacks)
-
-    def _instantiate_fmi3(self) -> None:
-        """As fmpy does, but with an environment of our own, by which the compiled loop finds the inputs to set."""
-        slave = self.fmu
-        slave.logMessage = fmi3.fmi3LogMessageCallback(self._log_fmi3)
-        address = function_address(loop_library(), "intermediate_update") if self._asks_for_inputs else 0
-        slave.intermediateUpdate = fmi3.fmi3IntermediateUpdateCallback(address)
-        references = (fmi3.fmi3ValueReference * len(self._asks_for_inputs))(*self._asks_for_inputs)
-        slave.component = slave.fmi3InstantiateCoSimulation(
-            self.name.encode(),
-            slave.guid.encode(),
-            (os.path.join(slave.unzipDirectory, "resources") + os.sep).encode(),  # noqa: PTH118 -- ends in a separator
-            False,
-            True,
-            False,
-            False,
-            references,
-            len(references),
-            ctypes.addressof(self._operation),
-            slave.logMessage,
-            slave.intermediateUpdate,
+        self._callbacks = callbacks  # FMUs keep their address
+        return partial(
+            self._function("fmi2Instantiate"),
+            *(self.name.encode(), fmi2.fmi2CoSimulation, token, resources.as_uri().encode(), ctypes.byref(callbacks)),
+            *(fmi2.fmi2False, fmi2.fmi2True),  # invisible; says what is wrong
         )
-        if not slave.component:
-            raise CallFailed("fmi3InstantiateCoSimulation returned nothing")
+
+    def _prepared_fmi3(self, token: bytes, resources: Path) -> Callable[[], int | None]:
+        """The environment is our own, by which the compiled loop finds the inputs to set."""
+        self._callbacks = (
+            fmi3.fmi3LogMessageCallback(self._log_fmi3),
+            function_address(loop_library().intermediate_update) if self._asks_for_inputs else None,
+        )
+        references = (fmi3.fmi3ValueReference * len(self._asks_for_inputs))(*self._asks_for_inputs)
+        return partial(
+            self._function("fmi3InstantiateCoSimulation"),
+            *(self.name.encode(), token, f"{resources}{os.sep}".encode()),
+            *(False, True, False, False),  # invisible; says what is wrong; no event mode; no early return
+            *(references, len(references), ctypes.addressof(self._operation)),
+            *self._callbacks,
+        )
 
     # Logging
 
@@ -250,9 +232,8 @@ class Instance:
 
     @property
     def address(self) -> int:
-        """The instance as the FMU's functions take it."""
-        component = self.fmu.component
-        return component if isinstance(component, int) else component.value
+        """The instance as the FMU's functions take it; 0 before it is made."""
+        return self._component or 0
 
     def function_address(self, name: str) -> int:
         """Address of a C function of the FMU.
@@ -262,10 +243,7 @@ class Instance:
         CallFailed
             The FMU lacks it.
         """
-        try:
-            return function_address(self.fmu.dll, name)
-        except AttributeError:
-            raise CallFailed(f"lacks the function {name}") from None
+        return function_address(self._function(name))
 
     def call(self, function: str, *arguments: Any) -> None:
         """Call a C function of this instance.
@@ -273,12 +251,17 @@ class Instance:
         Raises
         ------
         CallFailed
-            Its status is worse than a warning.
+            The FMU lacks it, or its status is worse than a warning.
         """
+        status = self._function(function)(self._component, *arguments)
+        if status not in (fmi2.fmi2OK, fmi2.fmi2Warning):
+            raise self.failure(function, status)
+
+    def _function(self, name: str) -> Callable[..., Any]:
         try:
-            getattr(self.fmu, function)(self.fmu.component, *arguments)
-        except FMICallException as error:
-            raise self.failure(error.function, error.status) from error
+            return self._library.function(name)
+        except LibraryError as error:
+            raise CallFailed(str(error)) from error
 
     def failure(self, function: str, status: int) -> CallFailed:
         """The error for a status that a function has returned; after a fatal one the instance is left alone."""
@@ -387,7 +370,11 @@ class Instance:
         """
         if self._corrupted:
             return
-        if self._exists:
-            self.fmu.freeInstance()
-        else:
-            self.fmu.freeLibrary()
+        if self._component is not None:
+            self.free()
+        self._library.close()
+
+    def free(self) -> None:
+        """Free the instance; its library stays loaded."""
+        self._function(f"fmi{self.version}FreeInstance")(self._component)
+        self._component = None

@@ -20,9 +20,9 @@ class DeferredInterrupt:
 
     def __enter__(self) -> DeferredInterrupt:
         # only the main thread may install handlers, and only it gets interrupts
-        # and where Ctrl-C is ignored, as in background jobs, it stays so
+        # and where Ctrl-C is ignored, as in background jobs, it stays so; a handler in C could not be restored
         main = threading.current_thread() is threading.main_thread()
-        if main and signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
+        if main and signal.getsignal(signal.SIGINT) not in (signal.SIG_IGN, None):
             self._previous = signal.signal(signal.SIGINT, self._request)
         return self
 

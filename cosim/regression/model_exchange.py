@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from cosim.fmi.fmu_file import LoadedFMU
+from cosim.fmi.model_exchange import model_exchange_instance
 from cosim.regression.case import Between, Case, CaseError, RunError
 from cosim.regression.experiment import Experiment
 from cosim.regression.inputs import input_elements
@@ -31,30 +32,30 @@ def model_exchange(
     start = _start_values(case, ports)
     said: list[str] = []
 
-    def keep(_environment: Any, _name: Any, status: int, _category: Any, message: bytes) -> None:
+    def keep(status: int, message: bytes) -> None:
         if status:  # fmi2OK is 0
             said.append(message.decode(errors="replace"))
 
-    logger = {"logger": keep} if fmu.description.fmiMajorVersion == 2 else {}
     with TemporaryDirectory(prefix="cosim_", ignore_cleanup_errors=True) as folder:
         fmu.unpack(Path(folder))
         try:
-            table = simulate_fmu(
-                folder,
-                validate=False,
-                fmi_type="ModelExchange",
-                solver="CVode",
-                start_time=experiment.start_time,
-                stop_time=experiment.stop_time,
-                relative_tolerance=experiment.solver_tolerance,
-                output_interval=experiment.interval,
-                record_events=False,
-                start_values=start,
-                input=signals,
-                output=[element.variable.name for element in wanted],
-                model_description=fmu.description,
-                **logger,
-            )
+            with model_exchange_instance(Path(folder), fmu.description, keep) as instance:
+                table = simulate_fmu(
+                    folder,
+                    validate=False,
+                    fmi_type="ModelExchange",
+                    solver="CVode",
+                    start_time=experiment.start_time,
+                    stop_time=experiment.stop_time,
+                    relative_tolerance=experiment.solver_tolerance,
+                    output_interval=experiment.interval,
+                    record_events=False,
+                    start_values=start,
+                    input=signals,
+                    output=[element.variable.name for element in wanted],
+                    model_description=fmu.description,
+                    fmu_instance=instance,
+                )
         except Exception as error:  # fmpy raises bare exceptions here
             why = " ".join(" ".join([str(error), *said[-1:]]).split())
             raise RunError(f"{fmu.path}: model exchange with CVode failed: {why}") from error

@@ -13,7 +13,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fmpy.fmi2 import FMU2Slave
 
 import cosim.master.simulation
 from cosim import (
@@ -237,15 +236,15 @@ def test_after_a_fatal_error_the_instance_is_left_and_made_anew(
         calls.append(function)
         original_call(self, function, *arguments)
 
-    def free(self: FMU2Slave) -> None:
+    def free(self: Instance) -> None:
         calls.append("fmi2FreeInstance")
         original_free(self)
 
-    original_call, original_free = Instance.call, FMU2Slave.freeInstance
+    original_call, original_free = Instance.call, Instance.free
     with Simulation(system) as simulation:
         first = run(simulation)
         monkeypatch.setattr(Instance, "call", call)
-        monkeypatch.setattr(FMU2Slave, "freeInstance", free)
+        monkeypatch.setattr(Instance, "free", free)
         with pytest.raises(SimulationError, match=r"p failed at t = 0\.5 s: fmi2DoStep returned fatal$"):
             run(simulation, start={"p.fail_at": 0.5, "p.status": 4})
         assert calls.count("fmi2Reset") == 1  # after the first run
@@ -264,7 +263,7 @@ def test_an_instance_that_cannot_be_made_anew_closes_the_simulation_and_is_freed
 ) -> None:
     freed: list[object] = []
 
-    def free(self: FMU2Slave) -> None:
+    def free(self: Instance) -> None:
         if self not in freed:  # a second time would crash
             original_free(self)
         freed.append(self)
@@ -272,8 +271,8 @@ def test_an_instance_that_cannot_be_made_anew_closes_the_simulation_and_is_freed
     def reset(self: Instance) -> None:
         raise CallFailed("fmi2Reset returned error")
 
-    original_free = FMU2Slave.freeInstance
-    monkeypatch.setattr(FMU2Slave, "freeInstance", free)
+    original_free = Instance.free
+    monkeypatch.setattr(Instance, "free", free)
     monkeypatch.setattr(Instance, "reset", reset)
     simulation = Simulation(study(fmus / "fmi2"))
     with simulation:
@@ -574,35 +573,6 @@ def test_a_run_inside_a_run_of_another_simulation(fmus: Path, temporary: Path) -
         rows: list[np.ndarray] = []
         run(outer, sink=sink)
     assert (np.array(rows) == first.values).all()
-
-
-def test_simulations_are_opened_and_closed_in_threads_at_the_same_time(fmus: Path, temporary: Path) -> None:
-    """Loading an FMU changes the working folder, which belongs to the whole process."""
-    before, errors = Path.cwd(), []
-
-    def work(flavour: str) -> None:
-        try:
-            for _ in range(10):
-                system = System()
-                for k in range(3):
-                    system.add(f"i{k}", fmus / flavour / "Integrator.fmu", start={"u": 1.0})
-                simulate(system, 1.0, 0.1)
-        except BaseException as error:
-            errors.append(error)
-
-    threads = [threading.Thread(target=work, args=(flavour,)) for flavour in ("fmi2", "fmi3")]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join(60)
-        assert not thread.is_alive()
-    try:
-        after: Path | None = Path.cwd()
-    except FileNotFoundError:
-        after = None
-        os.chdir(before)
-    assert errors == []
-    assert after == before
 
 
 @pytest.mark.parametrize("flavour", FLAVOURS)

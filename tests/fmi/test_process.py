@@ -1,0 +1,143 @@
+"""What belongs to the whole process stays as it is while FMUs are loaded and run, in whichever thread."""
+
+from __future__ import annotations
+
+import asyncio
+import locale
+import os
+import signal
+import threading
+import zipfile
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from contextlib import contextmanager
+from multiprocessing import get_context
+from pathlib import Path
+
+import pytest
+
+from cosim import SetupError, System, simulate
+from cosim.regression.run import run as run_alone
+from cosim.regression.tolerances import Interface
+from tests.support.regression_fmus import make_case
+from tests.support.small_fmus import FLAVOURS, build
+from tests.support.tiny_models import INTEGRATOR
+
+RUNS = 60
+EXPECTED = [float(n) for n in range(RUNS)]
+
+
+@pytest.fixture(scope="module")
+def fmus(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("process")
+    for flavour in FLAVOURS:
+        build(folder / flavour, flavour, INTEGRATOR)
+    return folder
+
+
+@pytest.fixture
+def here(fmus: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The working folder, from which FMUs have relative paths."""
+    monkeypatch.chdir(fmus)
+    return fmus
+
+
+def integral(fmu: str, rate: float) -> float:
+    """Of a constant over one second."""
+    system = System()
+    system.add("i", fmu, start={"u": rate})
+    return float(simulate(system, 1.0, 0.125)["i.x"][-1])
+
+
+def fmu_of(run: int) -> str:
+    return f"{FLAVOURS[run % len(FLAVOURS)]}/Integrator.fmu"
+
+
+def test_many_runs_in_threads(here: Path) -> None:
+    with ThreadPoolExecutor(4) as pool:
+        runs = [pool.submit(integral, fmu_of(n), float(n)) for n in range(RUNS)]
+        assert [run.result(120) for run in runs] == pytest.approx(EXPECTED, rel=1e-12)
+
+
+def test_many_runs_in_an_event_loop(here: Path) -> None:
+    async def all_runs() -> list[float]:
+        return await asyncio.gather(*(asyncio.to_thread(integral, fmu_of(n), float(n)) for n in range(RUNS)))
+
+    assert asyncio.run(all_runs()) == pytest.approx(EXPECTED, rel=1e-12)
+
+
+def test_many_runs_in_a_pool_of_processes(here: Path) -> None:
+    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
+        runs = [pool.submit(integral, fmu_of(n), float(n)) for n in range(RUNS)]
+        assert [run.result(120) for run in runs] == pytest.approx(EXPECTED, rel=1e-12)
+
+
+@contextmanager
+def watched(folder: Path) -> Iterator[None]:
+    """Another thread creates files by relative names and looks up the working folder; all of them are in `folder`."""
+    done, seen, names = threading.Event(), set(), []
+
+    def write() -> None:
+        while not done.wait(1e-4):
+            seen.add(Path.cwd())
+            names.append(f"file {len(names)}")
+            Path(names[-1]).touch()
+
+    thread = threading.Thread(target=write)
+    thread.start()
+    try:
+        yield
+    finally:
+        done.set()
+        thread.join(60)
+    assert seen == {folder}
+    assert names
+    assert {file.name for file in folder.iterdir()} == set(names)
+
+
+@pytest.mark.parametrize("flavour", FLAVOURS)
+def test_another_thread_stays_in_its_folder(
+    fmus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, flavour: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with watched(tmp_path):
+        for n in range(20):
+            assert integral(str(fmus / flavour / "Integrator.fmu"), float(n)) == pytest.approx(n, rel=1e-12)
+
+
+@pytest.mark.parametrize("interface", ["co_simulation", "model_exchange"])
+@pytest.mark.parametrize("flavour", ["fmi2", "fmi3"])
+def test_another_thread_stays_in_its_folder_during_a_regression(
+    fmus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, flavour: str, interface: Interface
+) -> None:
+    """FMPy's solver runs model exchange."""
+    monkeypatch.chdir(tmp_path)
+    case = make_case(
+        tmp_path / "cases", "Integrator", toml="start.u = 2.0", opt="StartTime, 0\nStopTime, 1\nStepSize, 0.125\n"
+    )
+    (here := tmp_path / "here").mkdir()
+    monkeypatch.chdir(here)
+    with watched(here):
+        for _ in range(5):
+            results = run_alone(case, fmus / flavour / "Integrator.fmu", interface)
+            assert results["x"][-1] == pytest.approx(2.0, rel=1e-9)
+
+
+@pytest.mark.parametrize("flavour", FLAVOURS)
+def test_an_fmu_that_cannot_be_made_leaves_the_process_as_it_was(fmus: Path, tmp_path: Path, flavour: str) -> None:
+    """Neither a run nor a failure to load changes working folder, environment, locale or signal handlers."""
+
+    def process() -> tuple[object, ...]:
+        handlers = [signal.getsignal(number) for number in sorted(signal.valid_signals())]
+        return Path.cwd(), dict(os.environ), locale.setlocale(locale.LC_ALL), handlers
+
+    fmu = fmus / flavour / "Integrator.fmu"
+    before = process()
+    assert integral(str(fmu), 1.0) == pytest.approx(1.0, rel=1e-12)
+    assert process() == before
+    with zipfile.ZipFile(fmu) as old, zipfile.ZipFile(tmp_path / "broken.fmu", "w") as new:
+        for name in old.namelist():
+            new.writestr(name, b"no library" if name.startswith("binaries/") else old.read(name))
+    with pytest.raises(SetupError, match=r"component 'i': .*broken\.fmu can't be loaded"):
+        integral(str(tmp_path / "broken.fmu"), 1.0)
+    assert process() == before
