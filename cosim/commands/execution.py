@@ -21,7 +21,7 @@ from cosim.errors import CosimError, MissingExtra, SetupError, nearest
 from cosim.master.algorithm import EXTRAPOLATIONS
 from cosim.master.failures import SimulationError, SimulationInterrupted
 from cosim.master.simulation import Simulation, number_of_steps
-from cosim.output import OutputError, check_writable, write_json, write_somewhere
+from cosim.output import SUMMARY, OutputError, ResultFolder, check_writable, write_json
 from cosim.results.figure_process import FigureProcess
 from cosim.results.formats import format_of
 from cosim.results.results import Results
@@ -110,32 +110,35 @@ def run_prepared(prepared: PreparedRun, args: argparse.Namespace, figures: Figur
         The run can't be made, or failed; the message says where what was recorded is.
     """
     formats = args.format or ["csv"]
-    write = partial(_write, prepared, formats=formats, figures=figures)
-    try:
-        results = execute(prepared, args.realtime, formats)
-    except SetupError as error:
-        raise UsageError(f"{prepared.source}: {error}") from error
-    except SimulationError as error:
-        if error.results is None:
-            raise
-        raise CosimError(f"{error}; {_rescued(write, error.results, prepared.folder, str(error))}") from error
-    except SimulationInterrupted as interrupt:
-        where = _rescued(write, interrupt.results, prepared.folder, str(interrupt))
-        print(f"cosim: {interrupt}; {where}", file=sys.stderr)
-        return 130
-    print(in_words(prepared, write(results)))
+    with ResultFolder(prepared.folder, [f"results.{name}" for name in formats]) as folder:
+        write = partial(_write, prepared, formats=formats, figures=figures, folder=folder)
+        try:
+            results = execute(prepared, args.realtime, formats, folder.unfinished)
+        except SetupError as error:
+            raise UsageError(f"{prepared.source}: {error}") from error
+        except SimulationError as error:
+            if error.results is None:
+                raise
+            raise CosimError(f"{error}; {_rescued(write, error.results, prepared.folder, str(error))}") from error
+        except SimulationInterrupted as interrupt:
+            where = _rescued(write, interrupt.results, prepared.folder, str(interrupt))
+            print(f"cosim: {interrupt}; {where}", file=sys.stderr)
+            return 130
+        print(in_words(prepared, write(results)))
     return 0
 
 
-def execute(prepared: PreparedRun, realtime: float | None, formats: Sequence[str]) -> Results | StoredResults:
-    """Run a system; a run that is too long for memory goes to the disk as it comes.
+def execute(
+    prepared: PreparedRun, realtime: float | None, formats: Sequence[str], folder: Path
+) -> Results | StoredResults:
+    """Run a system; a run that is too long for memory goes to the disk as it comes, into a folder.
 
     Raises
     ------
     SetupError, SimulationError, SimulationInterrupted
         As `Simulation.run`; their results are those on the disk for a long run.
     """
-    plan, folder = prepared.plan, prepared.folder
+    plan = prepared.plan
     with (
         Simulation(
             prepared.system, order=plan.order, extrapolation=plan.extrapolation, record=plan.record
@@ -221,6 +224,7 @@ def _write(
     results: Results | StoredResults,
     formats: Sequence[str],
     figures: FigureProcess,
+    folder: ResultFolder,
     error: str | None = None,
 ) -> dict[str, Any]:
     """Write results, unless they are on the disk already, summary and figures; returns the summary."""
@@ -235,23 +239,31 @@ def _write(
         "versions": versions(),
     }
 
-    def save(folder: Path) -> None:
+    without_figures: OutputError | None = None
+
+    def save(where: Path) -> None:
         if isinstance(results, Results):
             for name in formats:
-                results.save(folder / f"results.{name}")
+                results.save(where / f"results.{name}")
 
-    def write(folder: Path) -> None:
-        write_json(folder / "summary.json", summary)
+    def write(where: Path) -> None:
+        nonlocal without_figures
+        write_json(where / SUMMARY, summary)
         with ThreadPoolExecutor(max_workers=1) as pool:  # tables are written by C++, which lets Python go on
-            saved = pool.submit(save, folder)
+            saved = pool.submit(save, where)
             if prepared.drawing is not None and len(results.time) > 1:
                 try:
-                    figures.write(prepared.drawing, results, prepared.drawing_arguments, folder)
+                    figures.write(prepared.drawing, results, prepared.drawing_arguments, where)
                 except MissingExtra as missing:
                     print(f"note: there are no figures, for {missing}")
+                except OutputError as reason:
+                    without_figures = reason
         saved.result()
 
-    write_somewhere(write, prepared.folder)
+    folder.put(write)
+    if without_figures is not None:
+        where = folder.folder
+        raise OutputError(f"{without_figures}; everything else is in {where}, run again for the figures")
     return summary
 
 

@@ -101,10 +101,7 @@ class FigureProcess:
             answer = pickle.load(self._process.stdout)
         except (BrokenPipeError, EOFError):
             code = self._process.wait()
-            raise OutputError(
-                f"the figures could not be drawn, their process ended with exit code {code}; "
-                f"everything else is in {folder}, run again for the figures"
-            ) from None
+            raise OutputError(f"the figures could not be drawn, their process ended with exit code {code}") from None
         if isinstance(answer, Exception):
             raise answer
         written: list[Path] = answer

@@ -28,7 +28,7 @@ import pyarrow.dataset as ds
 import pyarrow.parquet as pq
 
 from cosim.errors import nearest
-from cosim.output import check_writable
+from cosim.output import SUMMARY, check_writable
 from cosim.sweep.batch import Rows
 from cosim.sweep.errors import SweepError
 from cosim.sweep.points import Factor, Points, Range
@@ -128,6 +128,8 @@ class Store:
         if not path.is_file():
             if has_parts:
                 raise SweepError(f"{self.folder} holds results without their sweep.json; choose another --out")
+            if (self.folder / SUMMARY).exists():
+                raise SweepError(f"{self.folder} holds the results of a run; choose another --out")
             _write_table(self._plan(), self.folder / "plan.parquet")
             text = json.dumps({"fingerprint": _fingerprint(question), **question}, indent=2) + "\n"
             _write_whole(path, lambda part: part.write_text(text, encoding="utf-8"))

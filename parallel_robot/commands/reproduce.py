@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from tqdm import tqdm
 
 from cosim.errors import CosimError, needs
-from cosim.output import check_writable, write_somewhere
+from cosim.output import ResultFolder
 from parallel_robot.commands.robot_fmus import make_ready
 
 if TYPE_CHECKING:
@@ -51,20 +51,19 @@ def run(args: argparse.Namespace) -> int:
     from parallel_robot.paper.robustness.content import load
 
     folder: Path = args.out
-    check_writable(folder)
-    study = None if args.robustness is None else (load(args.robustness), args.robustness)
-    make_ready(args.fmus, FLAVOUR)
-    found: list[tuple[Reproduction, Path]] = []
-    with _progress(reproduction.number_of_steps()) as progress:
+    found: list[Reproduction] = []
+    with ResultFolder(folder, reproduction.TABLES) as results, _progress(reproduction.number_of_steps()) as progress:
+        study = None if args.robustness is None else (load(args.robustness), args.robustness)
+        make_ready(args.fmus, FLAVOUR)
         runs = run_all(args.fmus, progress)
 
         def write(where: Path) -> None:
             content = reproduction.reproduce(runs, where, progress)
             _write_report(content, where, study)
-            found.append((content, where))
+            found.append(content)
 
-        write_somewhere(write, folder)
-    content, _ = found[-1]
+        results.put(write)
+    content = found[-1]
     print(_in_words(content, folder))
     _check(content)
     return 0

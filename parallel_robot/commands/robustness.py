@@ -11,7 +11,7 @@ from tqdm import tqdm
 
 from cosim.commands.sweep import sweep_progress, sweep_table
 from cosim.errors import needs
-from cosim.output import check_writable, write_somewhere
+from cosim.output import SUMMARY, ResultFolder, write_json
 from parallel_robot.commands.robot_fmus import chosen_flavour, make_ready
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ depends on (Sobol' indices), and the Pareto front of steady error against contro
 (alpha, beta), with the paper's optima on it.
 
 The same command goes on where it was stopped. Writes the rows of both sweeps (monte-carlo/, gains/),
-figures/, bands.csv, robustness.json and robustness.md.
+figures/, bands.csv, robustness.json, robustness.md and summary.json.
 """
 
 
@@ -61,13 +61,19 @@ def register(subparsers: Any) -> None:
 @needs("robot")
 def run(args: argparse.Namespace) -> int:
     """Run `cosim robustness`; returns the exit code, raises CosimError with one line on bad input."""
+    from parallel_robot.paper.robustness.content import BANDS, DATA, TEXT
+
+    with ResultFolder(args.out, (BANDS, DATA, TEXT)) as results:
+        return _run(args, results)
+
+
+def _run(args: argparse.Namespace, results: ResultFolder) -> int:
     # Dask, SciPy and matplotlib take a while to import, and other commands don't need them
     from cosim.sweep.engine import sweep
     from parallel_robot.paper.robustness.analyse import STEPS, analyse
     from parallel_robot.paper.robustness.study import gains, monte_carlo
 
-    folder: Path = args.out
-    check_writable(folder)
+    folder = results.folder
     flavour = chosen_flavour(args.fmus, None)
     make_ready(args.fmus, flavour)
     sweeps = (monte_carlo(args.fmus, flavour, args.runs, args.seed), gains(args.fmus, flavour, args.levels))
@@ -90,7 +96,14 @@ def run(args: argparse.Namespace) -> int:
     found: list[Robustness] = []
     no_terminal = None  # tqdm's word for: no bar where there is no terminal to draw it on
     with tqdm(total=STEPS, desc="figures", delay=2.0, leave=False, disable=no_terminal) as bar:
-        write_somewhere(lambda where: found.append(analyse(folder, where, args.seed, args.levels, bar.update)), folder)
+
+        def write(where: Path) -> None:
+            study = analyse(folder, where, args.seed, args.levels, bar.update)
+            about = {name: getattr(study, name) for name in ("runs", "failed", "seed", "levels", "versions")}
+            write_json(where / SUMMARY, about)
+            found.append(study)
+
+        results.put(write)
     print("\n".join(f"\n{finding.question}\n  {finding.answer}" for finding in found[-1].findings))
     print(f"\ntext, tables and figures: {folder} (in the report: cosim reproduce --robustness {folder})")
     return 0

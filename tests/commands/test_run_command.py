@@ -178,6 +178,43 @@ def test_two_runs_write_the_same_bytes(here, no_figures):
     assert Path("a/results.csv").read_bytes() != Path("c/results.csv").read_bytes()
 
 
+def test_a_folder_holds_one_run_and_what_is_the_user_s(here):
+    assert main(["run", "--stop", "0.01", "--out", "r"]) == 0
+    Path("r/notes.txt").write_text("mine")
+    assert set(summary_of("r")["files"]) == {"results.csv", *FIGURES}
+    assert main(["run", "open-loop", "--stop", "0.02", "--format", "parquet", "--out", "r"]) == 0
+    files = summary_of("r")["files"]
+    assert files == {name: digest(Path("r") / name) for name in files}
+    assert {p.name for p in Path("r").iterdir()} == {*files, "summary.json", "notes.txt"}
+    assert set(files) == {"results.parquet", "path.png", "torques.png", "closure_error.png"}
+
+
+def test_a_long_run_takes_the_place_of_a_short_one(here, no_figures, monkeypatch):
+    assert main(["run", "--stop", "0.01", "--format", "npz", "--out", "r"]) == 0
+    monkeypatch.setattr(execution, "MOST_VALUES_IN_MEMORY", 1000)
+    assert main(["run", "--stop", "0.2", "--out", "r"]) == 0
+    files = summary_of("r")["files"]
+    assert files == {name: digest(Path("r") / name) for name in ("results.csv", "results.parquet")}
+    assert {p.name for p in Path("r").iterdir()} == {*files, "summary.json"}
+
+
+def test_a_file_of_the_user_is_not_replaced(here, no_figures, capsys):
+    Path("r").mkdir()
+    Path("r/results.csv").write_text("mine")
+    assert main(["run", "--stop", "0.01", "--out", "r"]) == 1
+    assert "r/results.csv is there and belongs to no run" in error_line(capsys)
+    assert [p.read_text() for p in Path("r").iterdir()] == ["mine"]
+
+
+def test_a_run_that_fails_before_its_first_point_leaves_the_folder_as_it_was(here, no_figures, capsys):
+    assert main(["run", "--stop", "0.01", "--out", "r"]) == 0
+    before = {p: digest(p) for p in Path("r").iterdir()}
+    capsys.readouterr()
+    assert main(["run", "--stop", "0.02", "--out", "r", "--set", "plant.x_E_start=3"]) == 1
+    error_line(capsys)
+    assert {p: digest(p) for p in Path("r").iterdir()} == before
+
+
 def test_the_seed_changes_the_disturbance_and_nothing_before_it(here, no_figures):
     Path("early.toml").write_text(
         "[start.plant]\ndm = 0.0\n[signals.'plant.tau_d']\nshape = 'multisine'\nrms = 0.01\nlowest = 0.5\n"
@@ -480,8 +517,7 @@ def test_ctrl_c_half_way_keeps_what_was_recorded(here):
 @pytest.mark.parametrize("out", ["file/out", "file"])
 def test_an_impossible_out_is_refused_before_anything_runs(here, capsys, monkeypatch, out):
     Path("file").write_text("a regular file")
-    for name in ("execute", "write_somewhere"):
-        monkeypatch.setattr(execution, name, lambda *_, **__: pytest.fail("something ran"))
+    monkeypatch.setattr(execution, "execute", lambda *_, **__: pytest.fail("something ran"))
     monkeypatch.setattr(fmus, "build_missing", lambda *_: pytest.fail("something was built"))
     assert main(["run", "--out", out]) == 1
     line = error_line(capsys)
@@ -520,7 +556,7 @@ def test_results_that_the_folder_refuses_go_to_another(here, capsys, monkeypatch
 
     def refuse(original, folder_of):
         def write(*arguments):
-            if folder_of(*arguments) == out:
+            if folder_of(*arguments).is_relative_to(out):
                 raise OSError(28, "No space left on device")
             return original(*arguments)
 
@@ -547,7 +583,7 @@ def test_a_failed_run_whose_folder_refuses_says_both(here, no_figures, capsys, m
     original = Results.save
 
     def save(results, path):
-        if path.parent == Path("results/mine"):
+        if path.is_relative_to("results/mine"):
             raise OSError(28, "No space left on device")
         original(results, path)
 

@@ -21,6 +21,9 @@ from parallel_robot.paper.reproduce.runs import Plan
 
 Progress = Callable[[str], None]
 
+#: Files of the reproduction, besides its figures, its page and its summary.
+TABLES = ("table1.csv", "claims.json", "errata.json")
+
 
 def number_of_steps() -> int:
     """How often `run_all` and `reproduce` together report progress."""

@@ -217,8 +217,13 @@ def test_tables_hold_everything(content: tuple[Reproduction, Path]) -> None:
 
 
 def digests(folder: Path) -> dict[str, str]:
-    files = [p for p in folder.rglob("*") if p.is_file() and p.suffix != ".html"]
-    return {str(p.relative_to(folder)): hashlib.sha256(p.read_bytes()).hexdigest() for p in files}
+    """Of all files but the page, and of the summary without its list of files, which has to be right."""
+    files = {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+    summary = json.loads(files["summary.json"])
+    found = {name: hashlib.sha256(data).hexdigest() for name, data in files.items() if name != "summary.json"}
+    assert summary.pop("files", found) == found
+    content = hashlib.sha256(json.dumps(summary).encode()).hexdigest()
+    return {name: sha for name, sha in found.items() if not name.endswith(".html")} | {"summary": content}
 
 
 # --- the command ---

@@ -224,7 +224,7 @@ def study(finished: Path) -> Robustness:
 
 def test_the_study_is_whole(finished, study):
     names = {p.name for p in finished.iterdir()}
-    assert names == {"monte-carlo", "gains", "figures", "bands.csv", "robustness.json", "robustness.md"}
+    assert names == {"monte-carlo", "gains", "figures", "bands.csv", "robustness.json", "robustness.md", "summary.json"}
     assert (study.runs, study.failed, study.levels) == (20, 0, 3)
     assert [len(f.placed) for f in study.fronts] == [6, 6]
     assert {i.group for s in study.sensitivities for i in s.indices} == {s.group for s in study.sources}
