@@ -10,7 +10,7 @@ import numpy as np
 
 from cosim.errors import needs
 from cosim.results.results import Results
-from parallel_robot.metrics import tracking_errors
+from parallel_robot.metrics import PAIRED, tracking_errors
 
 with needs("plot"):
     from matplotlib.axes import Axes
@@ -51,17 +51,17 @@ def write_figures(results: Results, title: str, steady_after: float, folder: Pat
     OSError
         A file can't be written.
     """
-    drawings: dict[str, tuple[bool, Callable[[Figure, Results, float], None]]] = {
-        "path": ("plant.x_E" in results, _path),
-        "tracking_errors": ("trajectory.x_ref" in results and "plant.x_E" in results, _tracking_errors),
-        "torques": ("plant.tau_a" in results, _torques),
-        "psi": ("controller.psi[2]" in results, _psi),
-        "closure_error": ("plant.closure_error" in results, _closure_error),
+    drawings: dict[str, tuple[tuple[str, ...], Callable[[Figure, Results, float], None]]] = {
+        "path": (("plant.x_E", "plant.y_E"), _path),
+        "tracking_errors": (PAIRED, _tracking_errors),
+        "torques": (tuple(f"plant.{name}[{i}]" for name in ("tau_a", "tau_d") for i in (1, 2, 3)), _torques),
+        "psi": (("controller.psi[1]", "controller.psi[2]"), _psi),
+        "closure_error": (("plant.closure_error",), _closure_error),
     }
     saved = {}
     with ThreadPoolExecutor(max_workers=1) as pool:  # images are written by C, which lets Python go on
-        for name, (recorded, draw) in drawings.items():
-            if recorded:
+        for name, (variables, draw) in drawings.items():
+            if all(variable in results for variable in variables):
                 figure = Figure(figsize=(9.0, 6.0), dpi=_DPI)
                 # margins by hand: matplotlib's layout engines take longer than the run
                 figure.subplots_adjust(left=0.09, right=0.97, bottom=0.09, top=0.88, hspace=0.45, wspace=0.2)
@@ -88,7 +88,7 @@ def _lines(axes: Axes, time: np.ndarray, columns: np.ndarray, labels: list[str],
 
 def _path(figure: Figure, results: Results, _steady_after: float) -> None:
     axes = figure.subplots()
-    if "trajectory.x_ref" in results:
+    if "trajectory.x_ref" in results and "trajectory.y_ref" in results:
         desired = results["trajectory.x_ref"], results["trajectory.y_ref"]
         axes.plot(*desired, color=_COLOURS[1], linestyle="--", linewidth=1.2, label="desired")
     actual = results["plant.x_E"], results["plant.y_E"]

@@ -21,6 +21,9 @@ _PAIRS = {
 #: OpenBLAS shares the product of longer vectors among its threads.
 _ROWS_OF_ONE_THREAD = 10_000
 
+#: Variables of all tracking errors.
+PAIRED = tuple(variable for pair in _PAIRS.values() for variable in pair)
+
 
 def tracking_errors(results: Results | StoredResults) -> dict[str, np.ndarray]:
     """Errors actual - desired (n,) of x and y (m) and of the active joints (rad, (32)); empty without a trajectory."""
@@ -50,22 +53,23 @@ def metrics(results: Results | StoredResults, steady_after: float) -> dict[str, 
         `tracking`: for x, y (m) and each joint (rad) `max`, `rms` and `accumulated` (integral of the absolute error,
         as Figs. 13-17 of the paper) over the run, `steady_max` and `steady_rms` from `steady_after` on (None for a
         shorter run); `control_effort`: `max` (N m) and `integral` of `|tau_a|^2` (N^2 m^2 s); `closure_error_max` (m).
+        Errors whose variables were not recorded are left out, other such entries are None.
     """
     time = results.time
     steady = int(np.searchsorted(time, steady_after))
     tracking = {name: _measures(error, time, steady) for name, error in _tracking_errors(results)}
-    if "plant.tau_a" not in results:
-        return {"tracking": tracking, "control_effort": None, "closure_error_max": None, "steady_after": steady_after}
-    tau_a = results["plant.tau_a"]
     return {
         "tracking": tracking,
-        "control_effort": {
-            "max": float(np.maximum(tau_a.max(), -tau_a.min())),
-            "integral": _integral_of_squares(tau_a, time),
-        },
-        "closure_error_max": float(results["plant.closure_error"].max()),
+        "control_effort": _control_effort(results["plant.tau_a"], time) if "plant.tau_a" in results else None,
+        "closure_error_max": (
+            float(results["plant.closure_error"].max()) if "plant.closure_error" in results else None
+        ),
         "steady_after": steady_after,
     }
+
+
+def _control_effort(tau_a: np.ndarray, time: np.ndarray) -> dict[str, float | None]:
+    return {"max": float(np.maximum(tau_a.max(), -tau_a.min())), "integral": _integral_of_squares(tau_a, time)}
 
 
 def _measures(error: np.ndarray, time: np.ndarray, steady: int) -> dict[str, float | None]:

@@ -173,10 +173,10 @@ class RobotFamily(ScenarioFamily):
                 )
         effort = metrics["control_effort"]
         if effort is not None:
-            lines += [
-                f"\nlargest torque {effort['max']:.4g} N.m, integral of its square {effort['integral']:.4g} N2.m2.s",
-                f"largest closure error {metrics['closure_error_max']:.2g} m",
-            ]
+            integral = "beyond floats" if effort["integral"] is None else f"{effort['integral']:.4g} N2.m2.s"
+            lines.append(f"\nlargest torque {effort['max']:.4g} N.m, integral of its square {integral}")
+        if metrics["closure_error_max"] is not None:
+            lines.append(f"largest closure error {metrics['closure_error_max']:.2g} m")
         return lines
 
 

@@ -11,13 +11,12 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Self
 
 from tqdm import tqdm
 
-from cosim.errors import CosimError, MissingExtra, SetupError, nearest
+from cosim.errors import CosimError, SetupError, nearest
 from cosim.master.algorithm import EXTRAPOLATIONS
 from cosim.master.failures import SimulationError, SimulationInterrupted
 from cosim.master.simulation import Simulation, number_of_steps
@@ -124,7 +123,8 @@ def run_prepared(prepared: PreparedRun, args: argparse.Namespace, figures: Figur
             where = _rescued(write, interrupt.results, prepared.folder, str(interrupt))
             print(f"cosim: {interrupt}; {where}", file=sys.stderr)
             return 130
-        print(in_words(prepared, write(results)))
+        summary, drawn = write(results)
+        print(in_words(prepared, summary, drawn=drawn))
     return 0
 
 
@@ -226,8 +226,11 @@ def _write(
     figures: FigureProcess,
     folder: ResultFolder,
     error: str | None = None,
-) -> dict[str, Any]:
-    """Write results, unless they are on the disk already, summary and figures; returns the summary."""
+) -> tuple[dict[str, Any], bool]:
+    """Write results, unless they are on the disk already, summary and figures.
+
+    Returns the summary, and whether figures were drawn.
+    """
     info = dict(results.info)
     info["fmus"] = {name: {**fmu, "path": prepared.said_path(fmu["path"])} for name, fmu in info["fmus"].items()}
     summary = {
@@ -239,7 +242,7 @@ def _write(
         "versions": versions(),
     }
 
-    without_figures: OutputError | None = None
+    drawn = False
 
     def save(where: Path) -> None:
         if isinstance(results, Results):
@@ -247,32 +250,48 @@ def _write(
                 results.save(where / f"results.{name}")
 
     def write(where: Path) -> None:
-        nonlocal without_figures
+        nonlocal drawn
         write_json(where / SUMMARY, summary)
         with ThreadPoolExecutor(max_workers=1) as pool:  # tables are written by C++, which lets Python go on
             saved = pool.submit(save, where)
             if prepared.drawing is not None and len(results.time) > 1:
-                try:
-                    figures.write(prepared.drawing, results, prepared.drawing_arguments, where)
-                except MissingExtra as missing:
-                    print(f"note: there are no figures, for {missing}")
-                except OutputError as reason:
-                    without_figures = reason
+                drawn = bool(_drawn(prepared, results, figures, where))
         saved.result()
 
     folder.put(write)
-    if without_figures is not None:
-        where = folder.folder
-        raise OutputError(f"{without_figures}; everything else is in {where}, run again for the figures")
-    return summary
+    return summary, drawn
+
+
+def _drawn(
+    prepared: PreparedRun, results: Results | StoredResults, figures: FigureProcess, where: Path
+) -> Sequence[Path]:
+    """Figures of a run; whatever fails but the disk, the run has its results, and the user a note."""
+    assert prepared.drawing is not None
+    try:
+        return figures.write(prepared.drawing, results, prepared.drawing_arguments, where)
+    except OSError:
+        raise
+    except Exception as error:
+        print(f"note: there are no figures, for {_in_one_line(error)}")
+        return ()
 
 
 def _metrics(prepared: PreparedRun, results: Results | StoredResults) -> dict[str, Any]:
-    further = {} if prepared.further_metrics is None else prepared.further_metrics(results)
+    further: Mapping[str, Any] = {}
+    if prepared.further_metrics is not None:
+        try:
+            further = prepared.further_metrics(results)
+        except Exception as error:  # of another package; the run has its results
+            print(f"note: metrics are missing, for {_in_one_line(error)}")
     return {**further, **measured(prepared.metrics, results)}
 
 
-def in_words(prepared: PreparedRun, summary: Mapping[str, Any]) -> str:
+def _in_one_line(error: Exception) -> str:
+    text = " ".join(str(error).split())
+    return text if isinstance(error, CosimError) else f"{type(error).__name__}: {text}"
+
+
+def in_words(prepared: PreparedRun, summary: Mapping[str, Any], *, drawn: bool = True) -> str:
     """What ran, how, and what came of it, for people."""
     plan = prepared.plan
     duration = plan.stop_time - plan.start_time
@@ -286,12 +305,11 @@ def in_words(prepared: PreparedRun, summary: Mapping[str, Any]) -> str:
             f"real time times {pace['factor']:g}: {pace['overruns']} overruns, points late by at most "
             f"{pace['lateness_max_s'] * 1e3:.3g} ms, jitter {pace['jitter_rms_s'] * 1e3:.3g} ms rms"
         )
-    if prepared.report is not None:
+    if prepared.report is not None and set(summary["metrics"]) - set(prepared.metrics):
         lines += prepared.report(summary["metrics"])
     if prepared.metrics:
         values = {name: summary["metrics"][name] for name in prepared.metrics}
         lines += ["", *(f"{name:<40}{'-' if v is None else f'{v:.6g}':>14}" for name, v in values.items())]
-    drawn = prepared.drawing is not None and find_spec("matplotlib") is not None
     what = "results, summary and figures" if drawn else "results and summary"
     return "\n".join([*lines, f"{what}: {prepared.folder}"])
 

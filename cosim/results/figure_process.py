@@ -101,7 +101,7 @@ class FigureProcess:
             answer = pickle.load(self._process.stdout)
         except (BrokenPipeError, EOFError):
             code = self._process.wait()
-            raise OutputError(f"the figures could not be drawn, their process ended with exit code {code}") from None
+            raise OutputError(f"the process that draws figures ended with exit code {code}") from None
         if isinstance(answer, Exception):
             raise answer
         written: list[Path] = answer

@@ -604,9 +604,10 @@ def test_a_failed_run_whose_figures_fail_too_says_both(here, capsys, monkeypatch
 
     monkeypatch.setattr(FigureProcess, "start", killed)
     assert main(["run", "mine.toml"]) == 1
-    line = error_line(capsys)
-    assert "mass matrix is not positive definite" in line
-    assert "everything else is in results/mine" in line
+    shown = capsys.readouterr()
+    assert "mass matrix is not positive definite" in shown.err
+    assert "what was recorded is in results/mine" in shown.err
+    assert "note: there are no figures, for the process that draws figures ended" in shown.out
     assert len(Results.from_csv("results/mine/results.csv").time) > 1
 
 
@@ -699,6 +700,46 @@ def test_chosen_variables_at_chosen_points_in_chosen_formats(here, no_figures):
     assert results.time.tolist() == [5 * i * 1e-3 for i in range(21)]
     assert (np.load("results/tracking/results.npz")["values"] == results.values).all()
     assert summary_of()["record_every"] == 5
+
+
+@pytest.mark.parametrize(
+    ("recorded", "figures"),
+    [
+        (["plant.x_E"], []),
+        (["plant.tau_a"], []),
+        (["plant.tau_a[1]", "trajectory.x_ref"], []),
+        (["plant.closure_error", "controller.psi[2]"], ["closure_error.png"]),
+        (["plant.x_E", "plant.y_E", "trajectory.x_ref", "plant.tau_a", "plant.tau_d"], ["path.png", "torques.png"]),
+    ],
+)
+def test_figures_and_metrics_are_those_of_what_was_recorded(here, capsys, recorded, figures):
+    assert main(["run", "--stop", "0.01", *(f"--record={name}" for name in recorded)]) == 0
+    summary = summary_of()
+    assert [name for name in summary["files"] if name.endswith(".png")] == figures
+    assert (summary["metrics"]["control_effort"] is None) == ("plant.tau_a" not in "".join(recorded))
+    assert (summary["metrics"]["closure_error_max"] is None) == ("plant.closure_error" not in recorded)
+    shown = capsys.readouterr()
+    assert shown.err == ""
+    assert "note:" not in shown.out
+    what = "results, summary and figures" if figures else "results and summary"
+    assert shown.out.endswith(f"{what}: results/tracking\n")
+
+
+@pytest.mark.parametrize("failing", ["metrics", "figures"])
+def test_metrics_or_figures_that_fail_are_a_note(here, no_figures, capsys, monkeypatch, failing):
+    def fail(*_):
+        raise KeyError("plant.z_E")
+
+    if failing == "metrics":
+        monkeypatch.setattr("parallel_robot.metrics.metrics", fail)
+    else:
+        monkeypatch.setattr(FigureProcess, "write", fail)
+    assert main(["run", "--stop", "0.01"]) == 0
+    notes = [line for line in capsys.readouterr().out.splitlines() if line.startswith("note: ")]
+    assert len(notes) == 1
+    assert "KeyError: 'plant.z_E'" in notes[0]
+    assert failing in notes[0]
+    assert summary_of()["status"] == "completed"
 
 
 @pytest.mark.parametrize("formats", [[], ["--format", "parquet"]])

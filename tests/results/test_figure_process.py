@@ -52,7 +52,7 @@ def test_a_process_that_was_ended_is_one_line(tmp_path: Path) -> None:
         assert process._process is not None
         process._process.kill()
         process._process.wait()
-        with pytest.raises(OutputError, match=r"could not be drawn, their process ended with exit code") as error:
+        with pytest.raises(OutputError, match="the process that draws figures ended with exit code") as error:
             process.write(DRAWING, made(20, PLANT), ("t", 8.0), tmp_path)
     assert "\n" not in str(error.value)
 
