@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
-from cosim.ssp.schema import SSPError
+from cosim.ssp.errors import SSPError
 from cosim.ssp.writer import Experiment, ParameterSet, write_ssp
 from parallel_robot.paper.reproduce.table import table1
 from parallel_robot.scenario import load_scenario

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 _MODULES = {
     "Experiment": "cosim.ssp.writer",
     "ParameterSet": "cosim.ssp.writer",
-    "ReadSystem": "cosim.ssp.reader",
-    "SSPError": "cosim.ssp.schema",
+    "ReadSystem": "cosim.system.read",
+    "SSPError": "cosim.ssp.errors",
     "read_ssp": "cosim.ssp.reader",
     "write_ssp": "cosim.ssp.writer",
 }
@@ -29,9 +29,10 @@ __all__ = [
 ]
 
 if TYPE_CHECKING:
-    from cosim.ssp.reader import ReadSystem, read_ssp
-    from cosim.ssp.schema import SSPError
+    from cosim.ssp.errors import SSPError
+    from cosim.ssp.reader import read_ssp
     from cosim.ssp.writer import Experiment, ParameterSet, write_ssp
+    from cosim.system.read import ReadSystem
 else:
 
     def __getattr__(name: str) -> Any:

@@ -8,7 +8,7 @@ from typing import Any
 
 from cosim.fmi.fmu_file import LoadedFMU, load
 from cosim.ssp.diagram import Wire
-from cosim.ssp.schema import SSPError
+from cosim.ssp.errors import SSPError
 from cosim.system.resolution import resolve, split
 from cosim.system.system import Connection, System
 from cosim.system.variables import Element, Ports

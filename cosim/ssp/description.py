@@ -11,7 +11,8 @@ from fmpy.model_description import BaseUnit, SimpleType, Unit
 
 from cosim.ssp.components import Member, Members
 from cosim.ssp.diagram import Box, Layout, arrange
-from cosim.ssp.schema import NAMESPACES, SSPError
+from cosim.ssp.errors import SSPError
+from cosim.ssp.schema import NAMESPACES
 from cosim.system.variables import Element, Ports
 from cosim.versions import versions
 

@@ -3,104 +3,143 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, Literal
 
 from cosim.errors import nearest
-from cosim.ssp.flow import Feed, Flow, Node
-from cosim.ssp.package import Package
-from cosim.ssp.schema import SSPError, child, children, parse
+from cosim.ssp.document import Document, open_document
+from cosim.ssp.errors import SSPError
+from cosim.ssp.flow import Flow, Node
+from cosim.ssp.package import DESCRIPTION, Package, open_package
+from cosim.ssp.parameters import ParameterFiles
+from cosim.ssp.schema import child, children
 from cosim.ssp.structure import Part, read_structure, variable_nodes
-from cosim.ssp.values import Value, read_units, values_of
+from cosim.ssp.values import Value, values_of
+from cosim.system.read import Findings, ReadSystem
 from cosim.system.system import System
 from cosim.system.variables import Element
 
-if TYPE_CHECKING:
-    from xmlschema import DataElement
-
-DESCRIPTION = "SystemStructure.ssd"
+__all__ = ["DESCRIPTION", "ReadSystem", "read_ssp"]
 
 #: Attributes by which other tools note the communication step, in annotations: libcosim, OMSimulator.
 _STEP_SIZES = {"FixedStepAlgorithm": "baseStepSize", "FixedStepMaster": "stepSize"}
 
 
-@dataclass(frozen=True)
-class ReadSystem:
-    """What an SSP holds.
-
-    Attributes
-    ----------
-    name : str
-    system : System
-        Components of nested systems are named `system/component`.
-    start_time : float
-        In s; 0 where the SSP has none.
-    stop_time, step_size : float, optional
-        In s, if the SSP or its FMUs say.
-    notes : tuple of str
-        What the standard wants ignored, but the user should know.
-    """
-
-    name: str
-    system: System
-    start_time: float
-    stop_time: float | None
-    step_size: float | None
-    notes: tuple[str, ...]
-
-
-def read_ssp(path: Path, folder: Path) -> ReadSystem:
+def read_ssp(
+    path: Path,
+    folder: Path,
+    *,
+    parameter_sets: Sequence[str] = (),
+    units: Literal["convert", "ignore"] = "convert",
+) -> ReadSystem:
     """Read an SSP.
 
     Parameters
     ----------
     path : Path
+        Of an archive, of a folder with `SystemStructure.ssd`, or of a description alone (`.ssd`).
     folder : Path
-        Its FMUs are unpacked into this folder, which must live as long as the system.
+        FMUs of an archive are unpacked into this folder, which must live as long as the system.
+    parameter_sets : sequence of str
+        Further parameter sets (SSV), which override all others, later ones earlier ones: `FILE` for the whole system,
+        with names as `component.parameter`; `COMPONENT=FILE` for a component; `SOURCE=FILE` takes the place of a file
+        that is bound already. A file that does not exist is looked for in the archive.
+    units : {"convert", "ignore"}
+        Convert values where both ends have a unit, or take all numbers as they are.
+
+    Returns
+    -------
+    ReadSystem
 
     Raises
     ------
     SSPError, SetupError
-        The SSP is malformed, or has what can't be run; the message names it.
+        The SSP is malformed, or has what can't be run; the message names all of it.
     """
-    with Package(path) as package:
-        where = f"{path}: {DESCRIPTION}"
-        description = parse(package.read_xml(DESCRIPTION), "ssd", where)
-        units = read_units(child(description, "Units"))
-        root = read_structure(next(children(description, "System")), units, package, folder)
-        notes: list[str] = []
-        values: dict[Node, Value] = {}
-        _bind(root, package, where, values, notes)
-    system = _system(root, Flow(root, where), values)
-    experiment = child(description, "DefaultExperiment")
+    findings = Findings(SSPError)
+    package, name = open_package(path, findings)
+    with package:
+        document = open_document(package, name, folder, units == "ignore")
+        files = ParameterFiles(parameter_sets, document)
+        root = read_structure(document)
+        flow = Flow(root)
+        findings.raise_problems(_file(package, name))
+        values = _Values(files)
+        values.bind(root)
+        values.add_files(root)
+        system = _system(root, flow, values.found, findings)
+        findings.raise_problems(_file(package, name))
+    experiment = child(document.content, "DefaultExperiment")
     times = {} if experiment is None else experiment.attrib
+    step_size = _step_size(document, root)
     return ReadSystem(
-        description.attrib["name"],
+        document.content.attrib["name"],
         system,
         float(times.get("startTime", 0.0)),
         times.get("stopTime"),
-        _step_size(description, root, where),
-        tuple(notes),
+        step_size,
+        findings.notes(),
     )
 
 
-def _bind(part: Part, package: Package, where: str, values: dict[Node, Value], notes: list[str]) -> None:
-    """Values by what they are for. Those of a system override those of its elements, later ones earlier ones."""
-    for inner in part.parts.values():
-        _bind(inner, package, where, values, notes)
-    here = f"{where}: " + (f"'{part.path}'" if part.path else "the system")
-    for binding in children(part.element, "ParameterBindings", "ParameterBinding"):
-        for value in values_of(binding, package, part.source, here):
+def _file(package: Package, name: str) -> str:
+    """What messages of a package begin with."""
+    return f"{package.path}" if package.where(name).startswith(f"{package.path}: ") else package.where(name)
+
+
+@dataclass
+class _Values:
+    """Values by what they are for."""
+
+    files: ParameterFiles
+    found: dict[Node, Value] = field(default_factory=dict)
+
+    def bind(self, part: Part) -> None:
+        """Add those of a part. Those of a system override those of its elements, later ones earlier ones."""
+        for inner in part.parts.values():
+            self.bind(inner)
+        for element, document in part.bindings:
+            here = f"{document.where}: " + (f"'{part.path}'" if part.path else "the system")
+            definitions = part.units if part.ports is not None else document.definitions
+            for binding in children(element, "ParameterBindings", "ParameterBinding"):
+                with document.findings.collecting():
+                    values = self.files.instead_of(binding)
+                    if values is None:
+                        values = values_of(binding, document, part.source, here, definitions)
+                    self._add(values, part, document.findings)
+
+    def add_files(self, root: Part) -> None:
+        """Add those of parameter sets that a user names."""
+        findings = root.document.findings
+        for text, values in self.files.further():
+            with findings.collecting():
+                if not self._add(values, root, findings) and values:
+                    raise SSPError(
+                        f"{text}: none of its parameters is one of the system, as '{values[0].name}'; "
+                        "names are component.parameter, or give COMPONENT=FILE"
+                    )
+
+    def _add(self, values: Sequence[Value], part: Part, findings: Findings) -> int:
+        """Add values of a part; returns how many are of something."""
+        count = 0
+        for value in values:
             found = variable_nodes(part, value.name)
             if not found:
                 known = part.variables if part.ports is not None else _hierarchical_names(part)
                 hint = nearest(value.name, known)
-                notes.append(f"{value.origin}: nothing is named '{value.name}', which is ignored; {hint}")
+                findings.note(
+                    f"{value.origin}: nothing is named '{value.name}', which is ignored; {hint}",
+                    f"{value.origin}: unknown names",
+                )
+            count += bool(found)
             for target, name in found:
                 scalars = (name,) if target.ports is not None else target.connectors[name].scalars
-                for scalar, part_of_value in zip(scalars, value.split(len(scalars)), strict=True):
-                    values[target.path, scalar] = part_of_value
+                with findings.collecting():
+                    for scalar, part_of_value in zip(scalars, value.split(len(scalars)), strict=True):
+                        self.found[target.path, scalar] = part_of_value
+        return count
 
 
 def _hierarchical_names(part: Part) -> list[str]:
@@ -112,10 +151,10 @@ def _hierarchical_names(part: Part) -> list[str]:
     return names
 
 
-def _system(root: Part, flow: Flow, values: dict[Node, Value]) -> System:
+def _system(root: Part, flow: Flow, values: Mapping[Node, Value], findings: Findings) -> System:
     system = System()
     components = [part for part in root.all_parts() if part.ports is not None]
-    connectors = {part.path: part for part in root.all_parts()}
+    paths = {part.path for part in components}
     connections = []
     for part in components:
         assert part.ports is not None
@@ -124,19 +163,31 @@ def _system(root: Part, flow: Flow, values: dict[Node, Value]) -> System:
         fed = set()
         for name, elements in part.variables.items():
             if (part.path, name) in values:
-                start[name] = _plain(_fit(values[part.path, name], part, elements))
+                with findings.collecting():
+                    value = values[part.path, name]
+                    if _settable(value, part, elements[0], findings):
+                        start[name] = _plain(_fit(value, part, elements))
         for element in part.ports.all_elements():
-            feed = flow.into((part.path, element.name))
-            if feed is None:
-                continue
-            source_part, source_name = feed.source
-            relative = part.ports.is_relative(element)
-            if connectors[source_part].ports is not None:
-                factor, offset = feed.transformation(relative=relative)
-                connections.append((f"{source_part}.{source_name}", f"{part.path}.{element.name}", factor, offset))
-                fed.add(element.name)
-            elif feed.source in values:
-                start[element.name] = _plain(_through(values[feed.source], feed, part, element))
+            with findings.collecting():
+                feed = flow.into((part.path, element.name))
+                if feed is None:
+                    continue
+                source_part, source_name = feed.source
+                relative = part.ports.is_relative(element)
+                target = f"{part.path}.{element.name}"
+                if source_part in paths:
+                    if feed.tables:
+                        kind = next(hop.table.kind for hop in feed.hops if hop.table is not None)
+                        raise SSPError(
+                            f"{feed.tables[0].here} has a {kind}, which is supported for parameters only; "
+                            "a LinearTransformation is"
+                        )
+                    factor, offset = feed.transformation(relative=relative)
+                    connections.append((f"{source_part}.{source_name}", target, factor, offset))
+                    fed.add(element.name)
+                elif feed.source in values:
+                    value = values[feed.source]
+                    start[element.name] = _plain(feed.handed_on(value, target, element.items, relative=relative))
         _add_defaults(part, start, fed)
         system.add(part.path, part.fmu, start=start)
     for source, target, factor, offset in connections:
@@ -144,26 +195,27 @@ def _system(root: Part, flow: Flow, values: dict[Node, Value]) -> System:
     return system
 
 
+def _settable(value: Value, part: Part, element: Element, findings: Findings) -> bool:
+    """Whether a parameter set can give a variable its value; the standard has others ignored."""
+    variable = element.variable
+    settable = variable.causality == "input" or variable.initial in ("exact", "approx")
+    if settable and variable.variability != "constant":
+        return True
+    findings.note(
+        f"{value.origin}: '{part.path}.{element.variable.name}' is a {variable.causality} variable that can't be set; "
+        "its value is ignored",
+        f"{value.origin}: not settable",
+    )
+    return False
+
+
 def _fit(value: Value, part: Part, elements: list[Element]) -> list[float] | str:
     """A value for a variable of a component."""
     assert part.ports is not None
     name = f"{part.path}.{value.name}"
     relative = part.ports.is_relative(elements[0])
-    return value.fit(name, part.ports.unit(elements[0]), elements[0].items, relative=relative)
-
-
-def _through(value: Value, feed: Feed, part: Part, element: Element) -> list[float] | str:
-    """A value that a connector of a system has, for the input or parameter that it is connected to."""
-    assert part.ports is not None
-    relative = part.ports.is_relative(element)
-    name = f"{part.path}.{element.name}"
-    data = value.fit(name, feed.unit, element.items, relative=relative)
-    factor, offset = feed.transformation(relative=relative)
-    if (factor, offset) == (1.0, 0.0):
-        return data
-    if isinstance(data, str):
-        raise SSPError(f"{value.origin}: '{value.name}' is a text and can't be transformed on its way to '{name}'")
-    return [factor * number + offset for number in data]
+    unit = part.ports.unit(elements[0])
+    return value.fit(name, unit, elements[0].items, relative=relative, findings=part.document.findings)
 
 
 def _plain(value: list[float] | str) -> Any:
@@ -187,8 +239,9 @@ def _start_value(element: Element) -> Any:
     return {"true": 1.0, "false": 0.0}[part] if part in ("true", "false") else float(part)
 
 
-def _step_size(description: DataElement, root: Part, where: str) -> float | None:
+def _step_size(document: Document, root: Part) -> float | None:
     """The communication step: from annotations, else the smallest that an FMU asks for."""
+    description = document.content
     for holder in (child(description, "DefaultExperiment"), root.element, description):
         for annotation in children(holder, "Annotations", "Annotation"):
             for element in annotation.iter():
@@ -198,7 +251,9 @@ def _step_size(description: DataElement, root: Part, where: str) -> float | None
                 try:
                     return float(text)
                 except ValueError:
-                    raise SSPError(f"{where}: the step size '{text}' in an annotation is not a number") from None
+                    raise SSPError(
+                        f"{document.where}: the step size '{text}' in an annotation is not a number"
+                    ) from None
     experiments = [p.ports.description.defaultExperiment for p in root.all_parts() if p.ports is not None]
     steps = [float(e.stepSize) for e in experiments if e is not None and e.stepSize is not None]
     return min((s for s in steps if s > 0 and math.isfinite(s)), default=None)

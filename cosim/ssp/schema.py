@@ -14,20 +14,23 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Literal
 
-from cosim.errors import CosimError, MissingExtra, needs
+from cosim.errors import MissingExtra, needs
+from cosim.ssp.errors import SSPError
+from cosim.system.read import Findings
 
 with needs("ssp"):
     import xmlschema
     from xmlschema import DataElement
 
-#: Description of the system, parameter set, parameter mapping.
-Kind = Literal["ssd", "ssv", "ssm"]
+#: Description of the system, parameter set, parameter mapping, signal dictionary.
+Kind = Literal["ssd", "ssv", "ssm", "ssb"]
 
 NAMESPACES = {
     "ssd": "http://ssp-standard.org/SSP1/SystemStructureDescription",
     "ssc": "http://ssp-standard.org/SSP1/SystemStructureCommon",
     "ssv": "http://ssp-standard.org/SSP1/SystemStructureParameterValues",
     "ssm": "http://ssp-standard.org/SSP1/SystemStructureParameterMapping",
+    "ssb": "http://ssp-standard.org/SSP1/SystemStructureSignalDictionary",
 }
 
 #: The variant of the description's schema in XML Schema 1.1 reaches into parameter sets and mappings that are inline.
@@ -35,27 +38,63 @@ _FILES = {
     "ssd": "SystemStructureDescription11.xsd",
     "ssv": "SystemStructureParameterValues.xsd",
     "ssm": "SystemStructureParameterMapping.xsd",
+    "ssb": "SystemStructureSignalDictionary.xsd",
 }
 
+#: Elements that say nothing of what is run; what is wrong in them does no harm.
+_HARMLESS = ("Annotations", "Geometry", "GraphicalElements", "MetaData", "Signature")
 
-class SSPError(CosimError):
-    """An SSP can't be read, run or written."""
+#: Root element of each kind of file.
+_ROOTS = {
+    "ssd": "SystemStructureDescription",
+    "ssv": "ParameterSet",
+    "ssm": "ParameterMapping",
+    "ssb": "SignalDictionary",
+}
+
+#: Elements that the reader finds wherever among their siblings they are.
+_KNOWN = (
+    "Connectors",
+    "ParameterBindings",
+    "Elements",
+    "Connections",
+    "SignalDictionaries",
+    "Units",
+    "Enumerations",
+    "DefaultExperiment",
+    "System",
+    "Component",
+    "SignalDictionaryReference",
+    "ParameterValues",
+    "ParameterMapping",
+    "Parameters",
+    "Annotations",
+    "ElementGeometry",
+    "SystemGeometry",
+    "ConnectorGeometry",
+    "ConnectionGeometry",
+    "GraphicalElements",
+    "DictionaryEntry",
+)
 
 
-def parse(data: bytes, kind: Kind, where: str) -> DataElement:
+def parse(data: bytes, kind: Kind, where: str, findings: Findings | None = None) -> DataElement:
     """Validate an XML file and decode it.
 
     Parameters
     ----------
     data : bytes
-    kind : {"ssd", "ssv", "ssm"}
+    kind : {"ssd", "ssv", "ssm", "ssb"}
     where : str
         Name of the file, for messages.
+    findings : Findings, optional
+        Takes notes of violations that leave no doubt of what is meant: elements and attributes that the schema does
+        not know, or in another order, or lists of nothing. Without it these are errors, too.
 
     Raises
     ------
     SSPError
-        It is no XML, has entities or violates the schema; the message gives the first violation.
+        It is no XML, has entities or violates the schema; the message gives the violations.
     MissingExtra
         The package with the schemas is not installed.
     """
@@ -65,16 +104,45 @@ def parse(data: bytes, kind: Kind, where: str) -> DataElement:
         source = xmlschema.XMLResource(io.BytesIO(data), defuse="always", allow="none")
         schema = _schema(kind, 2 if version else 1)
         result: Any = schema.to_objects(source, validation="lax", use_location_hints=False)
-    except xmlschema.XMLSchemaException as problem:
+    except (xmlschema.XMLSchemaException, RecursionError) as problem:
         raise SSPError(f"{where}: not readable as XML: {' '.join(str(problem).split())}") from None
     decoded, errors = result
-    if errors:
-        error = errors[0]
-        steps = re.sub(r"\w+:", "", (error.path or "").strip("/"))
-        reason = " ".join(str(error.reason).split())
-        raise SSPError(f"{where}: violates the SSP schema at {steps}: {reason}; mend it in the tool that wrote it")
-    assert isinstance(decoded, DataElement)
+    refused = [_violation(e) for e in errors if findings is None or not _harmless(e, where, findings)]
+    if refused:
+        more = f" (and {len(refused) - 3} more)" if len(refused) > 3 else ""
+        listed = "; ".join(refused[:3])
+        raise SSPError(f"{where}: violates the SSP schema {listed}{more}; mend it in the tool that wrote it")
+    if not isinstance(decoded, DataElement) or local_name(decoded) != _ROOTS[kind]:
+        raise SSPError(f"{where}: is no {_ROOTS[kind]} of SSP, by its root element; check the file")
     return decoded
+
+
+def _violation(error: Any) -> str:
+    return f"at {_path(error)}: {' '.join(str(error.reason).split())}"
+
+
+def _path(error: Any) -> str:
+    return re.sub(r"\w+:", "", (error.path or "").strip("/"))
+
+
+def _harmless(error: Any, where: str, findings: Findings) -> bool:
+    """Whether a violation leaves no doubt of what is meant; it is noted."""
+    path, reason = _path(error), " ".join(str(error.reason).split())
+    if any(name in path for name in _HARMLESS):
+        return True
+    if isinstance(error, xmlschema.XMLSchemaChildrenValidationError):
+        if "is not complete" in reason:
+            return error.elem is not None and len(error.elem) == 0  # a list of nothing
+        known = error.invalid_tag is not None and error.invalid_tag.rpartition("}")[2] in _KNOWN
+        what = "is not where the schema has it" if known else "is not of the standard and ignored"
+        findings.note(f"{where}: at {path}: {reason.rstrip('.')}: it {what}", f"{where}: order {known}")
+        return True
+    unknown = re.match(r"'([^']*)' attribute not allowed", reason)
+    if unknown:
+        findings.note(
+            f"{where}: at {path}: attribute '{unknown[1]}' is not of the standard and ignored", f"{where}: attribute"
+        )
+    return unknown is not None
 
 
 def children(element: DataElement | None, *steps: str) -> Iterator[DataElement]:

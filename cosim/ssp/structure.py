@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import product
@@ -15,8 +16,11 @@ from fmpy.model_description import Unit
 
 from cosim.errors import nearest
 from cosim.fmi.fmu_file import load
-from cosim.ssp.package import Package
-from cosim.ssp.schema import SSPError, child, children, local_name
+from cosim.ssp.document import Definitions, Document, open_document, read_definitions
+from cosim.ssp.errors import SSPError
+from cosim.ssp.package import DESCRIPTION, Archive
+from cosim.ssp.schema import child, children, local_name, parse
+from cosim.system.read import Findings
 from cosim.system.units import UnitsDiffer, conversion
 from cosim.system.variables import Element, Ports
 
@@ -29,7 +33,18 @@ SEPARATOR = "/"
 #: Arrays that are larger are refused, before names of their elements fill the memory.
 _MOST_SCALARS = 1_000_000
 
-_FMU_TYPE = "application/x-fmu-sharedlibrary"
+#: Systems that are nested deeper than this are refused; no person made them.
+_MOST_NESTED = 30
+
+_FMU_TYPES = ("application/x-fmu-sharedlibrary", "application/x-fmu")
+_PACKAGE_TYPE = "application/x-ssp-package"
+_DESCRIPTION_TYPE = "application/x-ssp-definition"
+
+#: Kinds of connectors out of which values come, for an element of a system; those of the system itself are the others.
+GIVING = ("output", "calculatedParameter", "local", "constant")
+TAKING = ("input", "parameter", "structuralParameter")
+
+DICTIONARY_TYPE = "application/x-ssp-signal-dictionary"
 
 
 @dataclass(frozen=True)
@@ -42,30 +57,51 @@ class Connector:
     scalars: tuple[str, ...]
 
 
+@dataclass(frozen=True)
+class Dictionary:
+    """A signal dictionary: the path under which its signals are known, and their connectors."""
+
+    path: str
+    signals: dict[str, Connector]
+
+
 @dataclass
 class Part:
-    """A system or a component.
+    """A system, a component, or a reference to a signal dictionary.
 
     Attributes
     ----------
     path : str
         Names of the elements from the root system on, which itself has none.
     element : DataElement
+        With the elements and connections of a system.
+    document : Document
+        The description that the element is of.
+    bindings : list of (element, document)
+        Holders of parameter bindings, in order.
     connectors : mapping
     parts : mapping
         Elements of a system by name; empty for a component.
+    dictionaries : mapping
+        Signal dictionaries of a system.
+    dictionary : Dictionary, optional
+        What a reference refers to.
     ports : Ports, optional
         Variables of a component.
     fmu : Path, optional
         The FMU of a component.
     source : str, optional
-        Its URI in the archive.
+        Its name in the package.
     """
 
     path: str
     element: DataElement
+    document: Document
+    bindings: list[tuple[DataElement, Document]] = field(default_factory=list)
     connectors: dict[str, Connector] = field(default_factory=dict)
     parts: dict[str, Part] = field(default_factory=dict)
+    dictionaries: dict[str, Dictionary] = field(default_factory=dict)
+    dictionary: Dictionary | None = None
     ports: Ports | None = None
     fmu: Path | None = None
     source: str | None = None
@@ -86,93 +122,288 @@ class Part:
                 found.setdefault(element.variable.name, []).append(element)
         return found
 
+    @cached_property
+    def units(self) -> Definitions:
+        """The units that the FMU of a component defines."""
+        assert self.ports is not None
+        return Definitions({u.name: u for u in self.ports.description.unitDefinitions})
 
-def read_structure(root: DataElement, units: Mapping[str, Unit], package: Package, folder: Path) -> Part:
-    """Read the tree of a system, and the model descriptions of its FMUs, which are unpacked into a folder.
 
-    Raises
-    ------
-    SSPError
-        An element is none that can be run, or differs from its FMU.
+def read_structure(document: Document) -> Part:
+    """Read the tree of a system, and the model descriptions of its FMUs, which are unpacked.
+
+    Elements that can't be run, or differ from their FMUs, become problems of the document's findings.
     """
-    tree = _system(root, "", units, package, folder)
+    root = next(children(document.content, "System"))
+    tree = _system(root, "", document, {})
     for path, count in Counter(part.path for part in tree.all_parts()).items():
         if count > 1:
-            raise SSPError(f"{package.path}: there are two elements named '{path}'; give each its own name")
+            document.findings.problem(
+                f"{document.package.path}: there are two elements named '{path}'; give each its own name"
+            )
     return tree
 
 
-def _system(element: DataElement, path: str, units: Mapping[str, Unit], package: Package, folder: Path) -> Part:
-    part = Part(path, element)
+def _system(element: DataElement, path: str, document: Document, dictionaries: dict[str, Dictionary]) -> Part:
+    part = Part(path, element, document, [(element, document)])
+    findings = document.findings
+    if path.count(SEPARATOR) > _MOST_NESTED:
+        findings.problem(f"{document.where}: systems are nested more than {_MOST_NESTED} times; no system needs that")
+        return part
     for connector in children(element, "Connectors", "Connector"):
-        part.connectors[connector.attrib["name"]] = _system_connector(connector, units, package.path)
+        with findings.collecting():
+            part.connectors[connector.attrib["name"]] = _system_connector(connector, document)
+    for dictionary in children(element, "SignalDictionaries", "SignalDictionary"):
+        with findings.collecting():
+            part.dictionaries[dictionary.attrib["name"]] = _dictionary(dictionary, path, document)
+    known = dictionaries | part.dictionaries
     for inner in child(element, "Elements") or ():
         name = inner.attrib["name"]
         # a dot is allowed in SSP; to the standard B.C may be a component of that name, or C in the system B
         below = (path + SEPARATOR if path else "") + name.replace(".", SEPARATOR)
-        if name in part.parts:
-            raise SSPError(f"{package.path}: there are two elements named '{below}'; give each its own name")
-        if local_name(inner) == "SignalDictionaryReference":
-            raise SSPError(f"{package.path}: '{below}' refers to a signal dictionary, which is not supported")
-        read = _system if local_name(inner) == "System" else _component
-        part.parts[name] = read(inner, below, units, package, folder)
+        with findings.collecting():
+            if name in part.parts:
+                raise SSPError(
+                    f"{document.package.path}: there are two elements named '{below}'; give each its own name"
+                )
+            kind = local_name(inner)
+            if kind == "System":
+                part.parts[name] = _system(inner, below, document, known)
+            elif kind == "SignalDictionaryReference":
+                part.parts[name] = _reference(inner, below, document, known)
+            else:
+                part.parts[name] = _component(inner, below, document)
     return part
 
 
-def _system_connector(connector: DataElement, units: Mapping[str, Unit], file: Path) -> Connector:
+def _system_connector(connector: DataElement, document: Document) -> Connector:
     name = connector.attrib["name"]
-    sizes = [int(d.attrib["size"]) for d in children(connector, "Dimension") if "size" in d.attrib]
+    here = f"{document.where}: connector '{name}'"
+    unit = _defined(_unit(connector, document), here, document.findings)
+    return Connector(name, connector.attrib["kind"], unit, _scalars(connector, document))
+
+
+def _scalars(element: DataElement, document: Document) -> tuple[str, ...]:
+    """Names of the values of a connector or a signal, which may be an array."""
+    name = element.attrib["name"]
+    sizes = [int(d.attrib["size"]) for d in children(element, "Dimension") if "size" in d.attrib]
+    if not sizes:
+        return (name,)
     if math.prod(sizes) > _MOST_SCALARS:
-        raise SSPError(f"{file}: connector '{name}' has {math.prod(sizes)} values, more than any system needs")
-    scalars = [f"{name}[{','.join(map(str, i))}]" for i in product(*(range(1, n + 1) for n in sizes))]
-    return Connector(name, connector.attrib["kind"], _unit(connector, units), tuple(scalars) if sizes else (name,))
+        raise SSPError(
+            f"{document.package.path}: connector '{name}' has {math.prod(sizes)} values, more than any system needs"
+        )
+    return tuple(f"{name}[{','.join(map(str, i))}]" for i in product(*(range(1, n + 1) for n in sizes)))
 
 
-def _component(element: DataElement, path: str, units: Mapping[str, Unit], package: Package, folder: Path) -> Part:
-    here = f"{package.path}: component '{path}'"
+# Signal dictionaries
+
+
+def _dictionary(element: DataElement, path: str, document: Document) -> Dictionary:
+    name = element.attrib["name"]
+    here = f"{document.where}: signal dictionary '{name}'"
+    kind = element.attrib.get("type", DICTIONARY_TYPE)
+    if kind != DICTIONARY_TYPE:
+        raise SSPError(f"{here} is of type {kind}, which is not supported; use {DICTIONARY_TYPE}")
     source = element.attrib.get("source")
-    if source is None:
-        raise SSPError(f"{here} has no source; give it an FMU")
-    if element.attrib["type"] != _FMU_TYPE:
-        raise SSPError(f"{here} is of type {element.attrib['type']}, which is not supported; only FMUs are")
-    if element.attrib["implementation"] not in ("any", "CoSimulation"):
-        raise SSPError(f"{here} is meant for {element.attrib['implementation']}; only co-simulation is supported")
-    fmu = package.extract(source, folder)
-    ports = Ports(path, load(path, fmu).description)
-    part = Part(path, element, ports=ports, fmu=fmu, source=source)
+    content: DataElement | None
+    if source is not None:
+        file = document.package.name_of(source, document.name)
+        where = document.package.where(file)
+        content = parse(document.package.read_xml(file), "ssb", where, document.findings)
+    else:
+        content = child(element, "SignalDictionary")
+    if content is None:
+        raise SSPError(f"{here} has neither a source nor a SignalDictionary; give it one")
+    definitions = read_definitions(content)
+    signals = {
+        entry.attrib["name"]: Connector(
+            entry.attrib["name"],
+            "inout",
+            _defined(_unit(entry, document, definitions), here, document.findings),
+            _scalars(entry, document),
+        )
+        for entry in children(content, "DictionaryEntry")
+    }
+    return Dictionary(f"{path}{SEPARATOR}{SEPARATOR}{name}", signals)
+
+
+def _reference(element: DataElement, path: str, document: Document, known: dict[str, Dictionary]) -> Part:
+    """A reference, whose connectors are signals of the nearest dictionary of that name."""
+    wanted = element.attrib["dictionary"]
+    if wanted not in known:
+        raise SSPError(
+            f"{document.where}: '{path}' refers to a signal dictionary '{wanted}', which is none; "
+            f"{nearest(wanted, known)}"
+        )
+    dictionary = known[wanted]
+    part = Part(path, element, document, dictionary=dictionary)
     for connector in children(element, "Connectors", "Connector"):
-        part.connectors[connector.attrib["name"]] = _component_connector(connector, part, units, here)
+        with document.findings.collecting():
+            name = connector.attrib["name"]
+            if name not in dictionary.signals:
+                hint = nearest(name, dictionary.signals)
+                raise SSPError(f"{document.where}: '{path}': dictionary '{wanted}' has no signal '{name}'; {hint}")
+            signal = dictionary.signals[name]
+            here = f"{document.where}: '{path}': connector '{name}'"
+            unit = _defined(_unit(connector, document), here, document.findings) or signal.unit
+            part.connectors[name] = Connector(name, connector.attrib["kind"], unit, signal.scalars)
     return part
 
 
-def _component_connector(connector: DataElement, part: Part, units: Mapping[str, Unit], here: str) -> Connector:
+# Components
+
+
+def _component(element: DataElement, path: str, document: Document) -> Part:
+    here = f"{document.package.path}: component '{path}'"
+    source = element.attrib.get("source")
+    if not source:
+        raise SSPError(f"{here} has no source; give it an FMU")
+    kind = element.attrib.get("type", _FMU_TYPES[0]).partition(";")[0].strip()
+    if kind in (_PACKAGE_TYPE, _DESCRIPTION_TYPE):
+        return _nested(element, path, document, kind, source)
+    if kind not in _FMU_TYPES:
+        raise SSPError(f"{here} is of type {kind}, which is not supported; use an FMU, an SSP or an SSD")
+    if source.partition("#")[0].lower().endswith((".ssp", ".ssd")):
+        raise SSPError(f"{here} is an FMU by its type, but '{source}' is none; set type to {_PACKAGE_TYPE}")
+    implementation = element.attrib.get("implementation", "any")
+    if implementation not in ("any", "CoSimulation"):
+        raise SSPError(
+            f"{here} is meant for {implementation}; only co-simulation is supported, "
+            "export the FMU for it and set implementation to CoSimulation"
+        )
+    name = _located(document, source, here)
+    fmu = document.package.unpack(name, document.folder)
+    ports = Ports(path, load(path, fmu).description)
+    part = Part(path, element, document, [(element, document)], ports=ports, fmu=fmu, source=name)
+    for connector in children(element, "Connectors", "Connector"):
+        with document.findings.collecting():
+            part.connectors[connector.attrib["name"]] = _component_connector(connector, part, here)
+    return part
+
+
+def _located(document: Document, source: str, here: str) -> str:
+    """Name of the file of a component in its package."""
+    try:
+        return document.package.name_of(source, document.name)
+    except SSPError as error:
+        raise SSPError(f"{here}: {str(error).removeprefix(f'{document.package.path}: ')}") from None
+
+
+def _nested(element: DataElement, path: str, document: Document, kind: str, source: str) -> Part:
+    """A component that is a system of another description, or of this one."""
+    here = f"{document.package.path}: component '{path}'"
+    inner, root = _description_of(document, kind, source, here, path)
+    part = _system(root, path, inner, {})
+    part.bindings.append((element, document))
+    for connector in children(element, "Connectors", "Connector"):
+        name, outer_kind = connector.attrib["name"], connector.attrib["kind"]
+        if name not in part.connectors:
+            hint = nearest(name, part.connectors)
+            document.findings.problem(f"{here}: system '{source}' has no connector '{name}'; {hint}")
+        elif part.connectors[name].kind != outer_kind:
+            document.findings.problem(
+                f"{here}: connector '{name}' is of kind {outer_kind}, but {part.connectors[name].kind} "
+                f"in '{source}'; mend it"
+            )
+    return part
+
+
+def _description_of(document: Document, kind: str, source: str, here: str, path: str) -> tuple[Document, DataElement]:
+    """The description that a component is of, and the system in it."""
+    address, _, fragment = source.partition("#")
+    if not address:
+        inner = _below(document, document, f"{document.where}#{fragment}", here)
+        for part in document.content.iter():
+            if local_name(part) == "System" and part.attrib.get("id") == fragment:
+                return inner, part
+        raise SSPError(f"{here}: no system of this description has the id '{fragment}'; mend the source")
+    name = _located(document, address, here)
+    if kind == _DESCRIPTION_TYPE:
+        opened = open_document(document.package, name, document.folder, document.ignore_units)
+        inner = _below(opened, document, opened.where, here)
+    else:
+        said = f"{document.package.path}: {name}"
+        package = Archive(document.package.unpack(name, document.folder), document.findings, Path(said))
+        document.package.close_with_it(package)
+        folder = document.folder / f"{path}.unpacked"
+        opened = open_document(package, fragment or DESCRIPTION, folder, document.ignore_units)
+        inner = _below(opened, document, f"{said}#{fragment}", here)
+    return inner, next(children(inner.content, "System"))
+
+
+def _below(inner: Document, outer: Document, identity: str, here: str) -> Document:
+    """A description below another; one that has itself as a component has no end."""
+    above = (*outer.above, outer.where)
+    if identity in outer.above or len(above) > _MOST_NESTED:
+        raise SSPError(f"{here}: the system has itself as a component; cut this circle")
+    return dataclasses.replace(inner, above=(*above, identity))
+
+
+def _component_connector(connector: DataElement, part: Part, here: str) -> Connector:
     name, kind = connector.attrib["name"], connector.attrib["kind"]
     elements = part.variables.get(name)
     if elements is None:
         hint = nearest(name, part.variables)
         raise SSPError(f"{here}: the FMU has no variable for connector '{name}'; {hint}")
-    causality = elements[0].variable.causality
-    if causality != kind:
+    own = _variable_connector(part, name)
+    findings = part.document.findings
+    if kind not in (own.kind, "inout", "unspecified"):
+        if (kind in GIVING) != (own.kind in GIVING):
+            raise SSPError(
+                f"{here}: connector '{name}' is of kind {kind}, but the variable of the FMU is {own.kind}; mend it"
+            )
+        if elements[0].variable.variability != "constant":
+            findings.note(
+                f"{here}: connector '{name}' is of kind {kind}, but the variable of the FMU is {own.kind}, which holds",
+                "kinds of connectors",
+            )
+    declared = _unit(connector, part.document)
+    if declared is None or part.document.ignore_units:
+        return own
+    if own.unit is None:
+        return dataclasses.replace(own, unit=_defined(declared, here, findings))
+    if declared.baseUnit is None:
+        if declared.name != own.unit.name:
+            findings.note(
+                f"{here}: unit '{declared.name}' of connector '{name}' is not defined; "
+                f"it is taken in the FMU's, '{own.unit.name}'",
+                "units of connectors",
+            )
+        return own
+    try:
+        same = conversion(declared, own.unit, relative=False) == (1.0, 0.0)
+    except UnitsDiffer:
+        same = False
+    if not same:
         raise SSPError(
-            f"{here}: connector '{name}' is of kind {kind}, but the variable of the FMU is {causality}; mend it"
+            f"{here}: connector '{name}' is in '{declared.name}', but the FMU in '{own.unit.name}'; mend it, "
+            "or ignore units (--units ignore)"
         )
+    return own  # the FMU's unit comes with a definition for sure
+
+
+def _variable_connector(part: Part, name: str) -> Connector:
+    """A connector for a variable of a component, as the FMU has it."""
     assert part.ports is not None
-    own = part.ports.unit(elements[0])
-    declared = _unit(connector, units)
-    if declared is not None and own is not None:
-        try:
-            same = conversion(declared, own, relative=False) == (1.0, 0.0)
-        except UnitsDiffer:
-            same = False
-        if not same:
-            raise SSPError(f"{here}: connector '{name}' is in '{declared.name}', but the FMU in '{own.name}'; mend it")
-    # the FMU's unit comes with a definition for sure
-    return Connector(name, kind, own or declared, tuple(e.name for e in elements))
+    elements = part.variables[name]
+    unit = part.ports.unit(elements[0])
+    return Connector(name, str(elements[0].variable.causality), unit, tuple(e.name for e in elements))
 
 
-def _unit(connector: DataElement, units: Mapping[str, Unit]) -> Unit | None:
-    name = next((typed.attrib["unit"] for typed in connector if "unit" in typed.attrib), None)
-    return None if name is None else units.get(name, Unit(name))
+def _unit(typed: DataElement, document: Document, definitions: Definitions | None = None) -> Unit | None:
+    name = next((t.attrib["unit"] for t in typed if "unit" in t.attrib), None)
+    if name == "":
+        document.findings.note(f"{document.where}: units that are empty are taken for none")
+    return document.unit(name, definitions)
+
+
+def _defined(unit: Unit | None, here: str, findings: Findings) -> Unit | None:
+    """A unit with a definition; others are none."""
+    if unit is None or unit.baseUnit is not None:
+        return unit
+    findings.note(f"{here}: unit '{unit.name}' is not defined, so nothing is converted by it", "undefined units")
+    return None
 
 
 def find_connector(system: Part, element: str | None, name: str, here: str) -> tuple[Part, Connector]:
@@ -188,17 +419,23 @@ def find_connector(system: Part, element: str | None, name: str, here: str) -> t
         if element not in system.parts:
             raise SSPError(f"{here}: there is no element '{element}'; {nearest(element, system.parts)}")
         part = system.parts[element]
-    if name not in part.connectors:
-        owner = f"element '{element}'" if element is not None else "the system"
-        raise SSPError(f"{here}: {owner} has no connector '{name}'; {nearest(name, part.connectors)}")
-    return part, part.connectors[name]
+    if name in part.connectors:
+        return part, part.connectors[name]
+    if part.ports is not None and name in part.variables:
+        system.document.findings.note(
+            f"{here}: element '{element}' declares no connector '{name}'; the variable of its FMU is taken",
+            "connectors that are not declared",
+        )
+        return part, _variable_connector(part, name)
+    owner = f"element '{element}'" if element is not None else "the system"
+    raise SSPError(f"{here}: {owner} has no connector '{name}'; {nearest(name, part.connectors)}")
 
 
 def variable_nodes(part: Part, name: str) -> list[tuple[Part, str]]:
     """What a hierarchical name stands for: connectors of systems and variables of components; there may be several."""
     if part.ports is not None:
         return [(part, name)] if name in part.variables else []
-    found = [(part, name)] if name in part.connectors else []
+    found = [(part, name)] if name in part.connectors and part.dictionary is None else []
     for inner_name, inner in part.parts.items():
         if name.startswith(f"{inner_name}."):
             found += variable_nodes(inner, name[len(inner_name) + 1 :])

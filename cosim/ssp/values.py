@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
-from fmpy.model_description import BaseUnit, Unit
+from fmpy.model_description import Unit
 
-from cosim.ssp.package import Package
-from cosim.ssp.schema import SSPError, child, children, local_name, parse
+from cosim.errors import nearest
+from cosim.ssp.document import Definitions, Document, read_definitions
+from cosim.ssp.errors import SSPError
+from cosim.ssp.schema import child, children, local_name, parse
+from cosim.system.read import Findings
 from cosim.system.units import UnitsDiffer, conversion
 
 if TYPE_CHECKING:
     from xmlschema import DataElement
-
-_BASE_UNIT = ("kg", "m", "s", "A", "K", "mol", "cd", "rad", "factor", "offset")
 
 SET_TYPE = "application/x-ssp-parameter-set"
 MAPPING_TYPE = "application/x-ssp-parameter-mapping"
@@ -41,6 +43,8 @@ class Value:
         Then they become factor * number + offset.
     origin : str
         For messages.
+    items : mapping
+        Numbers of the items of the enumeration that the text is of, where its file defines it.
     """
 
     name: str
@@ -51,6 +55,7 @@ class Value:
     factor: float
     offset: float
     origin: str
+    items: Mapping[str, float] = field(default_factory=dict)
 
     def split(self, size: int) -> list[Value]:
         """The values of the elements of an array; a single one is that of all.
@@ -67,7 +72,15 @@ class Value:
             raise SSPError(f"{self.origin}: {len(parts)} values were given for '{self.name}', which has {size}")
         return [replace(self, data=part) for part in (parts * size if len(parts) == 1 else parts)]
 
-    def fit(self, target: str, unit: Unit | None, items: Mapping[str, float], *, relative: bool) -> list[float] | str:
+    def fit(
+        self,
+        target: str,
+        unit: Unit | None,
+        items: Mapping[str, float],
+        *,
+        relative: bool,
+        findings: Findings | None = None,
+    ) -> list[float] | str:
         """The numbers, or the text, for a variable.
 
         Parameters
@@ -80,6 +93,8 @@ class Value:
             Values of its enumeration by name, empty where it has none.
         relative : bool
             The variable is a difference, to which offsets of units don't apply.
+        findings : Findings, optional
+            Takes a note of a unit that is not defined; without it such a unit is an error.
 
         Raises
         ------
@@ -87,62 +102,121 @@ class Value:
             The units don't match, or the enumeration has no such item.
         """
         if self.item:
-            if self.data not in items:
-                known = ", ".join(items) or "it is no enumeration"
-                raise SSPError(f"{self.origin}: '{target}' can't become '{self.data}'; known are: {known}")
-            return [items[str(self.data)]]
+            return [self.number(target, items)]
         if isinstance(self.data, str):
             return self.data
-        factor, offset = 1.0, 0.0
-        if self.convert and unit is not None and self.unit is not None:
-            try:
-                factor, offset = conversion(self.unit, unit, relative=relative)
-            except UnitsDiffer as error:
-                raise SSPError(f"{self.origin}: value of '{target}': {error}") from None
+        factor, offset = self._conversion(target, unit, relative, findings)
         if (factor, offset, self.factor, self.offset) == (1.0, 0.0, 1.0, 0.0):
             return list(self.data)
         return [self.factor * (factor * number + offset) + self.offset for number in self.data]
 
+    def number(self, target: str, items: Mapping[str, float]) -> float:
+        """The number of an item of an enumeration: as the FMU has it, else as the file has that defines it.
 
-def values_of(binding: DataElement, package: Package, component: str | None, where: str) -> list[Value]:
+        Raises
+        ------
+        SSPError
+            Neither has such an item.
+        """
+        text = str(self.data)
+        if text in items:
+            return items[text]
+        if text in self.items and (not items or self.items[text] in items.values()):
+            return self.items[text]
+        if items and re.fullmatch(r"[+-]?\d+", text) and float(text) in items.values():
+            return float(text)
+        known = ", ".join(items) or "it is no enumeration"
+        raise SSPError(f"{self.origin}: '{target}' can't become '{text}'; known are: {known}")
+
+    def _conversion(
+        self, target: str, unit: Unit | None, relative: bool, findings: Findings | None
+    ) -> tuple[float, float]:
+        if not self.convert or unit is None or self.unit is None or self.unit.name == unit.name:
+            return 1.0, 0.0
+        if findings is not None and (self.unit.baseUnit is None or unit.baseUnit is None):
+            undefined = self.unit if self.unit.baseUnit is None else unit
+            findings.note(
+                f"{self.origin}: unit '{undefined.name}' of the value of '{target}' is not defined; "
+                f"it is taken in '{unit.name}'",
+                "units of values",
+            )
+            return 1.0, 0.0
+        try:
+            return conversion(self.unit, unit, relative=relative)
+        except UnitsDiffer as error:
+            raise SSPError(f"{self.origin}: value of '{target}': {error}, or ignore units (--units ignore)") from None
+
+
+def values_of(
+    binding: DataElement, document: Document, component: str | None, where: str, definitions: Definitions
+) -> list[Value]:
     """All values that a parameter binding applies, in order.
 
     Parameters
     ----------
     binding : DataElement
         `ssd:ParameterBinding`.
-    package : Package
+    document : Document
+        The description that has it.
     component : str, optional
-        URI of the FMU of the component that it belongs to, if it does.
+        Name in the package of the FMU of the component that it belongs to, if it does.
     where : str
         For messages.
+    definitions : Definitions
+        Of that FMU: units that the file itself does not define.
 
     Raises
     ------
     SSPError
         A file is missing or malformed, or its type is not the standard's.
     """
-    here, parameter_set = _content(binding, SET_TYPE, "ParameterValues", "ssv", package, component, where)
-    units = read_units(child(parameter_set, "Units"))
-    prefix = binding.attrib["prefix"]
-    values = [_value(p, prefix, units, here) for p in children(parameter_set, "Parameters", "Parameter")]
+    here, parameter_set = _content(binding, SET_TYPE, "ParameterValues", "ssv", document, component, where)
+    values = set_values(parameter_set, binding.attrib["prefix"], here, document, definitions)
     mapping = child(binding, "ParameterMapping")
     if mapping is None:
         return values
-    here, mapping = _content(mapping, MAPPING_TYPE, None, "ssm", package, component, where)
+    here, mapping = _content(mapping, MAPPING_TYPE, None, "ssm", document, component, where)
     by_name = {value.name: value for value in values}
-    entries = [entry for entry in children(mapping, "MappingEntry") if entry.attrib["source"] in by_name]
-    return [_mapped(by_name[entry.attrib["source"]], entry, here) for entry in entries]
-
-
-def read_units(units: DataElement | None) -> dict[str, Unit]:
-    """Unit definitions by name."""
-    found = {}
-    for unit in children(units, "Unit"):
-        base = next(children(unit, "BaseUnit"))
-        found[unit.attrib["name"]] = Unit(
-            unit.attrib["name"], BaseUnit(**{name: base.attrib[name] for name in _BASE_UNIT})
+    entries = list(children(mapping, "MappingEntry"))
+    absent = [entry.attrib["source"] for entry in entries if entry.attrib["source"] not in by_name]
+    for name in absent:
+        document.findings.note(
+            f"{here}: no parameter is named '{name}', whose mapping is ignored; {nearest(name, by_name)}", here
         )
+    return [_mapped(by_name[e.attrib["source"]], e, here) for e in entries if e.attrib["source"] in by_name]
+
+
+def set_values(
+    parameter_set: DataElement, prefix: str, here: str, document: Document, definitions: Definitions | None = None
+) -> list[Value]:
+    """The values of a parameter set, in order.
+
+    Parameters
+    ----------
+    parameter_set : DataElement
+    prefix : str
+        Goes before all names.
+    here : str
+        Name of the file, for messages.
+    document : Document
+        The description that takes it.
+    definitions : Definitions, optional
+        Units that neither of the two defines.
+
+    Raises
+    ------
+    SSPError
+        A value is of a type that is not supported.
+    """
+    own = read_definitions(parameter_set)
+    known = Definitions(
+        {**(definitions.units if definitions else {}), **document.definitions.units, **own.units},
+        {**document.definitions.enumerations, **own.enumerations},
+    )
+    found = []
+    for parameter in children(parameter_set, "Parameters", "Parameter"):
+        with document.findings.collecting():
+            found.append(_value(parameter, prefix, known, here, document))
     return found
 
 
@@ -151,12 +225,28 @@ def transformation_of(element: DataElement) -> DataElement | None:
     return next((c for c in element if local_name(c).endswith("Transformation")), None)
 
 
+def table_of(transformation: DataElement, here: str) -> dict[Any, Any]:
+    """What a mapping transformation replaces by what; values that it does not name stay as they are.
+
+    Raises
+    ------
+    SSPError
+        One value has two targets.
+    """
+    table: dict[Any, Any] = {}
+    for entry in children(transformation, "MapEntry"):
+        source, target = entry.attrib["source"], entry.attrib["target"]
+        if table.setdefault(source, target) != target:
+            raise SSPError(f"{here}: a {local_name(transformation)} maps {source!r} to two values; remove one of them")
+    return table
+
+
 def _content(
     element: DataElement,
     expected: str,
     holder: str | None,
     kind: Any,
-    package: Package,
+    document: Document,
     component: str | None,
     where: str,
 ) -> tuple[str, DataElement]:
@@ -164,33 +254,43 @@ def _content(
     if element.attrib["type"] != expected:
         raise SSPError(f"{where}: parameters of type {element.attrib['type']} are not supported; use {expected}")
     source = element.attrib.get("source")
-    if source is not None:
-        inside = component if element.attrib["sourceBase"] == "component" else None
-        if element.attrib["sourceBase"] == "component" and inside is None:
-            raise SSPError(f"{where}: '{source}' is looked for in a component, but a system has it; use sourceBase SSD")
-        here = f"{package.path}: {source}"
-        return here, parse(package.read_xml(source, inside), kind, here)
-    name = "ParameterSet" if kind == "ssv" else "ParameterMapping"
-    content = child(element, holder, name) if holder else child(element, name)
+    package = document.package
+    if source:
+        if element.attrib["sourceBase"] == "component":
+            if component is None:
+                raise SSPError(
+                    f"{where}: '{source}' is looked for in a component, but a system has it; use sourceBase SSD"
+                )
+            here = f"{package.path}: {component}: {source}"
+            return here, parse(package.read_xml(source, component), kind, here, document.findings)
+        name = package.name_of(source, document.name)
+        here = package.where(name)
+        return here, parse(package.read_xml(name), kind, here, document.findings)
+    inline = "ParameterSet" if kind == "ssv" else "ParameterMapping"
+    content = child(element, holder, inline) if holder else child(element, inline)
     if content is None:
-        raise SSPError(f"{where}: a {local_name(element)} has neither a source nor a {name}; give it one")
+        raise SSPError(f"{where}: a {local_name(element)} has neither a source nor a {inline}; give it one")
     return where, content
 
 
-def _value(parameter: DataElement, prefix: str, units: Mapping[str, Unit], here: str) -> Value:
-    typed = next(iter(parameter))
-    kind, raw = local_name(typed), typed.attrib["value"]
+def _value(parameter: DataElement, prefix: str, definitions: Definitions, here: str, document: Document) -> Value:
     name = prefix + parameter.attrib["name"]
+    typed = next((t for t in parameter if "value" in t.attrib), None)
+    if typed is None:
+        raise SSPError(f"{here}: parameter '{name}' has no value; give it one")
+    kind, raw = local_name(typed), typed.attrib["value"]
     if kind == "Binary":
         raise SSPError(f"{here}: '{name}' is binary, which is not supported")
-    unit_name = typed.attrib.get("unit")
-    unit = None if unit_name is None else units.get(unit_name, Unit(unit_name))
+    if typed.attrib.get("unit") == "":
+        document.findings.note(f"{here}: units that are empty are taken for none")
+    unit = None if document.ignore_units else document.unit(typed.attrib.get("unit"), definitions)
     data: Any = raw if kind in ("String", "Enumeration") else raw if isinstance(raw, list) else [raw]
     if isinstance(data, list) and kind in ("String", "Enumeration"):  # SSP 2.0 has arrays of them
         if len(data) != 1:
             raise SSPError(f"{here}: '{name}' is an array of texts, which is not supported")
         data = data[0]
-    return Value(name, data, unit, kind == "Enumeration", True, 1.0, 0.0, here)
+    items = definitions.enumerations.get(typed.attrib.get("name") or "", {}) if kind == "Enumeration" else {}
+    return Value(name, data, unit, kind == "Enumeration", True, 1.0, 0.0, here, items)
 
 
 def _mapped(value: Value, entry: DataElement, here: str) -> Value:
@@ -202,11 +302,11 @@ def _mapped(value: Value, entry: DataElement, here: str) -> Value:
             raise SSPError(f"{here}: '{value.name}' is not a number and can't be transformed linearly")
         factor, offset = transformation.attrib["factor"], transformation.attrib["offset"]
     elif transformation is not None:
-        data = _replaced(data, transformation)
-    return Value(entry.attrib["target"], data, value.unit, value.item, convert, factor, offset, value.origin)
+        if value.item and local_name(transformation) == "IntegerMappingTransformation":
+            value = replace(value, data=[value.number(value.name, {})], item=False)
+        data = _replaced(value.data, table_of(transformation, here))
+    return replace(value, name=entry.attrib["target"], data=data, convert=convert, factor=factor, offset=offset)
 
 
-def _replaced(data: Sequence[float] | str, transformation: DataElement) -> Sequence[float] | str:
-    """Values that the table of a mapping transformation does not name stay as they are."""
-    table = {e.attrib["source"]: e.attrib["target"] for e in children(transformation, "MapEntry")}
+def _replaced(data: Sequence[float] | str, table: Mapping[Any, Any]) -> Sequence[float] | str:
     return table.get(data, data) if isinstance(data, str) else [table.get(number, number) for number in data]

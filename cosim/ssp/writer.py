@@ -12,8 +12,9 @@ from typing import Literal
 from cosim.errors import nearest
 from cosim.ssp.components import Members, members_of
 from cosim.ssp.description import description_file, parameter_file
-from cosim.ssp.reader import DESCRIPTION
-from cosim.ssp.schema import SSPError, parse
+from cosim.ssp.errors import SSPError
+from cosim.ssp.package import DESCRIPTION
+from cosim.ssp.schema import parse
 from cosim.system.system import System
 
 _DATE = (1980, 1, 1, 0, 0, 0)  # of all members: equal systems become equal files

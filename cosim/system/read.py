@@ -1,0 +1,108 @@
+"""A system as a file of another tool describes it, and what was found while the file was read."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+from cosim.errors import CosimError
+from cosim.system.system import System
+
+#: Of one kind of notes this many are shown; a description with a thousand connectors may have a thousand of them.
+_MOST_NOTES = 3
+
+#: This many problems are shown in one message.
+_MOST_PROBLEMS = 20
+
+
+@dataclass(frozen=True)
+class ReadSystem:
+    """What a description of a system holds.
+
+    Attributes
+    ----------
+    name : str
+    system : System
+        Components of nested systems are named `system/component`.
+    start_time : float
+        In s; 0 where the description has none.
+    stop_time, step_size : float, optional
+        In s, if the description or its FMUs say.
+    notes : tuple of str
+        What was ignored, assumed or taken as it is, and the user should know.
+    """
+
+    name: str
+    system: System
+    start_time: float
+    stop_time: float | None
+    step_size: float | None
+    notes: tuple[str, ...]
+
+
+@dataclass
+class Findings:
+    """Notes and problems that a reader collects, so that a user learns of all of them at once.
+
+    Attributes
+    ----------
+    error : type
+        Of the error that names the problems.
+    """
+
+    error: type[CosimError] = CosimError
+    _notes: dict[str, list[str]] = field(default_factory=dict)
+    _problems: list[str] = field(default_factory=list)
+    _kinds: Counter[str] = field(default_factory=Counter)
+
+    def note(self, text: str, kind: str = "") -> None:
+        """Note something once; of a kind that is named, the first few are shown and the others counted."""
+        key = kind or text
+        shown = self._notes.setdefault(key, [])
+        if text not in shown:
+            self._kinds[key] += 1
+            if len(shown) < _MOST_NOTES:
+                shown.append(text)
+
+    def problem(self, text: str) -> None:
+        """Remember a reason why the system can't be run."""
+        if text not in self._problems:
+            self._problems.append(text)
+
+    @contextmanager
+    def collecting(self) -> Iterator[None]:
+        """Context in which an error becomes one of the problems."""
+        try:
+            yield
+        except CosimError as error:
+            self.problem(str(error))
+
+    def raise_problems(self, where: str) -> None:
+        """End with all problems in one line, if there are any.
+
+        Parameters
+        ----------
+        where : str
+            Name of the file; messages that begin with it need not repeat it.
+        """
+        if not self._problems:
+            return
+        if len(self._problems) == 1:
+            raise self.error(self._problems[0])
+        shown = [text.removeprefix(f"{where}: ") for text in self._problems[:_MOST_PROBLEMS]]
+        listed = "; ".join(f"({k}) {text}" for k, text in enumerate(shown, 1))
+        more = len(self._problems) - len(shown)
+        rest = f"; and {more} more" if more else ""
+        raise self.error(f"{where}: {len(self._problems)} things are wrong: {listed}{rest}")
+
+    def notes(self) -> tuple[str, ...]:
+        """All notes, in order."""
+        found = []
+        for key, shown in self._notes.items():
+            found += shown
+            more = self._kinds[key] - len(shown)
+            if more:
+                found[-1] += f" (and {more} more of this kind)"
+        return tuple(found)
