@@ -196,6 +196,8 @@ class Flow:
             document.findings.note(f"{document.where}: an empty startElement or endElement means the system itself")
         if "startIndices" in attributes or "endIndices" in attributes:
             raise SSPError(f"{here} takes elements of an array by indices, which is not supported")
+        if any(_is_broken(system, element, name) for element, name in ends):
+            return  # which is a problem that has been found already
         found = [find_connector(system, element or None, name, here) for element, name in ends]
         gives = _directions([(connector, part is system) for part, connector in found], here)
         if gives[0] == gives[1]:
@@ -231,6 +233,13 @@ class Flow:
         if target in self._hops:
             raise SSPError(f"{hop.here}: '{target[1]}' is fed by another connection too; remove one of them")
         self._hops[target] = hop
+
+
+def _is_broken(system: Part, element: str | None, name: str) -> bool:
+    """Whether an end of a connection could not be read."""
+    if not element:
+        return False
+    return element in system.broken or (element in system.parts and name in system.parts[element].broken)
 
 
 def _directions(ends: list[tuple[Connector, bool]], here: str) -> list[bool]:

@@ -92,6 +92,8 @@ class Part:
         The FMU of a component.
     source : str, optional
         Its name in the package.
+    broken : set of str
+        Elements and connectors that could not be read; what refers to them is no problem of its own.
     """
 
     path: str
@@ -105,6 +107,7 @@ class Part:
     ports: Ports | None = None
     fmu: Path | None = None
     source: str | None = None
+    broken: set[str] = field(default_factory=set)
 
     def all_parts(self) -> Iterator[Part]:
         """Itself and all parts below it."""
@@ -161,6 +164,7 @@ def _system(element: DataElement, path: str, document: Document, dictionaries: d
         name = inner.attrib["name"]
         # a dot is allowed in SSP; to the standard B.C may be a component of that name, or C in the system B
         below = (path + SEPARATOR if path else "") + name.replace(".", SEPARATOR)
+        part.broken.add(name)
         with findings.collecting():
             if name in part.parts:
                 raise SSPError(
@@ -173,6 +177,7 @@ def _system(element: DataElement, path: str, document: Document, dictionaries: d
                 part.parts[name] = _reference(inner, below, document, known)
             else:
                 part.parts[name] = _component(inner, below, document)
+            part.broken.remove(name)
     return part
 
 
@@ -239,8 +244,9 @@ def _reference(element: DataElement, path: str, document: Document, known: dict[
     dictionary = known[wanted]
     part = Part(path, element, document, dictionary=dictionary)
     for connector in children(element, "Connectors", "Connector"):
+        name = connector.attrib["name"]
+        part.broken.add(name)
         with document.findings.collecting():
-            name = connector.attrib["name"]
             if name not in dictionary.signals:
                 hint = nearest(name, dictionary.signals)
                 raise SSPError(f"{document.where}: '{path}': dictionary '{wanted}' has no signal '{name}'; {hint}")
@@ -248,6 +254,7 @@ def _reference(element: DataElement, path: str, document: Document, known: dict[
             here = f"{document.where}: '{path}': connector '{name}'"
             unit = _defined(_unit(connector, document), here, document.findings) or signal.unit
             part.connectors[name] = Connector(name, connector.attrib["kind"], unit, signal.scalars)
+            part.broken.remove(name)
     return part
 
 
@@ -277,8 +284,11 @@ def _component(element: DataElement, path: str, document: Document) -> Part:
     ports = Ports(path, load(path, fmu).description)
     part = Part(path, element, document, [(element, document)], ports=ports, fmu=fmu, source=name)
     for connector in children(element, "Connectors", "Connector"):
+        name = connector.attrib["name"]
+        part.broken.add(name)
         with document.findings.collecting():
-            part.connectors[connector.attrib["name"]] = _component_connector(connector, part, here)
+            part.connectors[name] = _component_connector(connector, part, here)
+            part.broken.remove(name)
     return part
 
 
