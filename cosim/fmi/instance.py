@@ -149,6 +149,9 @@ class Instance:
         The FMU can't be loaded.
     """
 
+    #: What stands behind the component, in messages.
+    noun = "FMU"
+
     def __init__(
         self, name: str, folder: Path, description: ModelDescription, asks_for_inputs: Sequence[int] = ()
     ) -> None:

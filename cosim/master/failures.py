@@ -41,6 +41,14 @@ class SimulationInterrupted(KeyboardInterrupt):
         self.results: Results | StoredResults = results
 
 
+class InterruptedInCall(KeyboardInterrupt):
+    """Ctrl-C came while a function in Python was called; the run makes a `SimulationInterrupted` of it."""
+
+    def __init__(self, time: float) -> None:
+        super().__init__(f"interrupted at t = {time:.9g} s")
+        self.time = time
+
+
 class Failing:
     """Context that turns a failed call into the error of a component at a time; a class, for it is entered often."""
 

@@ -1,6 +1,7 @@
 """Ctrl-C between two calls of an FMU, never inside one.
 
 Python code that runs inside an FMU would otherwise get the KeyboardInterrupt, and the FMU's host with it a fatal error.
+A component that is a function in Python is no FMU: it gets the KeyboardInterrupt, for it may take long.
 """
 
 from __future__ import annotations
@@ -12,10 +13,13 @@ from typing import Any
 
 
 class DeferredInterrupt:
-    """Context in which the first Ctrl-C only sets `requested`; a second one interrupts at once."""
+    """Context in which the first Ctrl-C only sets `requested`.
+
+    A second one, or one while `at_once` is set, interrupts at once.
+    """
 
     def __init__(self) -> None:
-        self.requested = False
+        self.requested = self.at_once = False
         self._previous: Any = None
 
     def __enter__(self) -> DeferredInterrupt:
@@ -34,6 +38,8 @@ class DeferredInterrupt:
     def _request(self, _number: int, _frame: FrameType | None) -> None:
         self.requested = True
         self._restore()
+        if self.at_once:
+            raise KeyboardInterrupt
 
     def _restore(self) -> None:
         if self._previous is not None:

@@ -21,11 +21,15 @@ from cosim.loop.arena import Arena
 from cosim.loop.binding import EXTRAPOLATED, NONE, TYPES, Extrapolated, Kind, Operation
 from cosim.master.algorithm import ORDERS, Extrapolation
 from cosim.master.extrapolated_inputs import ExtrapolatedInputs
+from cosim.master.function_instance import FunctionInstance
 from cosim.master.value_layout import Transfer, ValueLayout
 from cosim.system.resolution import Drive, Link, ResolvedSystem
 from cosim.system.variables import variables_of
 
 _K = TypeVar("_K")
+
+#: Level before those of all inputs.
+_BEFORE_ALL = -1
 
 
 @dataclass(frozen=True)
@@ -99,10 +103,9 @@ class Exchange:
             level: [row for transfer in transfers for row in self._set(transfer)]
             for level, transfers in _grouped(layout.sets, attrgetter("level")).items()
         }
-        gets = {
-            level: [self._get(transfer) for transfer in transfers]
-            for level, transfers in _grouped(layout.gets, attrgetter("level")).items()
-        }
+        gets = self._calls(layout)
+        for level, transfers in _grouped(layout.gets, attrgetter("level")).items():
+            gets.setdefault(level, []).extend(self._get(transfer) for transfer in transfers)
         # arrays of which only some elements are fed keep the start values of the others
         start_values = [self._get(transfer) for transfer in (*layout.sets, *layout.constants)]
         # around an algebraic loop the start values of the inputs are the first ones
@@ -147,6 +150,18 @@ class Exchange:
         )
 
     # At a communication point
+
+    def _calls(self, layout: ValueLayout) -> dict[int, list[NamedOperation]]:
+        """Calls of functions in Python, by level: after all inputs, or before them without direct feedthrough."""
+        calls: dict[int, list[NamedOperation]] = {}
+        for component, instance in self._instances.items():
+            if not isinstance(instance, FunctionInstance):
+                continue
+            level = max((t.level for t in layout.sets if t.component == component), default=0)
+            operation = self._operation(Kind.CALL, component, function=instance.call_address)
+            row = NamedOperation(operation, component)
+            calls.setdefault(level if instance.function.direct_feedthrough else _BEFORE_ALL, []).append(row)
+        return calls
 
     def _samples(self, drives: Sequence[Drive]) -> list[NamedOperation]:
         """One operation for all signals of a component."""
@@ -230,6 +245,8 @@ class Exchange:
         moving = [self._extrapolate(transfer) for transfer in sets if self._layout.extrapolated_elements(transfer)]
         for row in moving[:-1]:
             row.operation.more = 1
+        if isinstance(self._instances[component], FunctionInstance):  # nothing happens between communication points
+            return moving
         return [*moving, self._step(component)]
 
     def _extrapolate(self, transfer: Transfer) -> NamedOperation:

@@ -11,9 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from cosim.fmi.instance import Instance, VariableBuffer
+from cosim.fmi.instance import CallFailed, Instance, VariableBuffer
 from cosim.loop.binding import NOT_FINITE, RETURNED_EARLY, WANTS_TO_END, Kind, Loop, Operation, loop_library
-from cosim.master.failures import Failing, SimulationError, SimulationInterrupted
+from cosim.master.failures import Failing, InterruptedInCall, SimulationError, SimulationInterrupted
+from cosim.master.function_instance import FunctionInstance, in_one_line
 from cosim.master.interrupts import DeferredInterrupt
 from cosim.master.operations import Exchange, NamedOperation, OperationTable
 from cosim.master.pacing import Pacer
@@ -61,6 +62,9 @@ class Run:
         self._samples = samples
         self._grid = grid
         self._interrupt = interrupt
+        for instance in instances.values():
+            if isinstance(instance, FunctionInstance):
+                instance.interrupt = interrupt
         self._loop = Loop(
             start_time=grid.start_time,
             step_size=grid.step_size,
@@ -147,6 +151,9 @@ class Run:
         except SimulationError as error:
             error.results = finish("failed")
             raise
+        except InterruptedInCall as stop:
+            self._terminate(stop.time)
+            raise SimulationInterrupted(stop.time, finish("interrupted")) from None
         if self._interrupt.requested:
             raise SimulationInterrupted(grid.time(grid.last_point), finish("interrupted"))
         return finish("completed")
@@ -289,13 +296,15 @@ class Run:
         error.__cause__ = samples.failure
         return error
 
-    def _failure(self, table: OperationTable) -> SimulationError:
+    def _failure(self, table: OperationTable) -> BaseException:
         """The error that the loop has ended with."""
-        row = table.rows[self._loop.failed]
+        row, time = table.rows[self._loop.failed], self._grid.time(self._loop.point)
         instance = self._instances[row.component]
+        if isinstance(instance, FunctionInstance) and row.operation.kind == Kind.CALL:
+            return _failure_of_call(row.component, time, instance.raised())
         operation = table.operations[self._loop.failed]
         what = self._reason(row, operation, self._loop.status, instance)
-        return SimulationError(row.component, self._grid.time(self._loop.point), what, instance.log())
+        return SimulationError(row.component, time, what, instance.log())
 
     def _reason(self, row: NamedOperation, operation: Operation, status: int, instance: Instance) -> str:
         if status == NOT_FINITE:
@@ -309,10 +318,22 @@ class Run:
         return str(instance.failure(row.function, status))
 
 
+def _failure_of_call(component: str, time: float, raised: BaseException) -> BaseException:
+    """The error for an exception that ended a call of a function."""
+    if isinstance(raised, KeyboardInterrupt):
+        return InterruptedInCall(time)
+    if not isinstance(raised, Exception):  # SystemExit
+        return raised
+    what = str(raised) if isinstance(raised, CallFailed) else f"its function raised {in_one_line(raised)}"
+    error = SimulationError(component, time, what, "")
+    error.__cause__ = raised
+    return error
+
+
 def _reads(table: OperationTable, components: Collection[str]) -> Iterator[tuple[int, int]]:
-    """Places of the operations that read outputs of components."""
+    """Places of the operations that compute and read outputs of components."""
     for i, row in enumerate(table.rows):
-        if row.operation.kind == Kind.GET and row.component in components:
+        if row.operation.kind in (Kind.GET, Kind.CALL) and row.component in components:
             yield i, 1
 
 

@@ -20,7 +20,8 @@ from cosim.fmi.instance import CallFailed, Instance, VariableBuffer
 from cosim.loop.binding import loop_library
 from cosim.master.algorithm import AUTO, algorithm
 from cosim.master.extrapolated_inputs import extrapolated_inputs
-from cosim.master.failures import Failing
+from cosim.master.failures import Failing, InterruptedInCall, SimulationInterrupted
+from cosim.master.function_instance import FunctionInstance
 from cosim.master.interrupts import DeferredInterrupt
 from cosim.master.operations import Exchange
 from cosim.master.pacing import Pacer
@@ -89,8 +90,11 @@ class Simulation:
         loop_library()
         self._system = dataclasses.replace(system, signals=list(system.signals))
         self._order = order
-        self._fmus = {name: load(name, component.fmu) for name, component in system.components.items()}
-        self._ports = {name: Ports(name, fmu.description) for name, fmu in self._fmus.items()}
+        self._fmus = {name: load(name, c.fmu) for name, c in system.components.items() if c.fmu is not None}
+        self._functions = {name: c.function for name, c in system.components.items() if c.function is not None}
+        descriptions = {name: fmu.description for name, fmu in self._fmus.items()}
+        descriptions |= {name: function.description() for name, function in self._functions.items()}
+        self._ports = {name: Ports(name, descriptions[name]) for name in system.components}
         self._resolved = resolve(system, self._ports, needs_levels=chosen.order.needs_levels)
         self._extrapolated = extrapolated_inputs(self._resolved, chosen)
         recorded = _recorded(record, self._ports)
@@ -135,9 +139,9 @@ class Simulation:
                     except SetupError as error:
                         raise SetupError(f"component '{name}': {error}") from error
             stack.callback(self._free)
-            for name in self._fmus:
+            for name in self._ports:
                 self._load(name)
-            for name in self._fmus:
+            for name in self._ports:
                 self._instantiate(name)
             self._stack = stack.pop_all()
         return self
@@ -154,11 +158,14 @@ class Simulation:
             self._stack = None
 
     def _load(self, name: str) -> None:
+        self._exchange = None
+        if name in self._functions:
+            self._instances[name] = FunctionInstance(name, self._functions[name])
+            return
         fmu = self._fmus[name]
         asks = [v.valueReference for v in variables_of(self._extrapolated.elements.get(name, ()))]
         with self._setting_up(name):
             self._instances[name] = Instance(name, self._folders[fmu.sha256], fmu.description, asks)
-        self._exchange = None
 
     def _instantiate(self, name: str) -> None:
         with self._setting_up(name):
@@ -259,8 +266,7 @@ class Simulation:
         recorder = self._recorder(grid, record_every, sink)
         with DeferredInterrupt() as interrupt:
             run = Run(self._instances, self._fresh_exchange(), samples, grid, interrupt)
-            run.initialize(starts)
-            results = self._nothing_yet(grid, record_every, stop_time)
+            results = self._initialized(run, starts, grid, record_every, stop_time)
             with _timed(results, began):
                 return run.loop(recorder, record_every, results, progress, pacer)
 
@@ -312,7 +318,7 @@ class Simulation:
         samples, starts = self._prepared(grid, start or {}, signals, record_every)
         with DeferredInterrupt() as interrupt:
             loop = Run(self._instances, self._fresh_exchange(), samples, grid, interrupt)
-            loop.initialize(starts)
+            nothing_yet = self._initialized(loop, starts, grid, record_every, stop_time)
             run = SteppedRun(
                 loop,
                 self._resolved,
@@ -321,7 +327,7 @@ class Simulation:
                 grid,
                 Growing(self._times(grid, record_every), len(self._names)),
                 record_every,
-                self._nothing_yet(grid, record_every, stop_time),
+                nothing_yet,
                 interrupt,
                 exchanges_by_level=self._extrapolated.algorithm.order.needs_levels,
             )
@@ -348,6 +354,18 @@ class Simulation:
         starts = [s for s in self._resolved.starts if not {(s.component, e.name) for e in s.elements} <= given]
         return self._samples_of(self._drives(signals), grid), [*starts, *extra]
 
+    def _initialized(
+        self, run: Run, starts: Sequence[StartValue], grid: Grid, record_every: int, stop_time: float | None
+    ) -> Results:
+        """Results without rows of a run, whose FMUs have been initialised."""
+        try:
+            run.initialize(starts)
+        except InterruptedInCall as stop:
+            results = self._nothing_yet(grid, record_every, stop_time)
+            results.info["status"] = "interrupted"
+            raise SimulationInterrupted(stop.time, results) from None
+        return self._nothing_yet(grid, record_every, stop_time)
+
     def _nothing_yet(self, grid: Grid, record_every: int, stop_time: float | None) -> Results:
         """Results without rows, that say how the run is made."""
         info = {
@@ -361,6 +379,8 @@ class Simulation:
             "fmus": {name: {"path": str(f.path), "sha256": f.sha256} for name, f in self._fmus.items()},
             "parameters": self._parameters(grid.start_time),
         }
+        if self._functions:
+            info["functions"] = {name: function.qualified_name for name, function in self._functions.items()}
         return Results(np.empty(0), list(self._names), np.empty((0, len(self._names))), info)
 
     def _extra_starts(self, start: Mapping[str, Any]) -> list[StartValue]:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from cosim.errors import SetupError
 from cosim.fmi.instance import CallFailed, Instance, VariableBuffer
-from cosim.master.failures import Failing, SimulationError, SimulationInterrupted
+from cosim.master.failures import Failing, InterruptedInCall, SimulationError, SimulationInterrupted
+from cosim.master.function_instance import FunctionInstance
 from cosim.master.interrupts import DeferredInterrupt
 from cosim.master.recording import Growing
 from cosim.master.run import Grid, Run
@@ -114,7 +115,10 @@ class SteppedRun:
         self._ended = False
         self._fed = {(k.target_component, k.target.name) for k in system.links}
         self._fed |= {(d.component, e.name) for d in system.drives for e in d.targets}
-        run.exchange(0)
+        for instance in instances.values():
+            if isinstance(instance, FunctionInstance):
+                instance.is_stepped = True
+        self._exchange()
 
     @property
     def time(self) -> float:
@@ -202,10 +206,8 @@ class SteppedRun:
         self._exchange_again()
         try:
             self._point = self._run.advance(self._recorder, self._point, end, self._record_every)
-        except SimulationError as error:
-            self._ended = True
-            error.results = self._all_recorded("failed")
-            raise
+        except (SimulationError, InterruptedInCall) as error:
+            raise self._ended_by(error) from error.__cause__
         if self._interrupt.requested:
             raise SimulationInterrupted(self.time, self._all_recorded("interrupted"))
 
@@ -249,7 +251,8 @@ class SteppedRun:
             try:
                 fmus[component] = instance.save_state()
             except CallFailed as error:
-                raise SetupError(f"component '{component}': its FMU {error}; the run can't be saved") from error
+                what = f"component '{component}': its {instance.noun} {error}"
+                raise SetupError(f"{what}; the run can't be saved") from error
         _, recorded = self._recorder.result()
         values = self._run.values.copy()
         return RunState(self._made_with(), self._point, fmus, values, self._run.history(), recorded.copy())
@@ -276,7 +279,8 @@ class SteppedRun:
             try:
                 instance.restore_state(state.fmus[component])
             except CallFailed as error:
-                raise SetupError(f"component '{component}': its FMU {error}; the run can't be restored") from error
+                what = f"component '{component}': its {instance.noun} {error}"
+                raise SetupError(f"{what}; the run can't be restored") from error
         self._set_since = set()
         self._point = state.point
         self._recorder.replace(state.recorded)
@@ -286,6 +290,7 @@ class SteppedRun:
         info = self._results.info
         return {
             "fmus": {name: fmu["sha256"] for name, fmu in info["fmus"].items()},
+            "functions": info.get("functions", {}),
             "order": info["order"],
             "extrapolation": info["extrapolation"],
             "step_size": info["step_size"],
@@ -345,7 +350,21 @@ class SteppedRun:
         if self._set_since and not self._ended:
             components = None if self._exchanges_by_level else self._set_since
             self._set_since = set()
+            self._exchange(components)
+
+    def _exchange(self, components: Collection[str] | None = None) -> None:
+        try:
             self._run.exchange(self._point, components)
+        except (SimulationError, InterruptedInCall) as error:  # values of two exchanges would be mixed
+            raise self._ended_by(error) from error.__cause__
+
+    def _ended_by(self, error: SimulationError | InterruptedInCall) -> SimulationError | SimulationInterrupted:
+        """The error for the user, with what had been recorded; the run can't go on."""
+        self._ended = True
+        if isinstance(error, InterruptedInCall):
+            return SimulationInterrupted(error.time, self._all_recorded("interrupted"))
+        error.results = self._all_recorded("failed")
+        return error
 
 
 def _obstacle(component: str, elements: Sequence[Element], fed: set[tuple[str, str]]) -> str:

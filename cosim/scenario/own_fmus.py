@@ -44,7 +44,7 @@ def replaced(
     components = dict(system.components)
     missing = []
     for component, path in fmus.items():
-        components[component] = dataclasses.replace(components[component], fmu=path)
+        components[component] = dataclasses.replace(components[component], fmu=path, function=None)
         ports = Ports(component, load(component, path).description)
         ends = [c.target for c in system.connections]
         ends += [c.source for c in system.connections if c.target in optional]

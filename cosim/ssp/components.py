@@ -49,7 +49,11 @@ def members_of(system: System) -> Members:
     SSPError
         It has what an SSP can't describe.
     """
-    fmus = {name: load(name, c.fmu) for name, c in system.components.items()}
+    fmus: dict[str, LoadedFMU] = {}
+    for name, c in system.components.items():
+        if c.fmu is None:
+            raise SSPError(f"component '{name}' is a function in Python; an SSP takes FMUs only")
+        fmus[name] = load(name, c.fmu)
     ports = {name: Ports(name, fmu.description) for name, fmu in fmus.items()}
     resolve(system, ports, needs_levels=False)
     sources = _sources(fmus)

@@ -321,6 +321,6 @@ def _levels(ports: Mapping[str, Ports], links: Iterable[Link], needs_levels: boo
             raise SetupError(
                 f"algebraic loop {loop}: every output in it depends at once on the input before it; "
                 "use order='parallel' (as an option: --order parallel), which breaks the loop by a delay of one step, "
-                "or FMUs that declare which inputs their outputs depend on"
+                "or FMUs that declare which inputs their outputs depend on, or functions with direct_feedthrough=False"
             ) from None
         return None

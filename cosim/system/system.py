@@ -1,4 +1,4 @@
-"""What is simulated: components (FMUs), connections between them, and input signals."""
+"""What is simulated: components (FMUs, functions in Python), connections between them, and input signals."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Literal, Protocol, cast
 
 from cosim.errors import SetupError
+from cosim.system.function import PythonFunction, VariableSpecs
 
 #: A function of time (s) that gives the value of an input: a number, or a sequence for a vector.
 SignalFunction = Callable[[Any], Any]
@@ -34,12 +35,13 @@ Units = Literal["equal", "convert", "ignore"]
 
 @dataclass(frozen=True)
 class Component:
-    """One instance of an FMU; see `System.add`."""
+    """What takes part in a system: an FMU, or a function in Python; see `System.add` and `System.add_function`."""
 
     name: str
-    fmu: Path
+    fmu: Path | None
     start: Mapping[str, Any]
     every: int
+    function: PythonFunction | None = None
 
 
 @dataclass(frozen=True)
@@ -111,13 +113,81 @@ class System:
         SetupError
             The name is taken or malformed, or `every` is not a positive integer.
         """
+        self._add(Component(name, Path(fmu), dict(start or {}), every))
+
+    def add_function(
+        self,
+        name: str,
+        function: Callable[..., Any],
+        *,
+        inputs: VariableSpecs = (),
+        outputs: VariableSpecs = (),
+        start: Mapping[str, float | int | bool | Sequence[float]] | None = None,
+        every: int = 1,
+        direct_feedthrough: bool = True,
+    ) -> None:
+        """Add a component that is a function in Python, as a controller, an optimiser or a learner.
+
+        It is called once at each communication point where it takes part; nothing happens to it in between.
+        Connections, signals, units, orders and recordings treat its inputs and outputs as those of an FMU.
+
+        Parameters
+        ----------
+        name : str
+            Name of the component.
+        function : callable
+            function(time, *inputs) -> outputs. The time is that of the communication point (s). Inputs come in the
+            order of `inputs`: numbers for scalars, arrays of their own for vectors and matrices. It returns the output,
+            or as many outputs as there are, in their order; None where there are none.
+
+            A plain function must not keep anything from one call to the next. What keeps something is an object with
+            `__call__`, or a method of one, that has `reset()`, called at the beginning of each run, or `save()`, which
+            gives bytes, and `restore(state)`: each run then begins with the state that it has now. `SteppedRun.save`
+            needs the latter two. An object without any of them can take part in one run.
+        inputs, outputs : mapping or sequence of str
+            Name -> unit (a real number), type (float, int or bool), shape, or unit or type and shape: "rad", bool, 3,
+            ("rad", 3). Or names only. The name of a vector may have its range: `theta[1..3]`.
+        start : mapping, optional
+            Start values of inputs. One that has a start value needs no connection.
+        every : int
+            As in `add`.
+        direct_feedthrough : bool
+            By default outputs at a communication point are computed from the inputs at that very point. Without direct
+            feedthrough they are computed from the inputs of the point before (at the start: from the start values, 0 by
+            default), as by a controller that needs a period to compute. Then the component closes no algebraic loop.
+
+        Raises
+        ------
+        SetupError
+            The name is taken or malformed, a variable is not described as it must be, or `every` is no positive
+            integer.
+
+        Examples
+        --------
+        >>> system = System()
+        >>> system.add_function(
+        ...     "controller", lambda t, theta: -2.0 * theta, inputs={"theta": ("rad", 3)}, outputs={"tau": ("N.m", 3)}
+        ... )
+        """
+        if not isinstance(direct_feedthrough, bool):
+            raise SetupError(f"component '{name}': direct_feedthrough = {direct_feedthrough!r} must be True or False")
+        made = PythonFunction(name, function, inputs, outputs, direct_feedthrough=direct_feedthrough)
+        for other in self.components.values():
+            if made.owner is not None and other.function is not None and other.function.owner is made.owner:
+                raise SetupError(
+                    f"components '{other.name}' and '{name}' are functions of one object; give each its own object"
+                )
+        self._add(Component(name, None, dict(start or {}), every, made))
+
+    def _add(self, component: Component) -> None:
+        name, every = component.name, component.every
         if not name or "." in name:
             raise SetupError(f"component name {name!r} must be a non-empty text without a dot")
         if name in self.components:
             raise SetupError(f"there are two components named '{name}'; give each its own name")
         if isinstance(every, bool) or not isinstance(every, int) or every < 1:
             raise SetupError(f"component '{name}': every = {every!r} must be a positive whole number of steps")
-        self.components[name] = Component(name, Path(fmu), dict(start or {}), every)
+        self.components[name] = component
 
     def connect(
         self, source: str, target: str, *, factor: float = 1.0, offset: float = 0.0, units: Units = "equal"
