@@ -18,6 +18,8 @@ Array = Any
 #: Start value of the torque limits, which stands for none: FMI has no infinity. It is that of Modelica.Constants.inf.
 NO_LIMIT = 1e60
 
+#: All but the start of psi are tunable: they enter (37) and (38) by their present values only, and psi goes on from
+#: where it is. So a change is a jump of the torque and of psi', as a jump of an input is.
 PARAMETERS = Layout(
     [
         Variable(
@@ -26,6 +28,7 @@ PARAMETERS = Layout(
             "Weight of the robust part, (38); start value: optimum of Table 1, row (1, 1); 0 leaves PD control",
             start=1.3597632624476745,
             min=0.0,
+            tunable=True,
         ),
         Variable(
             "beta",
@@ -33,12 +36,29 @@ PARAMETERS = Layout(
             "Weight of the PD part, (38); start value: optimum of Table 1, row (1, 1)",
             start=1.6620017712713446,
             min=0.0,
+            tunable=True,
         ),
-        Variable("S", "s-1", "Diagonal of S: ratio of position to velocity feedback", size=3, start=2.0, min=0.0),
-        Variable("k", "1", "Adaptation constant of (37)", start=12.0, min=1e-12),
+        Variable(
+            "S",
+            "s-1",
+            "Diagonal of S: ratio of position to velocity feedback",
+            size=3,
+            start=2.0,
+            min=0.0,
+            tunable=True,
+        ),
+        Variable("k", "1", "Adaptation constant of (37)", start=12.0, min=1e-12, tunable=True),
         Variable("psi_start", "1", "Initial estimate psi of the uncertainty bound", size=2, start=0.0),
-        Variable("feedforward", "1", "Share of tau_ref in the torque: 0 none (the paper), 1 all"),
-        Variable("tau_max", "N.m", "Torque limit of each motor; 1e60 is none", size=3, start=NO_LIMIT, min=0.0),
+        Variable("feedforward", "1", "Share of tau_ref in the torque: 0 none (the paper), 1 all", tunable=True),
+        Variable(
+            "tau_max",
+            "N.m",
+            "Torque limit of each motor; 1e60 is none",
+            size=3,
+            start=NO_LIMIT,
+            min=0.0,
+            tunable=True,
+        ),
     ]
 )
 

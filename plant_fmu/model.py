@@ -14,19 +14,23 @@ from plant_fmu.kinematics import chain_ends, inverse_kinematics, loop_closure, r
 Array = Any
 
 #: Link length and base positions (m): the paper's section 6 and (87), with A1 corrected to (0, 0.25) (see README.md).
+#: Fixed: another geometry during a run would tear the closed chain apart.
 GEOMETRY = (
     Variable("l", "m", "Length of every link", start=0.244, min=1e-6),
     Variable("x_A", "m", "x position of the base joints", size=3, start=(0.0, 0.43, 0.4269)),
     Variable("y_A", "m", "y position of the base joints", size=3, start=(0.25, 0.0, 0.5005)),
 )
 
-#: Inertia constants (87).
+#: Inertia constants (87). Tunable: the closure (16) does not contain them, so angles and angular velocities satisfy it
+#: after a change, too; the velocities stay what they are, as with the mass change dm.
 INERTIA = (
-    Variable("X", "kg.m2", "Inertia constant X of (13)", start=0.0932, min=1e-12),
-    Variable("Y", "kg.m2", "Inertia constant Y of (13)", start=0.0381, min=1e-12),
-    Variable("Z", "kg.m2", "Inertia constant Z of (13)", start=0.0426, min=0.0),
+    Variable("X", "kg.m2", "Inertia constant X of (13)", start=0.0932, min=1e-12, tunable=True),
+    Variable("Y", "kg.m2", "Inertia constant Y of (13)", start=0.0381, min=1e-12, tunable=True),
+    Variable("Z", "kg.m2", "Inertia constant Z of (13)", start=0.0426, min=0.0, tunable=True),
 )
 
+#: Fixed besides the geometry are the start position, which acts at the start only, and m_a, m_b, r_a: they say how the
+#: nominal inertia came about, but a change of a mass does not change X, Y, Z. The input dm changes the masses in a run.
 PARAMETERS = Layout(
     [
         *INERTIA,
@@ -36,7 +40,7 @@ PARAMETERS = Layout(
         Variable("r_a", "m", "Mass centre of the active link, from its joint", start=0.122, min=0.0),
         Variable("x_E_start", "m", "Initial x position of the end effector", start=0.22),
         Variable("y_E_start", "m", "Initial y position of the end effector", start=0.30),
-        Variable("baumgarte", "s-1", "Rate of Baumgarte's closure stabilisation", start=10.0, min=0.0),
+        Variable("baumgarte", "s-1", "Rate of Baumgarte's closure stabilisation", start=10.0, min=0.0, tunable=True),
     ]
 )
 

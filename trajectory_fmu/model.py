@@ -16,16 +16,21 @@ from plant_fmu.model import GEOMETRY, INERTIA
 
 Array = Any
 
+_NOT_PRINTED = "(not in the paper, see README.md)"
+
+#: Tunable is what moves, turns or scales the path: a change is a jump of the reference of just that size, a change of
+#: set point, and the velocity stays the derivative of the path. w and n multiply the time: a change would throw the
+#: reference to another place of the path, the farther the later it comes, so they are fixed.
 PARAMETERS = Layout(
     [
-        Variable("x_c", "m", "x position of the centre of the path (not in the paper, see README.md)", start=0.225),
-        Variable("y_c", "m", "y position of the centre of the path (not in the paper, see README.md)", start=0.355),
-        Variable("phase", "rad", "Phase of the path (not in the paper, see README.md)", start=-np.pi / 2),
+        Variable("x_c", "m", f"x position of the centre of the path {_NOT_PRINTED}", start=0.225, tunable=True),
+        Variable("y_c", "m", f"y position of the centre of the path {_NOT_PRINTED}", start=0.355, tunable=True),
+        Variable("phase", "rad", f"Phase of the path {_NOT_PRINTED}", start=-np.pi / 2, tunable=True),
         Variable("w", "rad/s", "Angular frequency omega of (93)", start=1.0),
         Variable("n", "1", "Number of lobes n of (93)", start=5.0),
-        Variable("R", "1", "Depth R of the lobes of (93)", start=0.5),
-        Variable("a", "1", "Radius a of (93), in units of b", start=3.0),
-        Variable("b", "m", "Scale b of (93)", start=0.06 / 3.5),
+        Variable("R", "1", "Depth R of the lobes of (93)", start=0.5, tunable=True),
+        Variable("a", "1", "Radius a of (93), in units of b", start=3.0, tunable=True),
+        Variable("b", "m", "Scale b of (93)", start=0.06 / 3.5, tunable=True),
         *GEOMETRY,
         *INERTIA,
     ]

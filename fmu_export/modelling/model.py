@@ -40,6 +40,8 @@ class Variable:
         Start value of a parameter or an input, one number for all elements or one an element.
     min, max : float, optional
         Smallest and largest admissible value (both inclusive).
+    tunable : bool, optional
+        Whether a parameter may change during a run, between two steps; the states go on from where they are.
     """
 
     name: str
@@ -49,6 +51,7 @@ class Variable:
     start: float | tuple[float, ...] = 0.0
     min: float | None = None
     max: float | None = None
+    tunable: bool = False
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -154,6 +157,11 @@ class Model:
         When the equations may be evaluated.
     default_experiment : DefaultExperiment
         Duration and step proposed to importers.
+
+    Raises
+    ------
+    ArgumentError
+        An input or an output is declared as tunable.
     """
 
     name: str
@@ -167,6 +175,11 @@ class Model:
     output_values: ModelFunction
     default_experiment: DefaultExperiment
     requirements: tuple[Requirement, ...] = field(default=())
+
+    def __post_init__(self) -> None:
+        for v in (*self.inputs.variables, *self.outputs.variables):
+            if v.tunable:
+                raise ArgumentError(f"{self.name}: '{v.name}' is no parameter; only parameters can be tunable")
 
     @property
     def state_layout(self) -> Layout:

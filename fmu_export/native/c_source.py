@@ -74,6 +74,7 @@ def _header(traced: TracedModel, interface: Interface, guid: str, functions: Seq
         + "\n/* Arrays of length zero are no C: every table has one element more than it needs. */\n"
         + "extern const char *const model_names[N_P + N_U + N_Y + N_X + 1];\n"
         + "extern const double model_limits[N_P + 1][2];\n"
+        + "extern const int model_tunable[N_P + 1]; /* whether a parameter may change between two steps */\n"
         + "extern const int model_state_outputs[N_X + 1]; /* output of each state */\n"
         + "extern const int model_output_states[N_Y + 1]; /* state of each output, -1 for an output that is none */\n"
         + "extern const char *const model_start_requirements[N_START_REQUIREMENTS + 1];\n"
@@ -91,6 +92,7 @@ def _tables(traced: TracedModel, interface: Interface) -> str:
         f"{{{_literal(-math.inf if v.min is None else v.min)}, {_literal(math.inf if v.max is None else v.max)}}}, "
         for v in parameters
     )
+    tunable = "".join(f"{int(v.variability == 'tunable')}, " for v in parameters)
     first_output = interface.n_parameters + interface.n_inputs
     states = ", ".join(str(s - first_output) for s in (*interface.states, first_output))
     state_of = {output: i for i, output in enumerate(interface.states)}
@@ -102,6 +104,7 @@ def _tables(traced: TracedModel, interface: Interface) -> str:
     return (
         f"const char *const model_names[N_P + N_U + N_Y + N_X + 1] = {{{', '.join(map(json.dumps, names))}}};\n"
         f"const double model_limits[N_P + 1][2] = {{{limits}{{0.0, 0.0}}}};\n"
+        f"const int model_tunable[N_P + 1] = {{{tunable}0}};\n"
         f"const int model_state_outputs[N_X + 1] = {{{states}}};\n"
         f"const int model_output_states[N_Y + 1] = {{{state_of_outputs}}};\n"
         f"const char *const model_start_requirements[N_START_REQUIREMENTS + 1] = {{{messages('start')}}};\n"

@@ -13,8 +13,6 @@ from fmu_export.package.interface import ScalarVariable
 #: Name of this project as a distribution, which FMUs carry as the tool that made them.
 DISTRIBUTION = "closed-chain-cosim"
 
-VARIABILITY = {"parameter": "fixed", "input": "continuous", "output": "continuous"}
-
 
 def package_version() -> str:
     """Version of the installed distribution; "0+unknown" in a checkout that was never installed."""

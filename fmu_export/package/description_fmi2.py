@@ -8,7 +8,6 @@ from xml.etree import ElementTree as ET
 from fmu_export.modelling.model import Model
 from fmu_export.package.description_common import (
     DISTRIBUTION,
-    VARIABILITY,
     add_default_experiment,
     add_log_categories,
     add_units,
@@ -86,7 +85,7 @@ def _scalar_variable(parent: ET.Element, v: ScalarVariable, reference: int) -> N
         "valueReference": str(reference),
         "description": v.description,
         "causality": v.causality,
-        "variability": VARIABILITY[v.causality],
+        "variability": v.variability,
     }
     if v.causality != "input":  # FMI 2.0, table on page 51: "initial" must not be given for inputs
         attributes["initial"] = "exact" if v.causality == "parameter" else "calculated"

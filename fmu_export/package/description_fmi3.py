@@ -12,7 +12,6 @@ from xml.etree import ElementTree as ET
 from fmu_export.modelling.model import Model
 from fmu_export.package.description_common import (
     DISTRIBUTION,
-    VARIABILITY,
     add_default_experiment,
     add_log_categories,
     add_units,
@@ -64,7 +63,7 @@ def model_description(
             "valueReference": str(reference),
             "description": v.description,
             "causality": v.causality,
-            "variability": VARIABILITY[v.causality],
+            "variability": v.variability,
         }
         if v.causality == "output":
             attributes["initial"] = "calculated"
@@ -109,12 +108,15 @@ def build_description(model: Model, source_files: Sequence[str]) -> bytes:
 
 
 def _model_structure(root: ET.Element, interface: Interface) -> None:
+    """Outputs, state derivatives and initial unknowns; unlike in FMI 2.0, parameters are knowns of all of them."""
     structure = ET.SubElement(root, "ModelStructure")
     first_output = interface.n_parameters + interface.n_inputs
     first_derivative = len(interface.variables)
-    outputs = [(*u, *x) for u, x in zip(interface.dependencies, interface.state_dependencies, strict=True)]
+    of_outputs = interface.dependencies, interface.state_dependencies, interface.parameter_dependencies
+    outputs = [(*u, *x, *p) for u, x, p in zip(*of_outputs, strict=True)]
+    derivatives = [(*d.dependencies, *d.parameter_dependencies) for d in interface.derivatives]
     _unknowns(structure, "Output", first_output, outputs)
-    _unknowns(structure, "ContinuousStateDerivative", first_derivative, [d.dependencies for d in interface.derivatives])
+    _unknowns(structure, "ContinuousStateDerivative", first_derivative, derivatives)
     initial = [*interface.initial_dependencies, *(d.initial_dependencies for d in interface.derivatives)]
     _unknowns(structure, "InitialUnknown", first_output, initial)
 

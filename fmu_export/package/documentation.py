@@ -241,9 +241,9 @@ def _variable_table(interface: Interface) -> str:
 
     rows = []
     for v in interface.variables:
-        cells = (v.causality, v.unit, number(v.start), number(v.min), number(v.max), v.description)
+        cells = (v.causality, v.variability, v.unit, number(v.start), number(v.min), number(v.max), v.description)
         rows.append(f"<tr><td><code>{escape(v.name)}</code></td>" + "".join(f"<td>{escape(c)}</td>" for c in cells))
-    heads = ("name", "causality", "unit", "start", "min", "max", "description")
+    heads = ("name", "causality", "variability", "unit", "start", "min", "max", "description")
     return (
         '<table id="variable-table">\n<thead><tr>'
         + "".join(f"<th>{h}</th>" for h in heads)

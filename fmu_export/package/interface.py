@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
+from fmu_export.errors import TraceError
 from fmu_export.modelling.model import Layout, Variable
 from fmu_export.modelling.units import rate_unit
 
@@ -21,6 +22,7 @@ class ScalarVariable:
 
     name: str
     causality: Literal["parameter", "input", "output"]
+    variability: Literal["fixed", "tunable", "continuous"]
     unit: str
     description: str
     start: float | None
@@ -39,6 +41,7 @@ class StateDerivative:
     unit: str
     state: int  # position of the state in `Interface.variables`
     dependencies: tuple[int, ...]  # positions of the states and inputs it depends on directly
+    parameter_dependencies: tuple[int, ...]  # positions of the parameters it depends on directly
     initial_dependencies: tuple[int, ...]  # positions of parameters and inputs
 
 
@@ -48,7 +51,7 @@ class Interface:
 
     `dependencies` and `initial_dependencies` hold for each output (in order) the positions of the variables its value
     depends on directly: inputs during the simulation, parameters and inputs at initialisation; `state_dependencies`
-    those of the states.
+    and `parameter_dependencies` those of the states and of the parameters during the simulation.
     """
 
     variables: tuple[ScalarVariable, ...]
@@ -57,6 +60,7 @@ class Interface:
     dependencies: tuple[tuple[int, ...], ...]
     initial_dependencies: tuple[tuple[int, ...], ...]
     state_dependencies: tuple[tuple[int, ...], ...]
+    parameter_dependencies: tuple[tuple[int, ...], ...]
     derivatives: tuple[StateDerivative, ...]
 
     @property
@@ -71,8 +75,16 @@ class Interface:
 
 
 def interface_of(traced: TracedModel) -> Interface:
-    """Flatten the declared variables of a model and find the structure of its outputs in its expression graphs."""
+    """Flatten the declared variables of a model and find the structure of its outputs in its expression graphs.
+
+    Raises
+    ------
+    TraceError
+        A parameter is declared as tunable though a change during a run has no effect, or could break a requirement
+        that is checked at the start only.
+    """
     model = traced.model
+    _check_tunables(traced)
     declared = model.parameters.variables
     parameters = Layout((*declared, MAX_STEP)) if model.states else model.parameters
     variables = (
@@ -93,17 +105,42 @@ def interface_of(traced: TracedModel) -> Interface:
             (*ps, *(first_input + i for i in us)) for ps, us in zip(on_parameters, on_inputs, strict=True)
         ),
         state_dependencies=tuple(tuple(states[i] for i in row) for row in traced.output_state_dependencies()),
+        parameter_dependencies=tuple(tuple(row) for row in traced.output_parameter_dependencies()),
         derivatives=tuple(
             StateDerivative(
                 name=f"der({variables[state].name})",
                 unit=rate_unit(variables[state].unit),
                 state=state,
                 dependencies=(*(states[j] for j in xs), *(first_input + i for i in us)),
+                parameter_dependencies=tuple(later),
                 initial_dependencies=(*ps, *(first_input + i for i in us)),
             )
-            for state, xs, us, ps in zip(states, *traced.derivative_dependencies(), strict=True)
+            for state, xs, us, ps, later in zip(
+                states, *traced.derivative_dependencies(), traced.derivative_parameter_dependencies(), strict=True
+            )
         ),
     )
+
+
+def _check_tunables(traced: TracedModel) -> None:
+    model = traced.model
+    during = {i for row in traced.output_parameter_dependencies() for i in row}
+    during |= {i for row in traced.derivative_parameter_dependencies() for i in row}
+    at_start = {i for row in traced.start_requirement_dependencies() for i in row}
+    first = 0
+    for v in model.parameters.variables:
+        own = set(range(first, first + (v.size or 1)))
+        first += len(own)
+        if v.tunable and not own & during:
+            raise TraceError(
+                f"{model.name}: parameter '{v.name}' is declared as tunable, but neither outputs nor derivatives "
+                "depend on it: a change during a run would have no effect; leave out tunable=True"
+            )
+        if v.tunable and own & at_start:
+            raise TraceError(
+                f"{model.name}: parameter '{v.name}' is declared as tunable, but a requirement that is checked at the "
+                'start only depends on it; give that requirement at="step", or leave out tunable=True'
+            )
 
 
 def _flatten(layout: Layout, causality: Literal["parameter", "input", "output"]) -> list[ScalarVariable]:
@@ -115,6 +152,7 @@ def _flatten(layout: Layout, causality: Literal["parameter", "input", "output"])
                 ScalarVariable(
                     name=name,
                     causality=causality,
+                    variability="continuous" if causality != "parameter" else "tunable" if v.tunable else "fixed",
                     unit=v.unit,
                     description=v.description + element,
                     start=None if causality == "output" else start,

@@ -141,6 +141,7 @@ def _interface_source(model: Model, interface: Interface) -> str:
         f"N_PARAMETERS = {interface.n_parameters}\n"
         f"N_INPUTS = {interface.n_inputs}\n"
         f"LIMITS = {limits!r}\n"
+        f"TUNABLE = {tuple(i for i, v in enumerate(parameters) if v.variability == 'tunable')!r}\n"
         f"START_REQUIREMENTS = {tuple(r.message for r in model.requirements if r.at == 'start')!r}\n"
         f"STEP_REQUIREMENTS = {tuple(r.message for r in model.requirements if r.at == 'step')!r}\n"
     )

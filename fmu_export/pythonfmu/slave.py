@@ -82,6 +82,7 @@ class Fmi2Slave:
         self._time = 0.0
         self._initialized = False
         self._outputs_valid = False
+        self._tuned = False  # parameters were set since they were checked
         self._refusal: str | None = None
         self._getters: dict[tuple[int, ...], Any] = {}
         try:
@@ -197,7 +198,13 @@ class Fmi2Slave:
                 raise SlaveError(f"parameter '{name}' is {value!r}; it must be {bounds}")
         self._require(self.equations.start_margins(self._parameters), self.interface.START_REQUIREMENTS)
 
+    def _check_tuned(self) -> None:
+        self._check_parameters()
+        self._tuned = False
+
     def _check_step(self, time: float) -> None:
+        if self._tuned:
+            self._check_tuned()
         inputs = self._inputs
         if not all(map(isfinite, inputs)):
             names = self.interface.NAMES[self._n_p : self._n_pu]
@@ -241,6 +248,8 @@ class Fmi2Slave:
             if not self._initialized:
                 self._check_parameters()
                 self._x = self.equations.initial_state(self._parameters)
+            if self._tuned:
+                self._check_tuned()
             outputs = self.equations.outputs(self._time, self._x, self._inputs, self._parameters)
         except Exception as error:
             self._log(f"outputs at t = {self._time!r} s: {self._reason(error)}")
@@ -260,7 +269,7 @@ class Fmi2Slave:
 
     @_guarded
     def set_real(self, references: list[int], values: list[float]) -> None:
-        """Set inputs, and before the end of the initialisation parameters.
+        """Set inputs and parameters, after the initialisation the tunable ones only.
 
         The values are checked where they are used; a variable that must not be set refuses all later steps.
         """
@@ -268,6 +277,9 @@ class Fmi2Slave:
         for reference, value in zip(references, values, strict=True):
             if reference in settable:
                 self._values[reference] = value
+            elif reference in self.interface.TUNABLE:
+                self._values[reference] = value
+                self._tuned = True
             else:
                 self._check_references((reference,))
                 self._refuse_set(reference)
@@ -311,6 +323,7 @@ class Fmi2Slave:
             "time": self._time,
             "initialized": self._initialized,
             "outputs_valid": self._outputs_valid,
+            "tuned": self._tuned,
             "refusal": self._refusal,
         }
 
@@ -323,6 +336,7 @@ class Fmi2Slave:
         self._time = state["time"]
         self._initialized = state["initialized"]
         self._outputs_valid = state["outputs_valid"]
+        self._tuned = state["tuned"]
         self._refusal = state["refusal"]
 
     @staticmethod

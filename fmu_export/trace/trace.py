@@ -77,6 +77,18 @@ class TracedModel:
         """For each output the states it depends on directly (indices)."""
         return _rows(self.outputs.jac_sparsity(0, 1))
 
+    def output_parameter_dependencies(self) -> list[list[int]]:
+        """For each output the parameters it depends on directly (indices)."""
+        return _rows(self.outputs.jac_sparsity(0, 3))
+
+    def derivative_parameter_dependencies(self) -> list[list[int]]:
+        """For each state derivative the parameters it depends on directly (indices)."""
+        return _rows(self.derivatives.jac_sparsity(0, 3))
+
+    def start_requirement_dependencies(self) -> list[list[int]]:
+        """For each requirement of the start the parameters it depends on (indices)."""
+        return _rows(self.start_margins.jac_sparsity(0, 0))
+
     def derivative_dependencies(self) -> tuple[list[list[int]], list[list[int]], list[list[int]]]:
         """For each state derivative the states, the inputs, and at the start the parameters it depends on."""
         t, u, p = _symbols("t", 1), _symbols("u", len(self.model.inputs)), _symbols("p", len(self.model.parameters))

@@ -57,6 +57,12 @@ PARAMETERS = {
     },
 }
 
+TUNABLE = {
+    PLANT: "X Y Z baumgarte",
+    CONTROLLER: "alpha beta S k feedforward tau_max",
+    TRAJECTORY: "x_c y_c phase R a b X Y Z",
+}
+
 #: Inputs and outputs by model: name -> unit and size.
 SIGNALS = {
     PLANT: (
@@ -85,6 +91,12 @@ def test_parameters_with_units_start_values_and_bounds(model: Model) -> None:
     found = {v.name: (v.unit, v.size, v.start, v.min) for v in model.parameters.variables}
     assert found == PARAMETERS[model]
     assert all(v.max is None for v in model.parameters.variables)
+
+
+@ALL
+def test_parameters_that_may_change_during_a_run(model: Model) -> None:
+    """Not the geometry, nor what acts at the start only, nor what multiplies the time."""
+    assert {v.name for v in model.parameters.variables if v.tunable} == set(TUNABLE[model].split())
 
 
 @ALL

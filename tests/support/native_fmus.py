@@ -9,7 +9,7 @@ from __future__ import annotations
 import ctypes
 import itertools
 import zipfile
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from ctypes import byref, c_bool, c_char_p, c_double, c_int, c_size_t, c_uint, c_void_p
 from pathlib import Path
 from typing import Any
@@ -159,6 +159,7 @@ class Host:
         resources: str | Path | None = Path(),
         name: str | None = "x",
         event_mode: bool = False,
+        intermediate_update: Callable[[], None] | None = None,
     ) -> None:
         self.description = fmpy.read_model_description(str(folder))
         self.version = self.description.fmiMajorVersion
@@ -189,12 +190,14 @@ class Host:
             arguments = [*text, False, False]
             if kind == "CoSimulation":
                 types += [c_bool, c_bool, c_void_p, c_size_t]
-                arguments += [event_mode, False, None, 0]
+                arguments += [event_mode, False, (c_uint * 1)(), int(intermediate_update is not None)]
             types += [c_void_p, fmi3.fmi3LogMessageCallback]
             arguments += [self._number, _LOGGER_3]
             if kind == "CoSimulation":
-                types += [c_void_p]
-                arguments += [None]
+                callback = fmi3.fmi3IntermediateUpdateCallback
+                self._update = callback() if intermediate_update is None else callback(lambda *_: intermediate_update())
+                types += [fmi3.fmi3IntermediateUpdateCallback]
+                arguments += [self._update]
             elif kind == "ScheduledExecution":
                 types += [c_void_p] * 3
                 arguments += [None] * 3

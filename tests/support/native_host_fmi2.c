@@ -82,7 +82,7 @@ static fmi2Component at(int phase, fmi2Type type, const char *name) {
 }
 
 /* Arguments; heap blocks of exact sizes show what reads or writes beyond them. */
-static fmi2ValueReference *all, parameter[] = {0}, input[] = {N_P}, output[] = {N_PU}, derivative[] = {N_PU + N_Y}, timing[] = {N_VALUES};
+static fmi2ValueReference *all, parameter[] = {0}, fixed[] = {0}, input[] = {N_P}, output[] = {N_PU}, derivative[] = {N_PU + N_Y}, timing[] = {N_VALUES};
 static fmi2ValueReference beyond[] = {N_VALUES + 1}, huge[] = {0xFFFFFFFFu}, mixed[] = {0, 0xFFFFFFFFu};
 static double *x, *bad_x, *values, *seeds, *sensitivities, one_value[] = {0.25}, not_a_number[2], infinite[2], two[2] = {1.0, 1.0};
 static fmi2ValueReference *computed; /* outputs and derivatives */
@@ -139,7 +139,8 @@ static fmi2Status write_and_read(fmi2Component c, size_t length, int damage) {
     X(NOTHING, fmi2Error, SAME, 1, fmi2GetReal(c, parameter, 1, NULL)) \
     X(NOTHING, fmi2Error, SAME, 1, fmi2GetReal(c, beyond, 1, values)) \
     X(NOTHING, fmi2Error, SAME, 1, fmi2GetReal(c, mixed, 2, values)) \
-    X(INST | INIT, fmi2OK, SAME, 1, (fmi2GetReal(c, parameter, 1, values), fmi2SetReal(c, parameter, 1, values))) \
+    X(INST | INIT | STEP | EVENT, fmi2OK, SAME, 1, (fmi2GetReal(c, parameter, 1, values), fmi2SetReal(c, parameter, 1, values))) \
+    X(INST | INIT, fmi2OK, SAME, 1, (fmi2GetReal(c, fixed, 1, values), fmi2SetReal(c, fixed, 1, values))) \
     X(INST | INIT | RUN, fmi2OK, SAME, N_U, fmi2SetReal(c, input, 1, one_value)) \
     X(INST | INIT | RUN, fmi2OK, SAME, 1, fmi2SetReal(c, NULL, 0, NULL)) \
     X(NOTHING, fmi2Error, SAME, 1, fmi2SetReal(c, NULL, 1, one_value)) \
@@ -584,6 +585,8 @@ int main(int argc, char *argv[]) {
     x = calloc(N_X, sizeof *x); /* no element for a model without states */
     bad_x = calloc(N_X + 1, sizeof *bad_x);
     for (unsigned i = 0; i <= N_VALUES; i++) all[i] = i;
+    for (unsigned i = 0; i < N_P; i++)
+        if (!model_tunable[i]) fixed[0] = i; /* all models have one, and the first parameter is tunable */
     for (unsigned i = 0; i < N_Y + N_X; i++) computed[i] = N_PU + i;
     for (int i = 0; i < N_VALUES; i++) seeds[i] = 0.5;
     bad_x[N_X ? N_X - 1 : 0] = NAN;

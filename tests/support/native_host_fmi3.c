@@ -78,7 +78,7 @@ static fmi3Instance at(int phase, Type type, const char *name) {
 }
 
 /* Arguments; heap blocks of exact sizes show what reads or writes beyond them. */
-static fmi3ValueReference *all, parameter[] = {0}, input[] = {N_P}, output[] = {N_PU}, derivative[] = {N_PU + N_Y}, timing[] = {N_VALUES};
+static fmi3ValueReference *all, parameter[] = {0}, fixed[] = {0}, input[] = {N_P}, output[] = {N_PU}, derivative[] = {N_PU + N_Y}, timing[] = {N_VALUES};
 static fmi3ValueReference beyond[] = {N_VALUES + 1}, huge[] = {0xFFFFFFFFu}, mixed[] = {0, 0xFFFFFFFFu};
 static double *x, *bad_x, *values, *seeds, *sensitivities, one_value[] = {0.25}, not_a_number[2], infinite[2], two[2] = {1.0, 1.0};
 static fmi3ValueReference *computed; /* outputs and derivatives */
@@ -143,7 +143,8 @@ static fmi3Status write_and_read(fmi3Instance c, size_t length, int damage) {
     X(NOTHING, fmi3Error, SAME, 1, fmi3GetFloat64(c, parameter, 1, NULL, 1)) \
     X(NOTHING, fmi3Error, SAME, 1, fmi3GetFloat64(c, beyond, 1, values, 1)) \
     X(NOTHING, fmi3Error, SAME, 1, fmi3GetFloat64(c, mixed, 2, values, 2)) \
-    X(INST | INIT, fmi3OK, SAME, 1, (fmi3GetFloat64(c, parameter, 1, values, 1), fmi3SetFloat64(c, parameter, 1, values, 1))) \
+    X(INST | INIT | STEP | EVENT, fmi3OK, SAME, 1, (fmi3GetFloat64(c, parameter, 1, values, 1), fmi3SetFloat64(c, parameter, 1, values, 1))) \
+    X(INST | INIT, fmi3OK, SAME, 1, (fmi3GetFloat64(c, fixed, 1, values, 1), fmi3SetFloat64(c, fixed, 1, values, 1))) \
     X(INST | INIT | RUN, fmi3OK, SAME, N_U, fmi3SetFloat64(c, input, 1, one_value, 1)) \
     X(INST | INIT | RUN, fmi3OK, SAME, 1, fmi3SetFloat64(c, NULL, 0, NULL, 0)) \
     X(NOTHING, fmi3Error, SAME, 1, fmi3SetFloat64(c, NULL, 1, one_value, 1)) \
@@ -701,6 +702,8 @@ int main(int argc, char *argv[]) {
     x = calloc(N_X, sizeof *x); /* no element for a model without states */
     bad_x = calloc(N_X + 1, sizeof *bad_x);
     for (unsigned i = 0; i <= N_VALUES; i++) all[i] = i;
+    for (unsigned i = 0; i < N_P; i++)
+        if (!model_tunable[i]) fixed[0] = i; /* all models have one, and the first parameter is tunable */
     for (unsigned i = 0; i < N_Y + N_X; i++) computed[i] = N_PU + i;
     for (int i = 0; i < N_VALUES; i++) seeds[i] = 0.5;
     bad_x[N_X ? N_X - 1 : 0] = NAN;

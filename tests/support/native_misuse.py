@@ -84,7 +84,28 @@ CASES = [
     Misuse(
         "setup after init", lambda h: h.run_up().call("SetupExperiment", 0, 0.0, 0.0, 0, 0.0), STATE_MACHINE, **ONLY_2
     ),
-    Misuse("parameter after init", lambda h: h.run_up().set({"X": 0.1}), "parameter 'X' is fixed.*reset"),
+    Misuse("parameter after init", lambda h: h.run_up().set({"l": 0.2}), "parameter 'l' is fixed.*reset"),
+    Misuse("parameters after init", lambda h: h.run_up().set({"X": 0.1, "m_a": 1.0}), "parameter 'm_a' is fixed"),
+    Misuse(
+        "tunable parameter in continuous mode",
+        lambda h: h.run_up().continuous().set({"X": 0.1}),
+        "parameter 'X' can't be set now; set it in event mode",
+        **ME,
+    ),
+    Misuse("tunable parameter after terminate", after_terminate(lambda h: h.set({"X": 0.1})), STATE_MACHINE),
+    Misuse("nan tunable parameter", lambda h: h.run_up().set({"X": NAN}), "'X' can't be -?nan"),
+    Misuse(
+        "tunable parameter below its limit",
+        lambda h: h.run_up().set({"X": -1.0}),
+        "parameter 'X' is -1; it must be between",
+        DISCARD,
+    ),
+    Misuse(
+        "tunable parameter that makes the mass matrix indefinite",
+        lambda h: h.run_up().set({"X": 0.01}) or h.step(0.0, 1e-3),
+        "t = 0 s: .*positive definite",
+        DISCARD,
+    ),
     Misuse("output", lambda h: h.set({"x_E": 0.1}), "'x_E' is computed"),
     Misuse("derivative", lambda h: h.run_up().set({"der(omega_a[1])": 0.1}), r"'der\(omega_a\[1\]\)' is computed"),
     Misuse("unknown reference set", lambda h: h.set({9999: 0.1}), "value reference 9999"),

@@ -103,13 +103,19 @@ CoreStatus core_reset(Core *core) {
 
 /* Checks */
 
+static CoreStatus check_limits(Core *core, size_t parameter, double value, CoreStatus status) {
+    double lower = model_limits[parameter][0], upper = model_limits[parameter][1];
+    if (!(lower <= value && value <= upper))
+        return core_fail(core, status, "parameter '%s' is %.17g; it must be between %.17g and %.17g",
+                         model_names[parameter], value, lower, upper);
+    return CORE_OK;
+}
+
 static CoreStatus check_parameters(Core *core) {
     double margins[N_START_REQUIREMENTS + 1];
     for (int i = 0; i < N_P; i++) {
-        double value = PARAMETERS(core)[i], lower = model_limits[i][0], upper = model_limits[i][1];
-        if (!(lower <= value && value <= upper))
-            return core_fail(core, CORE_ERROR, "parameter '%s' is %.17g; it must be between %.17g and %.17g",
-                             model_names[i], value, lower, upper);
+        CoreStatus status = check_limits(core, (size_t)i, PARAMETERS(core)[i], CORE_ERROR);
+        if (status != CORE_OK) return status;
     }
     model_start_margins(PARAMETERS(core), margins);
     for (int i = 0; i < N_START_REQUIREMENTS; i++)
@@ -188,15 +194,20 @@ static const char *name_of(size_t reference) { return model_names[reference]; }
 
 /* Why a variable can't be set to a value; CORE_OK when it can. */
 static CoreStatus refuse_set(Core *core, size_t reference, double value) {
+    int running = !(core->state.phase & (INSTANTIATED | INITIALIZATION));
     if (reference >= N_VALUES)
         return core_fail(core, CORE_ERROR, "no variable has the value reference %lu", (unsigned long)reference);
     if (reference >= N_PU) return core_fail(core, CORE_ERROR, "'%s' is computed and can't be set", name_of(reference));
-    if (reference < N_P && !(core->state.phase & (INSTANTIATED | INITIALIZATION)))
+    if (reference < N_P && running && !model_tunable[reference])
         return core_fail(core, CORE_ERROR,
                          "parameter '%s' is fixed after the initialisation; reset the instance to change it",
                          name_of(reference));
+    if (reference < N_P && (core->state.phase == CONTINUOUS || core->within_step))
+        return core_fail(core, CORE_ERROR, "parameter '%s' can't be set now; set it %s", name_of(reference),
+                         core->model_exchange ? "in event mode" : "between two steps");
     if (!isfinite(value))
         return core_fail(core, CORE_ERROR, "'%s' can't be %g; set a finite number", name_of(reference), value);
+    if (reference < N_P && running) return check_limits(core, reference, value, CORE_DISCARD);
     return CORE_OK;
 }
 
@@ -210,13 +221,14 @@ CoreStatus core_set(Core *core, const unsigned references[], size_t n, const dou
     }
     for (size_t i = 0; i < n; i++) {
         size_t reference = references[i];
-        if (!(reference >= N_P && reference < N_PU && isfinite(values[i]))) { /* no good value for an input */
-            CoreStatus status = refuse_set(core, reference, values[i]);
-            if (status != CORE_OK) return status;
-        } else {
-            s->u_rate[reference - N_P] = 0.0;
-        }
+        if (reference >= N_P && reference < N_PU && isfinite(values[i])) continue; /* a good value for an input */
+        CoreStatus status = refuse_set(core, reference, values[i]);
+        if (status != CORE_OK) return status;
+    }
+    for (size_t i = 0; i < n; i++) {
+        size_t reference = references[i];
         s->values[reference] = values[i];
+        if (reference >= N_P) s->u_rate[reference - N_P] = 0.0;
     }
     return CORE_OK;
 }

@@ -49,6 +49,7 @@ typedef struct {
     CoreInputRequest *request_inputs; /* NULL where the importer can't answer */
     void *environment;
     int model_exchange;
+    int within_step; /* the importer is being asked for inputs */
     char *resources; /* folder */
 } Core;
 
@@ -71,7 +72,7 @@ CoreStatus core_reset(Core *core);
 CoreStatus core_start_at(Core *core, double time);
 CoreStatus core_exit_initialization(Core *core);
 
-/* Of n variables by value reference; after a failure those before it are set. */
+/* Of n variables by value reference; after a failure none is set. */
 CoreStatus core_set(Core *core, const unsigned references[], size_t n, const double values[]);
 CoreStatus core_get(Core *core, const unsigned references[], size_t n, double values[]);
 CoreStatus core_set_input_rates(Core *core, const unsigned references[], size_t n, const double rates[]);

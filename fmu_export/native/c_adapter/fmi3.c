@@ -38,8 +38,10 @@ static void request_inputs(void *environment, double time) {
     Instance *instance = environment;
     fmi3Boolean early_return = fmi3False;
     fmi3Float64 early_return_time = time;
+    instance->core.within_step = 1;
     instance->intermediate_update(instance->environment, time, fmi3True, fmi3False, fmi3False, fmi3False, &early_return,
                                   &early_return_time);
+    instance->core.within_step = 0;
 }
 
 const char *fmi3GetVersion(void) { return fmi3Version; }

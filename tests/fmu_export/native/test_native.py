@@ -561,7 +561,9 @@ def test_an_instance_goes_on_after_refused_calls(unpacked: Path, flavour: str) -
         host.run_up(TORQUE)
         for i in range(50):
             host.set({"dm": math.nan})
-            host.set({"X": 1.0})
+            host.set({"l": 1.0})
+            host.set({"dm": 0.1, "X": -1.0})
+            host.set({"X": 1.0, "l": 1.0})
             host.set({"x_E": 1.0})
             host.step(i * 1e-3, -1.0)
             host.step(i * 1e-3, 1e9)

@@ -63,15 +63,15 @@ def test_mismatched_tags_are_noticed():
 
 @ALL
 def test_every_variable_is_in_the_table(members, name):
-    header = ["name", "causality", "unit", "start", "min", "max", "description"]
+    header = ["name", "causality", "variability", "unit", "start", "min", "max", "description"]
     rows = parsed(members[name, "fmi2"]).rows
     table = rows[rows.index(header) + 1 :]
     variables = interface_of(trace(MODELS[name])).variables
     assert [row[0] for row in table] == [v.name for v in variables]
     for row, v in zip(table, variables, strict=True):
-        assert row[1:3] == [v.causality, v.unit]
-        assert row[6] == v.description
-        for cell, number in zip(row[3:6], (v.start, v.min, v.max), strict=True):
+        assert row[1:4] == [v.causality, v.variability, v.unit]
+        assert row[7] == v.description
+        for cell, number in zip(row[4:7], (v.start, v.min, v.max), strict=True):
             assert cell == "" if number is None else float(cell) == pytest.approx(number, rel=1e-11)
 
 

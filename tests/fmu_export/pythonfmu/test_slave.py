@@ -232,8 +232,9 @@ report(texts)
 @pytest.mark.parametrize(
     ("name", "variable", "reason"),
     [
-        ("RobotPlant", "X", "parameter 'X' is fixed after the initialisation"),
-        ("RobotController", "alpha", "parameter 'alpha' is fixed after the initialisation"),
+        ("RobotPlant", "l", "parameter 'l' is fixed after the initialisation"),
+        ("RobotController", "psi_start[1]", "parameter 'psi_start[1]' is fixed after the initialisation"),
+        ("RobotTrajectory", "w", "parameter 'w' is fixed after the initialisation"),
         ("RobotPlant", "max_step", "parameter 'max_step' is fixed"),
         ("RobotPlant", "x_E", "output 'x_E' can't be set"),
         ("RobotTrajectory", "x_ref", "output 'x_ref' can't be set"),
@@ -262,6 +263,48 @@ report(texts)
         variable=variable,
     )
     assert all(reason in text for text in said)
+
+
+def test_a_tunable_parameter_counts_from_the_point_where_it_is_set(run):
+    said = run("""
+changed = {"alpha": 2.0, "S[2]": 3.0, "tau_max[1]": 0.05}
+controller, other = open_fmu("RobotController"), open_fmu("RobotController")
+assert controller.initialize() == OK
+assert other.initialize(changed) == OK
+inputs = measurements(0.0)
+for host in (controller, other):
+    assert host.set(inputs) == OK
+before = controller.get()
+assert controller.set(changed) == OK
+assert same(controller.get(), other.get()) and not same(controller.get(), before)
+assert controller.get(*changed) == list(changed.values())
+assert all(same(a, b) for a, b in zip(controller.run(5, inputs=measurements), other.run(5, inputs=measurements)))
+report(controller.said() + other.said())
+""")
+    assert said == ""
+
+
+def test_a_bad_value_of_a_tunable_parameter_discards_the_step_and_a_good_one_repairs_it(run):
+    said = run("""
+texts = []
+for values, good in (({"alpha": -1.0}, 1.0), ({"k": nan}, 12.0), ({"tau_max[2]": inf}, 1.0)):
+    name, = values
+    host, other = open_fmu("RobotController"), open_fmu("RobotController")
+    assert host.initialize() == other.initialize() == OK
+    host.run(3), other.run(3)
+    assert host.set(values) == OK
+    assert all(v != v for v in host.get())  # NaN
+    state = host.save()
+    assert host.step(0.003, 0.001) == DISCARD
+    assert host.restore(state) == OK and host.drop(state) == OK
+    assert host.step(0.003, 0.001) == DISCARD
+    texts.append(host.said())
+    assert host.set({name: good}) == other.set({name: good}) == OK
+    assert all(same(a, b) for a, b in zip(host.run(3, start=3), other.run(3, start=3)))
+report(texts)
+""")
+    for text, reason in zip(said, ("'alpha' is -1.0", "'k' is nan", "'tau_max[2]' is inf"), strict=True):
+        assert f"parameter {reason}" in text
 
 
 def test_setting_an_output_before_the_initialisation_is_refused(run):
@@ -650,15 +693,19 @@ assert new.initialize() == OK
 expected = new.run(20, inputs=inputs)
 
 used = open_fmu(A.name)
+fixed = {"RobotPlant": "l", "RobotController": "psi_start[1]", "RobotTrajectory": "w"}[A.name]
 for spoil in range(4):
     parameter = [n for n, c in used.causality.items() if c == "parameter"]
     first = used.get(parameter[0])[0]
     assert used.initialize({parameter[0]: first * 1.01}, start=2.0) == OK
     used.run(7, start=2000, inputs=inputs)
+    if spoil == 0:
+        assert used.set({parameter[0]: first * 1.02}) == OK  # it is tunable
+        used.run(2, start=2007, inputs=inputs)
     if spoil == 1:
         assert used.step(0.0, nan) == DISCARD
     if spoil == 2:
-        used.set({parameter[0]: 3.0})
+        used.set({fixed: 3.0})
         assert used.step(2.007, 0.001) != OK
     if spoil == 3:
         assert used.call("Terminate") == OK
@@ -855,7 +902,7 @@ def test_state_undoes_a_refusal(run):
 host = open_fmu("RobotController")
 assert host.initialize() == OK
 state = host.save()
-host.set({"alpha": 2.0})
+host.set({"psi_start[1]": 2.0})
 assert host.step(0.0, 0.001) == DISCARD
 assert host.restore(state) == OK
 assert host.step(0.0, 0.001) == OK
