@@ -13,6 +13,7 @@ import fmpy
 from fmpy.model_description import ModelDescription, read_model_description
 
 from cosim.errors import SetupError
+from cosim.fmi.python_fmus import prepare
 
 #: An archive that unpacks to more than this is refused: no co-simulation FMU is so large, but zip bombs are.
 MOST_UNPACKED_BYTES = 4 * 1024**3
@@ -27,12 +28,12 @@ class LoadedFMU:
     description: ModelDescription
 
     def unpack(self, folder: Path) -> None:
-        """Unpack into a folder.
+        """Unpack into a folder, ready to be loaded.
 
         Raises
         ------
         SetupError
-            The folder can't be written, or the archive can't be read.
+            The folder can't be written, the archive can't be read, or its Python can't run here.
         """
         try:
             fmpy.extract(self.path, folder)
@@ -40,6 +41,10 @@ class LoadedFMU:
             raise SetupError(f"{self.path}: can't be unpacked into {folder}: {error}; free some space") from error
         except Exception as error:  # fmpy raises bare exceptions here
             raise SetupError(f"{self.path}: can't be unpacked: {error}") from error
+        try:
+            prepare(folder, self.description)
+        except SetupError as error:
+            raise SetupError(f"{self.path}: {error}") from error
 
 
 def load(component: str, path: Path) -> LoadedFMU:

@@ -24,6 +24,14 @@ ROOMS = (
     ("cosim.commands", "cosim.__main__", "cosim"),
 )
 
+#: What the master takes from the exporter without being a command; it needs the standard library only.
+EXCEPTIONS = (
+    ("cosim.__main__", "fmu_export.errors"),
+    ("cosim.fmi.python_fmus", "fmu_export.errors"),
+    ("cosim.fmi.python_fmus", "fmu_export.pythonfmu.binary"),  # Python FMUs of others get the same mended binary
+    ("cosim.fmi.python_fmus", "fmu_export.pythonfmu.entry"),  # and the same entry as those of our own
+)
+
 #: Modules that stand lower than the rest of their room: the table of FMI types is below the loop, and the loop's
 #: build needs no more than where its source is.
 LOWER = ("cosim.fmi.types",)
@@ -94,7 +102,7 @@ def allowed(module: str, imported: str) -> bool:
     if inside(imported, "plant_fmu", "controller_fmu", "trajectory_fmu", "parallel_robot"):
         return False
     if inside(imported, "fmu_export"):
-        return inside(module, "cosim.commands") or (module, imported) == ("cosim.__main__", "fmu_export.errors")
+        return inside(module, "cosim.commands") or (module, imported) in EXCEPTIONS
     if inside(imported, "cosim"):
         return floor(imported) <= floor(module)
     return True
@@ -184,9 +192,10 @@ def test_every_module_of_cosim_stands_on_a_floor():
     assert all(any(inside(m, name) for m in sources()) for name in names)
 
 
-def test_the_slave_in_the_archive_needs_the_standard_library_only():
-    path = sources()["fmu_export.pythonfmu.slave"]
-    found = {name.partition(".")[0] for name in imports(path, "fmu_export.pythonfmu.slave", set())}
+@pytest.mark.parametrize("module", ["slave", "script_slave"])
+def test_the_slaves_in_the_archives_need_the_standard_library_only(module):
+    path = sources()[f"fmu_export.pythonfmu.{module}"]
+    found = {name.partition(".")[0] for name in imports(path, f"fmu_export.pythonfmu.{module}", set())}
     assert found <= sys.stdlib_module_names
 
 
