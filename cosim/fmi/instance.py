@@ -23,6 +23,7 @@ from fmpy.model_description import ModelDescription, ModelVariable
 
 from cosim.errors import CosimError
 from cosim.fmi.library import Library, LibraryError, library_path
+from cosim.fmi.python_fmus import resources_uri
 from cosim.loop.binding import Operation, loop_library
 
 #: FMI type -> (name in the C functions, C type), for FMI 2.0 and for FMI 3.0.
@@ -194,9 +195,10 @@ class Instance:
         callbacks.freeMemory = fmi2.defaultCallbacks.freeMemory
         fmi2.addLoggerProxy(ctypes.byref(callbacks))
         self._callbacks = callbacks  # FMUs keep their address
+        uri = resources_uri(resources).encode()
         return partial(
             self._function("fmi2Instantiate"),
-            *(self.name.encode(), fmi2.fmi2CoSimulation, token, resources.as_uri().encode(), ctypes.byref(callbacks)),
+            *(self.name.encode(), fmi2.fmi2CoSimulation, token, uri, ctypes.byref(callbacks)),
             *(fmi2.fmi2False, fmi2.fmi2True),  # invisible; says what is wrong
         )
 
