@@ -223,6 +223,11 @@ class _Alias(Loader):
         """Undo what importing it again has changed."""
         module.__spec__ = self._spec
 
+    def get_code(self, _name: str) -> Any:
+        """The module's code, for who runs it as a program."""
+        private = self._namespace.private(self._name)
+        return importlib.util.find_spec(private).loader.get_code(private)  # type: ignore[union-attr]
+
 
 class _SourceLoader(SourceFileLoader):
     def get_code(self, fullname: str) -> CodeType:  # noqa: ARG002
