@@ -122,6 +122,11 @@ class Exchange:
         """What extrapolated inputs know of earlier communication points, as numbers (n,)."""
         return np.array([number for inputs, n in self._extrapolated for number in _history_of(inputs, n)])
 
+    def forget_history(self) -> None:
+        """Hold extrapolated inputs over their next step, as after a jump; the values after it count again."""
+        for inputs, _ in self._extrapolated:
+            inputs.known = 0
+
     def restore_history(self, numbers: np.ndarray) -> None:
         """Give extrapolated inputs what `history` gave."""
         rest = numbers.tolist()

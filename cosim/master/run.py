@@ -227,6 +227,10 @@ class Run:
         """What extrapolated inputs know of earlier communication points, as numbers (n,)."""
         return self._exchange.history()
 
+    def forget_history(self) -> None:
+        """Hold extrapolated inputs over their next step: something has jumped."""
+        self._exchange.forget_history()
+
     def stand_at(self, point: int, values: np.ndarray, history: np.ndarray) -> None:
         """Take over the values (n,) and the history of a run that stood at a communication point."""
         self._exchange.values[:] = values

@@ -42,6 +42,7 @@ class _Quantity:
         self.obstacle = obstacle
         self.is_scalar = len(elements) == 1 and variable == elements[0].name
         self.kind = elements[0].kind
+        self.is_tunable = elements[0].variable.variability == "tunable"
         known = [layout.positions.get((component, e.name)) for e in elements]
         self.positions = None if None in known else np.array(known)
         variables = variables_of(elements)
@@ -183,6 +184,8 @@ class SteppedRun:
         if quantity.positions is not None:
             self._run.values[quantity.positions] = numbers
         self._set_since.add(quantity.component)
+        if quantity.is_tunable and self._exchanges_by_level:
+            self._run.forget_history()  # outputs jump at this point; in parallel order others see that at the next one
 
     def step(self, n: int = 1) -> None:
         """Go on by n communication steps, and exchange values there.
