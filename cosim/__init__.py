@@ -40,6 +40,7 @@ _MODULES = {
     "System": "cosim.system.system",
     "TableWriter": "cosim.results.stored",
     "Units": "cosim.system.system",
+    "VariableSpecs": "cosim.system.function",
     "simulate": "cosim.master.simulation",
 }
 
@@ -68,6 +69,7 @@ __all__ = [
     "System",
     "TableWriter",
     "Units",
+    "VariableSpecs",
     "__version__",
     "simulate",
 ]
@@ -85,6 +87,7 @@ if TYPE_CHECKING:
     from cosim.results.formats import FormatError
     from cosim.results.results import Results
     from cosim.results.stored import StoredResults, TableWriter
+    from cosim.system.function import VariableSpecs
     from cosim.system.system import Component, Connection, Signal, SignalFunction, System, Units
 else:
 

@@ -156,7 +156,7 @@ class FunctionInstance(Instance):
             for variable, view, value in zip(variables, self._outputs, result, strict=True):
                 self._take_one(variable, view, value)
         for variable, view in self._reals:
-            if not np.isfinite(view).all():
+            if 0 in np.isfinite(view).tobytes():  # all() of so few takes three times as long
                 raise CallFailed(f"it gave {_shown(view)} for '{variable.name}', which is not finite")
 
     def _take_one(self, variable: FunctionVariable, view: np.ndarray, value: Any) -> None:

@@ -136,9 +136,9 @@ class System:
         name : str
             Name of the component.
         function : callable
-            function(time, *inputs) -> outputs. The time is that of the communication point (s). Inputs come in the
-            order of `inputs`: numbers for scalars, arrays of their own for vectors and matrices. It returns the output,
-            or as many outputs as there are, in their order; None where there are none.
+            ``function(time, *inputs)`` gives the outputs. The time is that of the communication point, in s. Inputs
+            come in the order of `inputs`: numbers for scalars, arrays of their own for vectors and matrices. It returns
+            the output, or as many outputs as there are, in their order; None where there are none.
 
             A plain function must not keep anything from one call to the next. What keeps something is an object with
             `__call__`, or a method of one, that has `reset()`, called at the beginning of each run, or `save()`, which

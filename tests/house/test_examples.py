@@ -92,6 +92,21 @@ def test_own_controller_in_plain_python(folder: Path, capsys: pytest.CaptureFixt
     assert position_error(results)[results.time > 2.0].max() < 0.006
 
 
+def test_a_function_in_the_loop(folder: Path) -> None:
+    out = python(example("function_in_the_loop.py"))
+    (shown,) = re.findall(r"at most ([\d.]+) mm", out)
+    results = Results.from_csv("results.csv")
+    assert f"{1e3 * position_error(results)[results.time > 2.0].max():.2f}" == shown
+    assert float(shown) < 5.0
+    # the law at its own points, and the zero-order hold in between
+    error = results["plant.theta_a"] - results["trajectory.theta_ref"]
+    rate = results["plant.omega_a"] - results["trajectory.omega_ref"]
+    integral = 0.002 * np.cumsum(error[::2], axis=0)
+    law = -6.0 * error[::2] - 12.0 * integral - 2.0 * rate[::2]
+    np.testing.assert_allclose(results["controller.tau_a"][::2], law, atol=1e-12)
+    np.testing.assert_array_equal(results["plant.tau_a"][1::2], results["controller.tau_a"][:-1:2])
+
+
 def test_own_controller_of_a_scenario_file(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """What the option does, a file does too."""
     shutil.copy(example("replace_controller.py"), "my_controller.py")

@@ -73,6 +73,20 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+def scaled(time: float, u: float, gain: float) -> float:
+    return gain * u + time
+
+
+class WithFunction(Scenario):
+    """A scenario of a family that adds a function in Python."""
+
+    def system(self) -> System:
+        system = super().system()
+        system.add_function("f", scaled, inputs=["u", "gain"], outputs=["y"], start={"gain": 2.0})
+        system.connect("g.y[1]", "f.u")
+        return system
+
+
 @pytest.fixture
 def here(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A working folder with the scenarios."""
@@ -111,6 +125,19 @@ def by_simulation(changed: Scenario, **start: object):
             start_time=changed.start_time,
             start={name.replace("__", "."): value for name, value in start.items()},
         )
+
+
+def test_a_function_in_python_takes_part_by_a_scenario_that_adds_it(folder):
+    plain = scenario(folder, "measured")
+    fields = {f.name: getattr(plain, f.name) for f in dataclasses.fields(plain)}
+    metrics = {"last": dataclasses.replace(plain.metrics["last"], of="f.y")}
+    changed = WithFunction(**fields | {"metrics": metrics})
+    study, files = scenario_study({"with": changed})
+    check(study, files, [parse_factor("f.gain=2,-3")])
+    expected = by_simulation(plain)
+    for gain in (2.0, -3.0):
+        row = row_of(study, files, {"f.gain": gain})
+        assert row["last"] == gain * expected["g.y[1]"][-1] + expected.time[-1]
 
 
 def test_a_scenario_without_metrics_has_those_of_its_outputs(folder):
