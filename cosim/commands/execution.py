@@ -112,7 +112,7 @@ def run_prepared(prepared: PreparedRun, args: argparse.Namespace, figures: Figur
     with ResultFolder(prepared.folder, [f"results.{name}" for name in formats]) as folder:
         write = partial(_write, prepared, formats=formats, figures=figures, folder=folder)
         try:
-            results = execute(prepared, args.realtime, formats, folder.unfinished)
+            results = execute(prepared, args.realtime, formats, folder.unfinished, build=args.build)
         except SetupError as error:
             raise UsageError(f"{prepared.source}: {error}") from error
         except SimulationError as error:
@@ -129,7 +129,7 @@ def run_prepared(prepared: PreparedRun, args: argparse.Namespace, figures: Figur
 
 
 def execute(
-    prepared: PreparedRun, realtime: float | None, formats: Sequence[str], folder: Path
+    prepared: PreparedRun, realtime: float | None, formats: Sequence[str], folder: Path, *, build: bool = False
 ) -> Results | StoredResults:
     """Run a system; a run that is too long for memory goes to the disk as it comes, into a folder.
 
@@ -141,7 +141,11 @@ def execute(
     plan = prepared.plan
     with (
         Simulation(
-            prepared.system, order=plan.order, extrapolation=plan.extrapolation, record=plan.record
+            prepared.system,
+            order=plan.order,
+            extrapolation=plan.extrapolation,
+            record=plan.record,
+            build=build,
         ) as simulation,
         _progress(plan) as progress,
     ):

@@ -40,6 +40,9 @@ def register(subparsers: Any) -> None:
         metavar="COMPONENT=FILE",
         help="FMU of your own for a component, as controller=PID.fmu; may be repeated",
     )
+    parser.add_argument(
+        "--build", action="store_true", help="compile the C sources of FMUs that have no binary for this machine"
+    )
     parser.add_argument("--step", type=float, metavar="H", help="communication step in s")
     parser.add_argument("--start", type=float, metavar="T", help="start time in s")
     parser.add_argument("--stop", type=float, metavar="T", help="stop time in s")

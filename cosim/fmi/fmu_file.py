@@ -6,13 +6,15 @@ import hashlib
 import io
 import zipfile
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from xml.etree import ElementTree
 
 import fmpy
 from fmpy.model_description import ModelDescription, read_model_description
 
 from cosim.errors import SetupError
+from cosim.fmi.compilation import compile_library, has_sources
+from cosim.fmi.library import Library, LibraryError, library_names, library_path
 from cosim.fmi.python_fmus import prepare
 
 #: An archive that unpacks to more than this is refused: no co-simulation FMU is so large, but zip bombs are.
@@ -21,19 +23,60 @@ MOST_UNPACKED_BYTES = 4 * 1024**3
 
 @dataclass(frozen=True)
 class LoadedFMU:
-    """An FMU file and its model description."""
+    """An FMU file, its model description, and the names of the files in it."""
 
     path: Path
     sha256: str
     description: ModelDescription
+    files: tuple[str, ...]
 
-    def unpack(self, folder: Path) -> None:
-        """Unpack into a folder, ready to be loaded.
+    def check_binary(self, *, build: bool = False) -> None:
+        """Whether there is a library for this machine; with `build`, also sources for one.
 
         Raises
         ------
         SetupError
-            The folder can't be written, the archive can't be read, or its Python can't run here.
+            There is none.
+        """
+        names = [name for identifier in self._identifiers for name in self._library_names(identifier)]
+        if not set(names).isdisjoint(self.files) or (build and has_sources(self.files)):
+            return
+        binaries = [PurePosixPath(name) for name in self.files if name.startswith("binaries/") and name[-1] != "/"]
+        here = {PurePosixPath(name).parent for name in names}
+        if beside := [library.name for library in binaries if library.parent in here]:
+            has = ", ".join(beside[:3])
+            what = f"has no {names[0]}, which its model identifier asks for (it has {has}); rename the library"
+        else:
+            has = ", ".join(sorted({library.parts[1] for library in binaries if len(library.parts) > 2})) or "none"
+            what = f"has no binary for {fmpy.platform} (it has: {has}); get one built for this platform"
+        if has_sources(self.files):
+            what += ", or compile its C sources: --build (in Python: build=True)"
+        raise SetupError(f"{self.path}: {what}")
+
+    @property
+    def _identifiers(self) -> list[str]:
+        """Model identifiers of the interfaces."""
+        interfaces = (self.description.coSimulation, self.description.modelExchange)
+        return list(dict.fromkeys(interface.modelIdentifier for interface in interfaces if interface is not None))
+
+    def _library_names(self, identifier: str) -> tuple[str, str]:
+        return library_names(self.description.fmiMajorVersion, identifier)
+
+    def unpack(self, folder: Path, *, build: bool = False) -> None:
+        """Unpack into a folder, ready to be loaded.
+
+        Parameters
+        ----------
+        folder : Path
+            An empty folder.
+        build : bool
+            Whether to compile the C sources where there is no library that can be loaded here.
+
+        Raises
+        ------
+        SetupError
+            The folder can't be written, the archive can't be read, its sources can't be compiled, or its Python can't
+            run here.
         """
         try:
             fmpy.extract(self.path, folder)
@@ -45,6 +88,19 @@ class LoadedFMU:
             prepare(folder, self.description)
         except SetupError as error:
             raise SetupError(f"{self.path}: {error}") from error
+        if build and has_sources(self.files):
+            for identifier in self._identifiers:
+                self._build(folder, identifier)
+
+    def _build(self, folder: Path, identifier: str) -> None:
+        try:
+            Library(library_path(folder, self.description.fmiMajorVersion, identifier), identifier).close()
+        except LibraryError:
+            library = folder / self._library_names(identifier)[0]
+            try:
+                compile_library(folder, self.description, identifier, self.sha256, library)
+            except SetupError as error:
+                raise SetupError(f"{self.path}: {error}") from error
 
 
 def load(component: str, path: Path) -> LoadedFMU:
@@ -53,7 +109,7 @@ def load(component: str, path: Path) -> LoadedFMU:
     Raises
     ------
     SetupError
-        There is no such file, it is no FMU, or not one that this machine can co-simulate.
+        There is no such file, it is no FMU, or not one for co-simulation.
     """
     here = f"component '{component}': {path}"
     fmu = read_fmu(path, here)
@@ -63,25 +119,25 @@ def load(component: str, path: Path) -> LoadedFMU:
 
 
 def read_fmu(path: Path, here: str) -> LoadedFMU:
-    """Read an FMU file, whatever interfaces it has; messages begin with `here`.
+    """Read an FMU file, whatever interfaces and binaries it has; messages begin with `here`.
 
     Raises
     ------
     SetupError
-        There is no such file, it is no FMU, or not one for this machine.
+        There is no such file, or it is no FMU.
     """
     if not path.is_file():
         raise SetupError(f"{here}: there is no such FMU file; check the path, or build the FMU")
     try:
         data = path.read_bytes()
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            unpacked = sum(info.file_size for info in archive.infolist())
+            files = archive.infolist()
+            unpacked = sum(info.file_size for info in files)
             xml = archive.read("modelDescription.xml") if unpacked <= MOST_UNPACKED_BYTES else b""
         if unpacked > MOST_UNPACKED_BYTES:
             raise SetupError(f"{here}: unpacks to {unpacked} bytes, more than any FMU needs; not opened")
         description = read_model_description(io.BytesIO(data), validate=False)
         _read_intermediate_update(xml, description)
-        platforms = fmpy.supported_platforms(io.BytesIO(data))
     except SetupError:
         raise
     except zipfile.BadZipFile:
@@ -90,10 +146,7 @@ def read_fmu(path: Path, here: str) -> LoadedFMU:
         raise SetupError(f"{here}: not a readable FMU: {' '.join(str(error).split())}") from error
     if description.fmiVersion is None or description.fmiMajorVersion not in (2, 3):
         raise SetupError(f"{here}: FMI {description.fmiVersion} is not supported; use FMI 2.0 or 3.0")
-    if fmpy.platform not in platforms:
-        has = ", ".join(platforms) or "none"
-        raise SetupError(f"{here}: has no binary for {fmpy.platform} (it has: {has}); get one built for this platform")
-    return LoadedFMU(path, hashlib.sha256(data).hexdigest(), description)
+    return LoadedFMU(path, hashlib.sha256(data).hexdigest(), description, tuple(info.filename for info in files))
 
 
 def _read_intermediate_update(xml: bytes, description: ModelDescription) -> None:

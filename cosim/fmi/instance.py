@@ -248,7 +248,10 @@ class Instance:
         CallFailed
             The FMU lacks it.
         """
-        return function_address(self._function(name))
+        try:
+            return function_address(self._library.function(name))
+        except LibraryError as error:
+            raise CallFailed(f"of component '{self.name}' {error}") from error
 
     def call(self, function: str, *arguments: Any) -> None:
         """Call a C function of this instance.

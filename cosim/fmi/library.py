@@ -8,7 +8,7 @@ called.
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from ctypes import c_bool, c_char, c_double, c_int, c_size_t, c_void_p
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ import fmpy
 from fmpy.fmi1 import fmi1CallbackFunctions
 
 from cosim.errors import CosimError
+from cosim.fmi.load_failure import missing_library, why_not_loaded
 
 #: C types by a letter; arrays, structures and texts are addresses.
 _TYPES = {
@@ -114,6 +115,15 @@ class LibraryError(CosimError):
     """The shared library of an FMU can't be loaded, or lacks a function."""
 
 
+def library_names(version: int, identifier: str) -> tuple[str, str]:
+    """Names, inside an FMU, under which it may have a library for this machine; the one of its version of FMI first."""
+    fmi2, fmi3 = (
+        f"binaries/{folder}/{identifier}{fmpy.sharedLibraryExtension}"
+        for folder in (fmpy.platform, fmpy.platform_tuple)
+    )
+    return (fmi3, fmi2) if version == 3 else (fmi2, fmi3)
+
+
 def library_path(folder: Path, version: int, identifier: str) -> Path:
     """Where an unpacked FMU of a version of FMI has its library for this machine.
 
@@ -122,16 +132,15 @@ def library_path(folder: Path, version: int, identifier: str) -> Path:
     LibraryError
         It has none.
     """
-    folders = [folder / "binaries" / name for name in (fmpy.platform, fmpy.platform_tuple)]
-    for binaries in reversed(folders) if version == 3 else folders:
-        path: Path = binaries / f"{identifier}{fmpy.sharedLibraryExtension}"
-        if path.is_file():
-            return path
-    raise LibraryError(f"has no library {identifier}{fmpy.sharedLibraryExtension} for {fmpy.platform}")
+    paths = [folder / name for name in library_names(version, identifier)]
+    path = next((path for path in paths if path.is_file()), None)
+    if path is None:
+        raise LibraryError(f"has no {paths[0].relative_to(folder).as_posix()}; get a build of it for this machine")
+    return path
 
 
 class Library:
-    """A loaded shared library.
+    """A loaded shared library, with further ones that lie beside it as far as the loader does not find them.
 
     Parameters
     ----------
@@ -143,17 +152,33 @@ class Library:
     Raises
     ------
     LibraryError
-        It can't be loaded.
+        It can't be loaded; the text says why, and what to do.
     """
 
     def __init__(self, path: Path, identifier: str) -> None:
         self._identifier = identifier
         self._functions: dict[str, Callable[..., Any]] = {}
+        self._beside: dict[str, ctypes.CDLL] = {}
         try:
-            # the full path: on Windows the loader then looks for further libraries beside it
-            self._library = ctypes.CDLL(str(path.absolute()))
-        except OSError as error:
-            raise LibraryError(f"can't be loaded: {' '.join(str(error).split())}") from error
+            self._library = self._loaded(path.absolute())
+        except LibraryError:
+            self._unload(self._beside.values())
+            raise
+
+    def _loaded(self, path: Path) -> ctypes.CDLL:
+        """A library by its full path.
+
+        On Windows the loader finds further ones beside it; on Linux it does not, unless the library says so. They are
+        then loaded before, and the loader takes them by their names.
+        """
+        while True:
+            try:
+                return ctypes.CDLL(str(path))
+            except OSError as error:
+                further = missing_library(str(error), path)
+                if further is None or further in self._beside or not (beside := path.with_name(further)).is_file():
+                    raise LibraryError(why_not_loaded(str(error), path)) from error
+                self._beside[further] = self._loaded(beside)
 
     def function(self, name: str) -> Callable[..., Any]:
         """A function by its name in the standard, with `fmi1` for the `fmi` of FMI 1.0.
@@ -171,14 +196,22 @@ class Library:
     def close(self) -> None:
         """Unload the library."""
         self._functions.clear()
-        fmpy.freeLibrary(self._library._handle)
+        self._unload([self._library, *reversed(self._beside.values())])
+
+    @staticmethod
+    def _unload(libraries: Iterable[ctypes.CDLL]) -> None:
+        for library in libraries:
+            fmpy.freeLibrary(library._handle)
 
     def _found(self, name: str) -> Callable[..., Any]:
-        in_library = f"{self._identifier}_fmi{name[4:]}" if name.startswith("fmi1") else name
-        try:
-            function: Any = self._library[in_library]
-        except AttributeError:
-            raise LibraryError(f"lacks the function {in_library}") from None
+        in_standard = f"fmi{name[4:]}" if name.startswith("fmi1") else name
+        # names begin with the model identifier in FMI 1.0, and in libraries of sources that were meant to be linked
+        for in_library in (f"{self._identifier}_{in_standard}", in_standard):
+            function: Any = getattr(self._library, in_library, None)
+            if function is not None:
+                break
+        else:
+            raise LibraryError(f"lacks the function {in_standard}")
         function.argtypes = PROTOTYPES[name]
         function.restype = c_void_p if "Instantiate" in name else None if name.endswith("Instance") else c_int
         bound: Callable[..., Any] = function

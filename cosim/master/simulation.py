@@ -8,7 +8,6 @@ import time as clock
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from types import TracebackType
 from typing import Any
 
@@ -17,6 +16,7 @@ import numpy as np
 from cosim.errors import SetupError, nearest
 from cosim.fmi.fmu_file import load
 from cosim.fmi.instance import CallFailed, Instance, VariableBuffer
+from cosim.fmi.unpacking import folder_for_fmus
 from cosim.loop.binding import loop_library
 from cosim.master.algorithm import AUTO, algorithm
 from cosim.master.extrapolated_inputs import extrapolated_inputs
@@ -63,6 +63,8 @@ class Simulation:
         linear extrapolation); "auto" is linear where the FMU can, and else holds.
     record : sequence of str, optional
         Names `component.variable`, scalars or vectors; all inputs and outputs by default.
+    build : bool
+        Whether to compile the C sources of FMUs that have no binary for this machine.
 
     Raises
     ------
@@ -83,6 +85,7 @@ class Simulation:
         order: str = "sequential",
         extrapolation: str = AUTO,
         record: Sequence[str] | None = None,
+        build: bool = False,
     ) -> None:
         chosen = algorithm(order, extrapolation)
         if not system.components:
@@ -91,6 +94,10 @@ class Simulation:
         self._system = dataclasses.replace(system, signals=list(system.signals))
         self._order = order
         self._fmus = {name: load(name, c.fmu) for name, c in system.components.items() if c.fmu is not None}
+        self._build = build
+        for name, fmu in self._fmus.items():
+            with self._setting_up(name):
+                fmu.check_binary(build=build)
         self._functions = {name: c.function for name, c in system.components.items() if c.function is not None}
         descriptions = {name: fmu.description for name, fmu in self._fmus.items()}
         descriptions |= {name: function.description() for name, function in self._functions.items()}
@@ -129,15 +136,15 @@ class Simulation:
             raise SetupError("the simulation is open already; make another one of the same system")
         self._folders.clear()
         with ExitStack() as stack:
+            folders: dict[str, Path] = {}
             for name, fmu in self._fmus.items():
-                if fmu.sha256 not in self._folders:
-                    # an FMU whose library is still in use can't be removed on Windows; that must not hide the results
-                    folder = TemporaryDirectory(prefix="cosim_", ignore_cleanup_errors=True)
-                    self._folders[fmu.sha256] = Path(stack.enter_context(folder))
-                    try:
-                        fmu.unpack(self._folders[fmu.sha256])
-                    except SetupError as error:
-                        raise SetupError(f"component '{name}': {error}") from error
+                # an instance of an FMU that allows one in a process has a library, and its global variables, of its own
+                alone = fmu.description.coSimulation.canBeInstantiatedOnlyOncePerProcess
+                if alone or fmu.sha256 not in folders:
+                    folders[fmu.sha256] = Path(stack.enter_context(folder_for_fmus()))
+                    with self._setting_up(name):
+                        fmu.unpack(folders[fmu.sha256], build=self._build)
+                self._folders[name] = folders[fmu.sha256]
             stack.callback(self._free)
             for name in self._ports:
                 self._load(name)
@@ -165,7 +172,7 @@ class Simulation:
         fmu = self._fmus[name]
         asks = [v.valueReference for v in variables_of(self._extrapolated.elements.get(name, ()))]
         with self._setting_up(name):
-            self._instances[name] = Instance(name, self._folders[fmu.sha256], fmu.description, asks)
+            self._instances[name] = Instance(name, self._folders[name], fmu.description, asks)
 
     def _instantiate(self, name: str) -> None:
         with self._setting_up(name):
@@ -177,6 +184,8 @@ class Simulation:
             yield
         except CallFailed as error:
             raise SetupError(f"component '{name}': {self._fmus[name].path} {error}") from error
+        except SetupError as error:
+            raise SetupError(f"component '{name}': {error}") from error
 
     def _free(self) -> None:
         for instance in reversed(self._instances.values()):
@@ -466,12 +475,13 @@ def simulate(
     sink: Sink | None = None,
     realtime: float | None = None,
     progress: Callable[[float], None] | None = None,
+    build: bool = False,
 ) -> Results:
     """Couple the FMUs of a system at a fixed communication step.
 
     Set up, run once, clean up; parameters, results and errors are those of `Simulation` and `Simulation.run`.
     """
-    with Simulation(system, order=order, extrapolation=extrapolation, record=record) as simulation:
+    with Simulation(system, order=order, extrapolation=extrapolation, record=record, build=build) as simulation:
         return simulation.run(
             stop_time,
             step_size,

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
 from cosim.fmi.fmu_file import LoadedFMU
 from cosim.fmi.model_exchange import model_exchange_instance
+from cosim.fmi.unpacking import folder_for_fmus
 from cosim.regression.case import Between, Case, CaseError, RunError
 from cosim.regression.experiment import Experiment
 from cosim.regression.inputs import input_elements
@@ -36,7 +36,7 @@ def model_exchange(
         if status:  # fmi2OK is 0
             said.append(message.decode(errors="replace"))
 
-    with TemporaryDirectory(prefix="cosim_", ignore_cleanup_errors=True) as folder:
+    with folder_for_fmus() as folder:
         fmu.unpack(Path(folder))
         try:
             with model_exchange_instance(Path(folder), fmu.description, keep) as instance:

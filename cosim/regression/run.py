@@ -52,6 +52,7 @@ def run(case: Case, path: Path, interface: Interface) -> Results:
     fmu = read_fmu(path, f"case '{case.name}': {path}")
     if interface not in interfaces_of(fmu):
         raise RunError(f"{path}: has no {interface.replace('_', ' ')} interface")
+    fmu.check_binary()
     ports = Ports(_COMPONENT, fmu.description)
     known = {element.name: element for element in ports.all_elements() if element.kind in KINDS.values()}
     if case.reference_path.is_file():

@@ -13,8 +13,8 @@ import subprocess
 import sys
 from pathlib import Path
 from socket import gethostname
-from tempfile import TemporaryDirectory
 
+from cosim.fmi.unpacking import folder_for_fmus
 from cosim.sweep import stock
 from cosim.sweep.batch import Batch, Row, Rows
 from cosim.sweep.errors import WorkerTrouble
@@ -49,7 +49,7 @@ def run_isolated(batch: Batch) -> Rows:
 
 def _in_a_child(batch: Batch) -> tuple[list[Row], float, str]:
     """Rows, what they took (s), and how the child died, empty if it did not."""
-    with TemporaryDirectory(prefix="cosim_", ignore_cleanup_errors=True) as name:
+    with folder_for_fmus() as name:
         folder = Path(name)
         (folder / "task").write_bytes(pickle.dumps((batch, stock.all_paths())))
         command = [sys.executable, "-m", "cosim.sweep.isolated", name]

@@ -90,7 +90,6 @@ def resolve(system: System, ports: Mapping[str, Ports], *, needs_levels: bool) -
         for name, value in c.start.items()
     )
     _check_feeding(ports, links, drives, starts)
-    _check_instances(system, ports)
     return ResolvedSystem(system.components, ports, links, drives, starts, _levels(ports, links, needs_levels))
 
 
@@ -287,19 +286,6 @@ def _check_added(drives: Iterable[Drive], connected: Set[Node]) -> None:
             if (drive.component, element.name) in added:
                 raise SetupError(f"two signals are added to input '{path}'; add their sum")
             added.add((drive.component, element.name))
-
-
-def _check_instances(system: System, ports: Mapping[str, Ports]) -> None:
-    """FMUs that allow one instance in a process have one."""
-    first: dict[str, str] = {}
-    for name, port in ports.items():
-        token = port.description.instantiationToken
-        other = first.setdefault(token, name)
-        if other != name and port.description.coSimulation.canBeInstantiatedOnlyOncePerProcess:
-            raise SetupError(
-                f"components '{other}' and '{name}': {system.components[name].fmu} can be instantiated only once in a "
-                "process; use one of them"
-            )
 
 
 def _levels(ports: Mapping[str, Ports], links: Iterable[Link], needs_levels: bool) -> dict[Node, int] | None:

@@ -31,7 +31,6 @@ UNITS = """<UnitDefinitions>
 def fmi2(
     *variables: str,
     guid: str = "{g}",
-    once: bool = False,
     interpolates: bool = False,
     feedthrough: bool | Mapping[str, str] = False,
 ) -> ModelDescription:
@@ -42,8 +41,6 @@ def fmi2(
     variables : str
         `name causality Type attribute=value ...`, with `initial` and `variability` among the attributes.
     guid : str
-    once : bool
-        It can be instantiated only once in a process.
     interpolates : bool
         It takes rates of inputs.
     feedthrough : bool or mapping
@@ -67,7 +64,6 @@ def fmi2(
             outputs.append(f'<Unknown index="{k}"' + ("/>" if feedthrough is True else f' dependencies="{on}"/>'))
     text = (
         f'<fmiModelDescription fmiVersion="2.0" modelName="M" guid="{guid}"><CoSimulation modelIdentifier="M" '
-        f'canBeInstantiatedOnlyOncePerProcess="{str(once).lower()}" '
         f'canInterpolateInputs="{str(interpolates).lower()}"/>{UNITS}<ModelVariables>{"".join(items)}'
         f"</ModelVariables><ModelStructure><Outputs>{''.join(outputs)}</Outputs></ModelStructure></fmiModelDescription>"
     )

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fmpy.model_description import ModelDescription
 
 from cosim import SetupError, System
 from cosim.system.resolution import ResolvedSystem, resolve, resolve_start_value
@@ -240,30 +239,6 @@ def test_values_that_fit(variable: str, value: Any, expected: float | str) -> No
 def test_values_that_do_not_fit(variable: str, value: Any, message: str) -> None:
     with pytest.raises(SetupError, match=f"start value of 'c.v': {message}"):
         set_to(variable, value)
-
-
-# Instances
-
-
-def together(**descriptions: ModelDescription) -> ResolvedSystem:
-    system = System()
-    for name in descriptions:
-        system.add(name, f"files/{name}.fmu")
-    return resolved_for("sequential", system, ports(**descriptions))
-
-
-def test_an_fmu_that_allows_one_instance_may_be_alone() -> None:
-    assert together(a=fmi2("y output Real", once=True)).links == ()
-    # and beside others that allow one instance of theirs
-    together(a=fmi2("y output Real", once=True), b=fmi2("y output Real", guid="{b}", once=True))
-    together(a=fmi2("y output Real"), b=fmi2("y output Real"))
-
-
-def test_an_fmu_that_allows_one_instance_is_not_there_twice() -> None:
-    once, other = fmi2("y output Real", once=True), fmi2("y output Real", guid="{o}", once=True)
-    message = r"^components 'a' and 'c': files/c.fmu can be instantiated only once in a process; use one of them$"
-    with pytest.raises(SetupError, match=message):
-        together(a=once, b=other, c=once)
 
 
 # Feeding and levels

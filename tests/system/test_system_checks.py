@@ -379,7 +379,7 @@ FILES = [
     ("model exchange", "no co-simulation interface; export it for co-simulation"),
     ("no binary", f"has no binary for {fmpy.platform}"),
     ("other library", "can't be loaded"),
-    ("other identifier", "can't be loaded"),
+    ("other identifier", f"has no binaries/{fmpy.platform}/Other"),
     ("path with drive", "can't be unpacked"),
 ]
 

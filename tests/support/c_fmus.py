@@ -1,0 +1,84 @@
+"""FMUs in C for the tests of how FMUs are loaded: what they need, and what they lack, is chosen."""
+
+from __future__ import annotations
+
+import subprocess
+import zipfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import fmpy
+
+from fmu_export.native.toolchain import find_compiler
+from tests.support.native_fmus import require_compiler
+
+HEADERS = Path(fmpy.__file__).parent / "c-code"
+
+_TANK = """<?xml version="1.0" encoding="UTF-8"?>
+<fmiModelDescription fmiVersion="2.0" modelName="Tank" guid="{tank}">
+<CoSimulation modelIdentifier="tank" canHandleVariableCommunicationStepSize="true" ATTRIBUTES>SOURCES</CoSimulation>
+<ModelVariables>
+<ScalarVariable name="x" valueReference="0" causality="local" initial="exact"><Real start="0"/></ScalarVariable>
+<ScalarVariable name="u" valueReference="1" causality="input"><Real start="0"/></ScalarVariable>
+<ScalarVariable name="y" valueReference="2" causality="output"><Real/></ScalarVariable>
+</ModelVariables>
+<ModelStructure>
+<Outputs><Unknown index="3" dependencies=""/></Outputs>
+<InitialUnknowns><Unknown index="3" dependencies=""/></InitialUnknowns>
+</ModelStructure>
+</fmiModelDescription>
+"""
+
+
+def description_of_tank(attributes: str = "", sources: str = "") -> str:
+    """Its model description, with attributes and children of the element CoSimulation."""
+    return _TANK.replace("ATTRIBUTES", attributes).replace("SOURCES", sources)
+
+
+def compile_c(source: Path, library: Path, *options: str) -> Path:
+    """Compile a C file to a shared library."""
+    require_compiler()
+    flags = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC", f"-I{HEADERS}"]
+    subprocess.run([*find_compiler(), *flags, str(source), "-o", str(library), *options], check=True)
+    return library
+
+
+def packed(path: Path, description: str, members: Mapping[str, Path | bytes | str]) -> Path:
+    """An FMU of a model description and other members."""
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("modelDescription.xml", description)
+        for name, content in members.items():
+            archive.writestr(name, content.read_bytes() if isinstance(content, Path) else content)
+    return path
+
+
+def binary(identifier: str) -> str:
+    """Name of the library of an FMU of FMI 1.0 or 2.0 for this machine."""
+    return f"binaries/{fmpy.platform}/{identifier}{fmpy.sharedLibraryExtension}"
+
+
+def tank(
+    path: Path,
+    *flags: str,
+    options: Sequence[str] = (),
+    attributes: str = "",
+    members: Mapping[str, Path | bytes | str] | None = None,
+) -> Path:
+    """The FMU of fmi2_tank.c, compiled with the flags as definitions and with further options."""
+    library = path.with_suffix(".library")
+    compile_c(Path(__file__).with_name("fmi2_tank.c"), library, *(f"-D{flag}" for flag in flags), *options)
+    description = description_of_tank(attributes)
+    return packed(path, description, {binary("tank"): library, **(members or {})})
+
+
+def sources_of_tank(
+    path: Path,
+    source: str | None = None,
+    listed: str = "tank.c",
+    members: Mapping[str, Path | bytes | str] | None = None,
+) -> Path:
+    """The FMU of fmi2_tank.c as sources only, or of another text in place of it; `listed` in its description."""
+    text = Path(__file__).with_name("fmi2_tank.c").read_text() if source is None else source
+    sources = "".join(f'<File name="{name}"/>' for name in listed.split())
+    description = description_of_tank(sources=f"<SourceFiles>{sources}</SourceFiles>" if listed else "")
+    return packed(path, description, {"sources/tank.c": text, **(members or {})})
