@@ -3,8 +3,13 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
+from typing import Literal
 
 from cosim.master.algorithm import AUTO, EXTRAPOLATIONS, ORDERS
+
+#: Standard of a description of a system: SSP, or that of the Open Simulation Platform.
+Standard = Literal["ssp", "osp"]
 
 
 def add_algorithm_options(parser: argparse._ActionsContainer) -> None:
@@ -18,3 +23,14 @@ def add_algorithm_options(parser: argparse._ActionsContainer) -> None:
         choices=(AUTO, *EXTRAPOLATIONS),
         help=f"inputs between communication points: {AUTO} (linear where the FMU can, else hold), {extrapolations}",
     )
+
+
+def standard_of(text: str) -> Standard | None:
+    """The standard of what a user names: an SSP, a description, or a folder with one; None where it is neither."""
+    path = Path(text)
+    ending = path.suffix.lower()
+    if ending in (".ssp", ".ssd"):
+        return "ssp"
+    if ending == ".xml" or (path / "OspSystemStructure.xml").is_file():
+        return "osp"
+    return "ssp" if (path / "SystemStructure.ssd").is_file() else None

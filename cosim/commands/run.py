@@ -7,7 +7,7 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cosim.commands.options import add_algorithm_options
+from cosim.commands.options import Standard, add_algorithm_options, standard_of
 from cosim.results.figure_process import FigureProcess
 from cosim.results.formats import FORMATS, option_help
 from cosim.scenario.family import default_scenario, families, named
@@ -23,14 +23,15 @@ def register(subparsers: Any) -> None:
     defaults = [family.default for family in known.values() if family.default is not None]
     parser = subparsers.add_parser(
         "run",
-        help="run a scenario, an SSP, or a single FMU",
-        description="Couple the FMUs in a scenario, or those in an SSP, or run a single FMU. Scenarios: "
+        help="run a scenario, an SSP, an OSP configuration, or a single FMU",
+        description="Couple the FMUs in a scenario, an SSP or an OSP configuration, or run a single FMU. Scenarios: "
         f"{', '.join([*names, 'or a TOML file'])}.",
     )
     parser.add_argument(
         "scenario",
         nargs="?",
-        help="name of a scenario, or path of a TOML file, an SSP or an FMU"
+        help="name of a scenario, or path of a TOML file, an SSP, a folder with SystemStructure.ssd or "
+        "OspSystemStructure.xml, one of these files, or an FMU"
         + (f" (default {defaults[0]})" if len(defaults) == 1 else ""),
     )
     parser.add_argument(
@@ -74,6 +75,19 @@ def register(subparsers: Any) -> None:
         metavar="FILE.csv",
         help="inputs of a single FMU: columns of their names, the first one is time",
     )
+    parser.add_argument(
+        "--ssv",
+        action="append",
+        default=[],
+        metavar="[COMPONENT=]FILE",
+        help="parameter set (SSV) for an SSP, beside its own or, as SOURCE=FILE, in place of one; may be repeated",
+    )
+    parser.add_argument(
+        "--units",
+        choices=("convert", "ignore"),
+        help="what an SSP or OSP configuration does where units differ: convert the values (default for SSPs), or take "
+        "the numbers as they are (default for OSP)",
+    )
     options = {}
     for name, family in known.items():
         group = parser.add_argument_group(f"scenarios of {name}", family.system)
@@ -87,22 +101,26 @@ def run(args: argparse.Namespace) -> int:
     if args.scenario is None:
         args.scenario = default_scenario()
     ending = Path(args.scenario).suffix.lower()
+    standard = None if ending == ".fmu" or named(args.scenario) is not None else standard_of(args.scenario)
     with FigureProcess() as figures:
-        if args.realtime is None and ending != ".ssp":  # its start would make the first points late
+        if args.realtime is None and standard is None:  # its start would make the first points late
             found = named(args.scenario)
             figures.start("" if found is None else found[0].drawing)
         # NumPy and FMPy take a while to import, meanwhile the other process imports matplotlib
         from cosim.commands.execution import run_prepared
 
-        with _prepared(ending, args) as prepared:
+        with _prepared(ending, standard, args) as prepared:
             return run_prepared(prepared, args, figures)
 
 
-def _prepared(ending: str, args: argparse.Namespace) -> AbstractContextManager[PreparedRun]:
-    if ending == ".ssp":
-        from cosim.commands.run_ssp import prepared_ssp
+def _prepared(ending: str, standard: Standard | None, args: argparse.Namespace) -> AbstractContextManager[PreparedRun]:
+    if standard is not None:
+        from cosim.commands.run_ssp import prepared_description
 
-        return prepared_ssp(args)
+        return prepared_description(args, standard)
+    from cosim.commands.execution import refuse
+
+    refuse({"--ssv": args.ssv, "--units": args.units}, "is for SSPs and OSP configurations")
     if ending == ".fmu":
         from cosim.commands.run_fmu import prepared_fmu
 

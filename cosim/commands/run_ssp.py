@@ -1,4 +1,4 @@
-"""`cosim run FILE.ssp`: an SSP, of any system."""
+"""`cosim run FILE.ssp`: an SSP or an OSP configuration, of any system."""
 
 from __future__ import annotations
 
@@ -10,18 +10,19 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from cosim.commands.execution import Plan, PreparedRun, UsageError, refuse, results_folder, with_start_values
+from cosim.commands.options import Standard
 from cosim.errors import CosimError
-from cosim.ssp.reader import ReadSystem, read_ssp
+from cosim.system.read import ReadSystem
 
 
 @contextmanager
-def prepared_ssp(args: argparse.Namespace) -> Iterator[PreparedRun]:
-    """The run of an SSP with the options of the command line.
+def prepared_description(args: argparse.Namespace, standard: Standard) -> Iterator[PreparedRun]:
+    """The run of an SSP or an OSP configuration with the options of the command line.
 
     Raises
     ------
     CosimError
-        The SSP is malformed, or an option makes no sense.
+        It is malformed, or an option makes no sense.
     """
     path = Path(args.scenario)
     further = {option: getattr(args, dest) for known in args.family_options.values() for option, dest in known.items()}
@@ -30,7 +31,7 @@ def prepared_ssp(args: argparse.Namespace) -> Iterator[PreparedRun]:
         f"is for scenarios; {path} has its own FMUs and no signals",
     )
     refuse({"--input": args.input}, "is for a single FMU; an SSP has no signals")
-    folder = results_folder(args, path.stem)
+    folder = results_folder(args, path.resolve().stem if path.is_dir() else path.stem)
     # an FMU whose library is still in use can't be removed on Windows; that must not hide the results
     with TemporaryDirectory(prefix="cosim_ssp_", ignore_cleanup_errors=True) as unpacked:
 
@@ -39,20 +40,32 @@ def prepared_ssp(args: argparse.Namespace) -> Iterator[PreparedRun]:
             return text.replace(f"{unpacked}{os.sep}", f"{path}: ")
 
         try:
-            found = read_ssp(path, Path(unpacked))
+            found = _read(path, standard, Path(unpacked), args)
             for note in found.notes:
-                print(f"note: {note}")
+                print(f"note: {in_archive(note)}")
             yield PreparedRun(
                 source=str(path),
                 title=found.name,
                 plan=_plan(found, path, args),
-                system=with_start_values(found.system, args.set, "disconnect it in the SSP"),
+                system=with_start_values(found.system, args.set, f"disconnect it in the {standard.upper()}"),
                 folder=folder,
-                about={"ssp": str(path), "title": found.name},
+                about={standard: str(path), "title": found.name},
+                details={"notes": [in_archive(note) for note in found.notes]},
                 said_path=in_archive,
             )
         except CosimError as error:
             raise CosimError(in_archive(str(error))) from error
+
+
+def _read(path: Path, standard: Standard, unpacked: Path, args: argparse.Namespace) -> ReadSystem:
+    if standard == "osp":
+        from cosim.osp.reader import read_osp
+
+        refuse({"--ssv": args.ssv}, "is for SSPs; an OSP configuration takes start values by --set")
+        return read_osp(path, units=args.units or "ignore")
+    from cosim.ssp.reader import read_ssp
+
+    return read_ssp(path, unpacked, parameter_sets=args.ssv, units=args.units or "convert")
 
 
 def _plan(found: ReadSystem, path: Path, args: argparse.Namespace) -> Plan:

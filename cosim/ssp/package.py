@@ -118,9 +118,7 @@ class Package(AbstractContextManager["Package"], ABC):
         loose = {_loose(name): name for name in self._names()}
         if _loose(candidates[0]) in loose:
             found = loose[_loose(candidates[0])]
-            self.findings.note(
-                f"{self.path}: '{uri}' is written '{found}' in the {self.kind}, which is taken", "spelling"
-            )
+            self.findings.note(f"{self.path}: '{uri}' is written '{found}' in the {self.kind}; it is taken", "spelling")
             return self._checked(found, uri)
         raise self.findings.error(f"{self.path}: has no '{candidates[0]}'; {nearest(candidates[0], self._names())}")
 
@@ -164,9 +162,7 @@ class Package(AbstractContextManager["Package"], ABC):
             raise self.findings.error(f"{self.path}: '{uri}' is no file of this {self.kind}; {remedy}")
         path = Path(url2pathname(parts.path))
         if not path.is_file():
-            raise self.findings.error(
-                f"{self.path}: there is no file '{path}', which it has as '{uri}'; mend the source"
-            )
+            raise self.findings.error(f"{self.path}: there is no file '{path}' for '{uri}'; mend the source")
         self.findings.note(f"{self.path}: '{uri}' is not in the {self.kind}; it is taken from this machine")
         return str(path)
 

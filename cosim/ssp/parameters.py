@@ -73,9 +73,7 @@ class ParameterFiles:
             try:
                 name = package.name_of(Path(file).as_posix(), self._document.name)
             except SSPError:
-                raise SSPError(
-                    f"{file}: there is no such parameter set, nor in {package.path}; check the path"
-                ) from None
+                raise SSPError(f"{file}: there is no such file, nor one in {package.path}; check the path") from None
             here, data = package.where(name), package.read_xml(name)
         return set_values(parse(data, "ssv", here, self._document.findings), prefix, here, self._document)
 

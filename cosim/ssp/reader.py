@@ -11,13 +11,14 @@ from typing import Any, Literal
 from cosim.errors import nearest
 from cosim.ssp.document import Document, open_document
 from cosim.ssp.errors import SSPError
-from cosim.ssp.flow import Flow, Node
+from cosim.ssp.flow import Feed, Flow, Node
+from cosim.ssp.mappings import add_mapping
 from cosim.ssp.package import DESCRIPTION, Package, open_package
 from cosim.ssp.parameters import ParameterFiles
 from cosim.ssp.schema import child, children
-from cosim.ssp.structure import Part, read_structure, variable_nodes
+from cosim.ssp.structure import SEPARATOR, Part, read_structure, variable_nodes
 from cosim.ssp.values import Value, values_of
-from cosim.system.read import Findings, ReadSystem
+from cosim.system.read import Findings, ReadSystem, unfed_inputs
 from cosim.system.system import System
 from cosim.system.variables import Element
 
@@ -154,8 +155,9 @@ def _hierarchical_names(part: Part) -> list[str]:
 def _system(root: Part, flow: Flow, values: Mapping[Node, Value], findings: Findings) -> System:
     system = System()
     components = [part for part in root.all_parts() if part.ports is not None]
-    paths = {part.path for part in components}
-    connections = []
+    paths = {part.path: part for part in components}
+    connections: list[tuple[str, str, float, float]] = []
+    mapped: list[tuple[Feed, Part, Element]] = []
     for part in components:
         assert part.ports is not None
         assert part.fmu is not None
@@ -176,22 +178,27 @@ def _system(root: Part, flow: Flow, values: Mapping[Node, Value], findings: Find
                 relative = part.ports.is_relative(element)
                 target = f"{part.path}.{element.name}"
                 if source_part in paths:
+                    fed.add(element.name)
                     if feed.tables:
-                        kind = next(hop.table.kind for hop in feed.hops if hop.table is not None)
-                        raise SSPError(
-                            f"{feed.tables[0].here} has a {kind}, which is supported for parameters only; "
-                            "a LinearTransformation is"
-                        )
+                        mapped.append((feed, part, element))
+                        continue
                     factor, offset = feed.transformation(relative=relative)
                     connections.append((f"{source_part}.{source_name}", target, factor, offset))
-                    fed.add(element.name)
                 elif feed.source in values:
                     value = values[feed.source]
                     start[element.name] = _plain(feed.handed_on(value, target, element.items, relative=relative))
-        _add_defaults(part, start, fed)
+        start |= unfed_inputs(part.ports, fed | set(start))
         system.add(part.path, part.fmu, start=start)
-    for source, target, factor, offset in connections:
-        system.connect(source, target, factor=factor, offset=offset, units="ignore")  # converted already
+    for feed, part, element in mapped:
+        with findings.collecting():
+            source_part, source_name = feed.source
+            source = paths[source_part].variables[source_name][0]
+            name = SEPARATOR.join((part.path, element.name.replace(".", SEPARATOR)))
+            entry, exit_ = add_mapping(system, name, feed, source, element, findings)
+            connections.append((f"{source_part}.{source_name}", entry, 1.0, 0.0))
+            connections.append((exit_, f"{part.path}.{element.name}", 1.0, 0.0))
+    for source_path, target_path, factor, offset in connections:
+        system.connect(source_path, target_path, factor=factor, offset=offset, units="ignore")  # converted already
     return system
 
 
@@ -202,7 +209,7 @@ def _settable(value: Value, part: Part, element: Element, findings: Findings) ->
     if settable and variable.variability != "constant":
         return True
     findings.note(
-        f"{value.origin}: '{part.path}.{element.variable.name}' is a {variable.causality} variable that can't be set; "
+        f"{value.origin}: '{part.path}.{variable.name}' is of causality {variable.causality} and can't be set; "
         "its value is ignored",
         f"{value.origin}: not settable",
     )
@@ -220,23 +227,6 @@ def _fit(value: Value, part: Part, elements: list[Element]) -> list[float] | str
 
 def _plain(value: list[float] | str) -> Any:
     return value[0] if len(value) == 1 and not isinstance(value, str) else value
-
-
-def _add_defaults(part: Part, start: dict[str, Any], fed: set[str]) -> None:
-    """Inputs that nothing feeds keep the value that the FMU gives them."""
-    assert part.ports is not None
-    for element in part.ports.of_causality("input"):
-        if not {element.name, element.variable.name} & (fed | set(start)):
-            start[element.name] = _start_value(element)
-
-
-def _start_value(element: Element) -> Any:
-    text = element.variable.start
-    if element.kind == "String":
-        return text or ""
-    parts = str(text).split() if text is not None else ["0"]
-    part = parts[element.offset] if len(parts) > 1 else parts[0]
-    return {"true": 1.0, "false": 0.0}[part] if part in ("true", "false") else float(part)
 
 
 def _step_size(document: Document, root: Part) -> float | None:

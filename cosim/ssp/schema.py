@@ -99,50 +99,70 @@ def parse(data: bytes, kind: Kind, where: str, findings: Findings | None = None)
         The package with the schemas is not installed.
     """
     # a later version in the same namespace: the root element tells
-    version = re.search(rb"<[^?!][^>]*\sversion\s*=\s*[\"']2[.]", data[:65536])
-    try:
-        source = xmlschema.XMLResource(io.BytesIO(data), defuse="always", allow="none")
-        schema = _schema(kind, 2 if version else 1)
-        result: Any = schema.to_objects(source, validation="lax", use_location_hints=False)
-    except (xmlschema.XMLSchemaException, RecursionError) as problem:
-        raise SSPError(f"{where}: not readable as XML: {' '.join(str(problem).split())}") from None
-    decoded, errors = result
-    refused = [_violation(e) for e in errors if findings is None or not _harmless(e, where, findings)]
+    later = re.search(rb"<[^?!][^>]*\sversion\s*=\s*[\"']2[.]", data[:65536]) is not None
+    decoded, refused, notes = _decoded(data, kind, 2 if later else 1, where, findings)
+    if refused and findings is not None and not later:
+        as_later = _decoded(data, kind, 2, where, findings)
+        if not as_later[1]:
+            decoded, refused, notes = as_later
+            findings.note(f"{where}: is of version 1.0 by its own words, but has what 2.0 brought; it is read as 2.0")
     if refused:
         more = f" (and {len(refused) - 3} more)" if len(refused) > 3 else ""
         listed = "; ".join(refused[:3])
         raise SSPError(f"{where}: violates the SSP schema {listed}{more}; mend it in the tool that wrote it")
+    for text, sort in notes:
+        assert findings is not None
+        findings.note(text, sort)
     if not isinstance(decoded, DataElement) or local_name(decoded) != _ROOTS[kind]:
         raise SSPError(f"{where}: is no {_ROOTS[kind]} of SSP, by its root element; check the file")
     return decoded
 
 
-def _violation(error: Any) -> str:
-    return f"at {_path(error)}: {' '.join(str(error.reason).split())}"
+def _decoded(
+    data: bytes, kind: Kind, version: int, where: str, findings: Findings | None
+) -> tuple[Any, list[str], list[tuple[str, str]]]:
+    """Content of a file, violations that can't be forgiven, and notes of those that are, with their kinds."""
+    try:
+        source = xmlschema.XMLResource(io.BytesIO(data), defuse="always", allow="none")
+        schema = _schema(kind, version)
+        result: Any = schema.to_objects(source, validation="lax", use_location_hints=False)
+    except (xmlschema.XMLSchemaException, RecursionError) as problem:
+        raise SSPError(f"{where}: not readable as XML: {' '.join(str(problem).split())}") from None
+    decoded, errors = result
+    refused, notes = [], []
+    for error in errors:
+        note = None if findings is None else _forgiven(error, where)
+        if note is None:
+            refused.append(f"at {_path(error)}: {_reason(error)}")
+        elif note[0]:
+            notes.append(note)
+    return decoded, refused, notes
 
 
 def _path(error: Any) -> str:
     return re.sub(r"\w+:", "", (error.path or "").strip("/"))
 
 
-def _harmless(error: Any, where: str, findings: Findings) -> bool:
-    """Whether a violation leaves no doubt of what is meant; it is noted."""
-    path, reason = _path(error), " ".join(str(error.reason).split())
+def _reason(error: Any) -> str:
+    return " ".join(str(error.reason).split())
+
+
+def _forgiven(error: Any, where: str) -> tuple[str, str] | None:
+    """A note, and its kind, of a violation that leaves no doubt of what is meant; an empty note of a harmless one."""
+    path, reason = _path(error), _reason(error)
     if any(name in path for name in _HARMLESS):
-        return True
+        return "", ""
     if isinstance(error, xmlschema.XMLSchemaChildrenValidationError):
         if "is not complete" in reason:
-            return error.elem is not None and len(error.elem) == 0  # a list of nothing
+            return ("", "") if error.elem is not None and len(error.elem) == 0 else None  # a list of nothing
         known = error.invalid_tag is not None and error.invalid_tag.rpartition("}")[2] in _KNOWN
         what = "is not where the schema has it" if known else "is not of the standard and ignored"
-        findings.note(f"{where}: at {path}: {reason.rstrip('.')}: it {what}", f"{where}: order {known}")
-        return True
+        return f"{where}: at {path}: {reason.rstrip('.')}: it {what}", f"{where}: order {known}"
     unknown = re.match(r"'([^']*)' attribute not allowed", reason)
-    if unknown:
-        findings.note(
-            f"{where}: at {path}: attribute '{unknown[1]}' is not of the standard and ignored", f"{where}: attribute"
-        )
-    return unknown is not None
+    if unknown is None:
+        return None
+    text = f"{where}: at {path}: attribute '{unknown[1]}' is not of the standard and ignored"
+    return text, f"{where}: attribute"
 
 
 def children(element: DataElement | None, *steps: str) -> Iterator[DataElement]:

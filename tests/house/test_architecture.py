@@ -20,7 +20,7 @@ ROOMS = (
     ("cosim.system",),
     ("cosim.results", "cosim.output"),
     ("cosim.master",),
-    ("cosim.scenario", "cosim.ssp", "cosim.sweep", "cosim.regression", "cosim.analysis"),
+    ("cosim.scenario", "cosim.ssp", "cosim.osp", "cosim.sweep", "cosim.regression", "cosim.analysis"),
     ("cosim.commands", "cosim.__main__", "cosim"),
 )
 

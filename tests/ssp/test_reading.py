@@ -321,7 +321,7 @@ REFUSED = {
     + connections(connection("a.y[1]", "a.y[1]")),
     r"'u\[1\]' is fed by another connection too; remove one of them": elements(GAIN_A)
     + connections(connection("a.y[1]", "a.u[1]"), connection("a.u[1]", "a.y[1]")),
-    r"has a IntegerMappingTransformation, which is supported for parameters only; a LinearTransf": elements(GAIN_A)
+    r"maps values of type Real; only truth values and whole numbers can be": elements(GAIN_A)
     + connections(
         connection(
             "a.y[1]",
