@@ -114,7 +114,7 @@ class Simulation:
         self._instances: dict[str, Instance] = {}
         self._exchange: Exchange | None = None
         self._used = False
-        self._stepped: SteppedRun | None = None
+        self._occupied_by = ""
         self._samples: tuple[Any, Samples] | None = None
 
     @property
@@ -273,7 +273,7 @@ class Simulation:
         samples, starts = self._prepared(grid, start or {}, signals, record_every)
         pacer = None if realtime is None else Pacer(realtime)
         recorder = self._recorder(grid, record_every, sink)
-        with DeferredInterrupt() as interrupt:
+        with self._occupied("a run of this simulation is going on") as interrupt:
             run = Run(self._instances, self._fresh_exchange(), samples, grid, interrupt)
             results = self._initialized(run, starts, grid, record_every, stop_time)
             with _timed(results, began):
@@ -325,7 +325,7 @@ class Simulation:
             number_of_steps(start_time, start_time + step_size, step_size)  # a step that makes sense
         grid = Grid(start_time, step_size, last)
         samples, starts = self._prepared(grid, start or {}, signals, record_every)
-        with DeferredInterrupt() as interrupt:
+        with self._occupied("a run of this simulation is being stepped") as interrupt:
             loop = Run(self._instances, self._fresh_exchange(), samples, grid, interrupt)
             nothing_yet = self._initialized(loop, starts, grid, record_every, stop_time)
             run = SteppedRun(
@@ -340,12 +340,18 @@ class Simulation:
                 interrupt,
                 exchanges_by_level=self._extrapolated.algorithm.order.needs_levels,
             )
-            self._stepped = run
-            try:
-                yield run
-                run.end()
-            finally:
-                self._stepped = None
+            yield run
+            run.end()
+
+    @contextmanager
+    def _occupied(self, what: str) -> Iterator[DeferredInterrupt]:
+        """Context of a run, in which no other one can begin: a function that it calls might try that."""
+        self._occupied_by = what
+        try:
+            with DeferredInterrupt() as interrupt:
+                yield interrupt
+        finally:
+            self._occupied_by = ""
 
     def _prepared(
         self, grid: Grid, start: Mapping[str, Any], signals: Sequence[Signal], record_every: int
@@ -353,8 +359,8 @@ class Simulation:
         """Samples of the signals and start values of a run."""
         if self._stack is None:
             raise SetupError("the simulation is not open; use it in a with statement")
-        if self._stepped is not None:
-            raise SetupError("a run of this simulation is being stepped; end it first, or make another simulation")
+        if self._occupied_by:
+            raise SetupError(f"{self._occupied_by}; end it first, or make another simulation")
         if isinstance(record_every, bool) or not isinstance(record_every, int) or record_every < 1:
             raise SetupError(f"record_every = {record_every!r} must be a positive whole number of steps")
         extra = self._extra_starts(start)

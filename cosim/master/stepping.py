@@ -152,9 +152,10 @@ class SteppedRun:
             An FMU fails.
         """
         quantity = self._quantity(name)
+        if self._interrupt.at_once or quantity.positions is None:
+            self._check_running()
         self._exchange_again()
         if quantity.positions is None:
-            self._check_running()
             with self._failing(quantity.component):
                 values = quantity.get()
         else:
@@ -316,6 +317,8 @@ class SteppedRun:
     def _check_running(self) -> None:
         if self._ended:
             raise SetupError("the run has ended; start another one")
+        if self._interrupt.at_once:
+            raise SetupError("the run is in the middle of a step; a function that is called there has its inputs only")
 
     def _failing(self, component: str) -> Failing:
         return Failing(component, self.time, self._instances[component])

@@ -53,6 +53,12 @@ for longest in (cosim.master.sampling._LONGEST, 0.0):
                 system.connect("i.x", "g.u[1]")
                 system.connect("g.y[1]", "i.u")
                 system.drive("g.u[2]", math.sin, breakpoints=[0.5])
+                variables = {"x": 2, "n": int, "on": (bool, 3)}
+                system.add_function("f", lambda t, u: (u, 7, [True] * 3), inputs=["u[1..2]"], outputs=variables)
+                system.add_function("end", lambda t, *inputs: None, inputs=variables, every=every)
+                system.connect("g.y", "f.u")
+                for name in variables:
+                    system.connect(f"f.{name}", f"end.{name}")
                 simulate(system, 3.0, 0.1, order=order, extrapolation=coupling, record_every=every)
 print("done")
 """

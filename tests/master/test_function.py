@@ -598,6 +598,33 @@ def test_leaving_the_program_leaves_it(tiny: Path) -> None:
         simulate(loop(tiny, interrupting(partial(sys.exit, 7))), 1.0, H)
 
 
+@pytest.mark.parametrize(
+    ("act", "message"),
+    [
+        (lambda simulation, run: simulation.run(1.0, H), "a run of this simulation is being stepped; end it first"),
+        (lambda simulation, run: simulation.start(H).__enter__(), "a run of this simulation is being stepped"),
+        (lambda simulation, run: run.step(), "the run is in the middle of a step"),
+        (lambda simulation, run: run["i.x"], "the run is in the middle of a step"),
+        (lambda simulation, run: run.__setitem__("c.gain", 2.0), "the run is in the middle of a step"),
+        (lambda simulation, run: run.save(), "the run is in the middle of a step"),
+        (lambda simulation, run: run.restore(run.save()), "the run is in the middle of a step"),
+    ],
+)
+def test_it_can_not_step_the_run_that_calls_it(tiny: Path, act: Callable[..., Any], message: str) -> None:
+    law = loop(tiny, lambda t, x: act(simulation, run) if t > H else -x)
+    with Simulation(law) as simulation, simulation.start(H) as run:
+        run.step()
+        with pytest.raises(SimulationError, match=f"its function raised SetupError: {message}"):
+            run.step()
+
+
+def test_it_can_not_begin_a_run_of_the_simulation_that_calls_it(tiny: Path) -> None:
+    with Simulation(loop(tiny, lambda t, x: simulation.run(1.0, H) and -x)) as simulation:
+        for _ in range(2):
+            with pytest.raises(SimulationError, match="SetupError: a run of this simulation is going on"):
+                simulation.run(1.0, H)
+
+
 def test_it_may_simulate_itself(tiny: Path) -> None:
     """A look ahead by a simulation of its own, as predictive controllers make."""
 
