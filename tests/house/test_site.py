@@ -1,4 +1,7 @@
-"""The documentation site builds without a warning, and every link in it leads somewhere."""
+"""The documentation site builds without a warning, and every link in it leads somewhere.
+
+The whole site is slow; built always is one of the pages whose sources stand in other folders, with what they show.
+"""
 
 from __future__ import annotations
 
@@ -52,15 +55,36 @@ def broken_links(site: Path) -> list[str]:
     return broken
 
 
-@pytest.fixture(scope="module")
-def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("site")
+MODEL_PAGES = ("model_plant", "model_controller", "model_trajectory")
+
+
+def built(source: Path, folder: Path) -> Path:
     command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-E", "-d", folder / "cache"]
-    done = subprocess.run([*command, ROOT / "docs", folder / "html"], capture_output=True, text=True, check=False)
+    done = subprocess.run([*command, source, folder / "html"], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr  # a new page must stand in a toctree of docs/index.md
     return folder / "html"
 
 
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return built(ROOT / "docs", tmp_path_factory.mktemp("site"))
+
+
+@pytest.fixture(scope="module")
+def models(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A site of the model pages alone."""
+    root = tmp_path_factory.mktemp("models")
+    (root / "docs").mkdir()
+    for name in ("conf.py", "errors_tree.py", "static", *(f"{page}.md" for page in MODEL_PAGES)):
+        (root / "docs" / name).symlink_to(ROOT / "docs" / name)
+    for package in ("plant_fmu", "controller_fmu", "trajectory_fmu"):
+        (root / package).symlink_to(ROOT / package)
+    pages = "\n".join(MODEL_PAGES)
+    (root / "docs/index.md").write_text(f"# Models\n\n```{{toctree}}\n{pages}\n```\n", encoding="utf-8")
+    return built(root / "docs", root)
+
+
+@pytest.mark.slow
 def test_every_link_leads_somewhere(site: Path) -> None:
     assert broken_links(site) == []
 
@@ -73,6 +97,7 @@ def test_the_link_checker_finds_what_is_broken(tmp_path: Path) -> None:
     assert found == {"b.html#there", "c.html", "#here", "http://a.org", "https://a", "no.png"}
 
 
+@pytest.mark.slow
 def test_pages_have_what_they_promise(site: Path) -> None:
     """What comes from elsewhere is there: examples, docstrings, model pages, the changelog."""
     for page, text in {
@@ -88,17 +113,24 @@ def test_pages_have_what_they_promise(site: Path) -> None:
         assert text in (site / f"{page}.html").read_text(encoding="utf-8"), page
 
 
-@pytest.mark.parametrize("page", ["model_plant", "model_controller", "model_trajectory"])
-def test_equations_are_typeset(site: Path, page: str) -> None:
-    html = (site / f"{page}.html").read_text(encoding="utf-8")
+def test_every_link_of_the_model_pages_leads_somewhere(models: Path) -> None:
+    assert broken_links(models) == []
+
+
+@pytest.mark.parametrize("page", MODEL_PAGES)
+def test_equations_are_typeset(models: Path, page: str) -> None:
+    html = (models / f"{page}.html").read_text(encoding="utf-8")
     assert html.count("<math ") > 10
     text = re.sub(r"<[^>]*>", "", html[html.index("<article") : html.index("</article>")])
     assert "$" not in text
     assert "\\" not in text, "a command that the converter does not know"
 
 
-def test_pages_load_nothing_from_elsewhere(site: Path) -> None:
+@pytest.mark.parametrize("which", ["models", pytest.param("site", marks=pytest.mark.slow)])
+def test_pages_load_nothing_from_elsewhere(request: pytest.FixtureRequest, which: str) -> None:
     """They are read offline too."""
-    for path in site.rglob("*.html"):
+    pages = list(request.getfixturevalue(which).rglob("*.html"))
+    assert len(pages) > len(MODEL_PAGES)
+    for path in pages:
         for tag in ('<script src="http', '<link rel="stylesheet" href="http', "@import url(http"):
             assert tag not in path.read_text(encoding="utf-8"), path.name

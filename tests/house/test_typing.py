@@ -6,6 +6,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 SCRIPT = """
 from pathlib import Path
 
@@ -42,6 +44,7 @@ WRONG = {
 }
 
 
+@pytest.mark.slow
 def test_a_strict_type_checker_takes_good_scripts_and_finds_mistakes(tmp_path: Path) -> None:
     (tmp_path / "good.py").write_text(SCRIPT)
     (tmp_path / "bad.py").write_text("\n".join(["import cosim", *WRONG]))

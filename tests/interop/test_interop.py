@@ -29,11 +29,19 @@ from parallel_robot.models import MODELS, closed_loop_model
 from tests.support.compilation import shared_compilation
 from tests.support.native_fmus import require_compiler
 
-QUICK = [entry for entry in ENTRIES if entry.quick]
+#: Tools that take seconds to start; the others have each kind of exchange and of files.
+SLOW = {"pathsim", "fmu_toolbox_ssp", "ecos_ssp"}
 
 
 def name_of(entry: Entry) -> str:
     return f"{entry.tool}-{entry.files.replace(' ', '_')}-{entry.flavour}"
+
+
+QUICK = [
+    pytest.param(entry, id=name_of(entry), marks=pytest.mark.slow if entry.tool in SLOW else ())
+    for entry in ENTRIES
+    if entry.quick
+]
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +62,7 @@ def references(fmus: Path) -> References:
     return References(fmus)
 
 
-@pytest.mark.parametrize("entry", QUICK, ids=name_of)
+@pytest.mark.parametrize("entry", QUICK)
 def test_tool_agrees_with_us(entry: Entry, references: References) -> None:
     (outcome,) = run_entries([entry], references)
     if outcome.status == "absent":

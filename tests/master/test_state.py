@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from cosim import RunState, SetupError, Simulation, System
-from parallel_robot.fmus import build
 from parallel_robot.scenario import load_scenario
 from tests.support.descriptions import without_capability
 from tests.support.native_fmus import DEFAULT_FLAVOUR
@@ -27,11 +26,10 @@ def system_of(folder: Path, flavour: str) -> System:
 @pytest.mark.parametrize("flavour", ["fmi2", "fmi3", "pythonfmu"])
 @pytest.mark.parametrize("order", ["sequential", "parallel"])
 def test_a_restored_run_goes_on_with_the_same_bits(
-    tmp_path_factory: pytest.TempPathFactory, robot_fmus: Path, flavour: str, order: str
+    request: pytest.FixtureRequest, robot_fmus: Path, flavour: str, order: str
 ) -> None:
     if flavour not in (DEFAULT_FLAVOUR, "pythonfmu"):
-        robot_fmus = tmp_path_factory.mktemp("fmus")
-        build(robot_fmus, flavour)
+        robot_fmus = request.getfixturevalue("native_fmus")
     stop, points = (STOP, (3.9, 3.999, 4.0, 4.001)) if flavour != "pythonfmu" else (0.05, (0.01, 0.02))
     with Simulation(system_of(robot_fmus, flavour), order=order) as simulation:
         expected = simulation.run(stop, STEP)

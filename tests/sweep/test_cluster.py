@@ -86,9 +86,21 @@ def wait_for(condition):
 
 @pytest.fixture
 def cluster(tmp_path: Path) -> Iterator[Cluster]:
+    """A scheduler without workers, to do with as one likes."""
     started = Cluster(tmp_path)
     try:
         yield started
+    finally:
+        started.close()
+
+
+@pytest.fixture(scope="module")
+def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """Address of a scheduler with one worker that stay alive."""
+    started = Cluster(tmp_path_factory.mktemp("cluster"))
+    try:
+        started.worker()
+        yield started.address
     finally:
         started.close()
 
@@ -167,46 +179,44 @@ def test_a_deadly_point_is_a_row_and_the_others_have_theirs(counter, tmp_path):
     assert (summary.done, summary.failed, summary.workers) == (12, 1, 2)
 
 
-def test_a_sweep_that_was_interrupted_runs_only_what_is_missing(cluster, counter, tmp_path):
+def test_a_sweep_that_was_interrupted_runs_only_what_is_missing(address, counter, tmp_path):
     study = CounterStudy(sha256(counter), stop_time=200.0)
     files, points, folder = {study.fmu: counter}, counter_points(40), tmp_path / "out"
-    cluster.worker()
 
     def interrupt(done: int, workers: int) -> None:
         if done >= 3:
             os.kill(os.getpid(), signal.SIGINT)
 
-    first = sweep(study, files, points, folder, scheduler=cluster.address, progress=interrupt)
+    first = sweep(study, files, points, folder, scheduler=address, progress=interrupt)
     assert first.interrupted
     assert 3 <= first.runs == first.done < 40
     parts = {path: path.read_bytes() for path in (folder / "results").iterdir()}
-    second = sweep(study, files, points, folder, scheduler=cluster.address)
+    second = sweep(study, files, points, folder, scheduler=address)
     assert not second.interrupted
     assert (second.runs, second.done) == (40 - first.runs, 40)
     assert {path: path.read_bytes() for path in parts} == parts
     assert read(folder)["y"].to_pylist() == [200.0 * i for i in range(40)]
     third = sweep(study, files, points, folder, scheduler="tcp://127.0.0.1:1")  # nothing is missing: nobody is asked
     assert (third.runs, third.done) == (0, 40)
-    with Client(cluster.address, set_as_default=False) as client:  # nothing was left behind
+    with Client(address, set_as_default=False) as client:  # nothing was left behind
         wait_for(lambda: not any(client.processing().values()))
     with pytest.raises(SweepError, match=r"holds another sweep \(other stop_time\)"):
         sweep(CounterStudy(study.fmu, stop_time=1.0), files, points, folder)
 
 
-def test_another_version_on_a_worker_is_one_line(cluster, counter, tmp_path, monkeypatch):
-    cluster.worker()
+def test_another_version_on_a_worker_is_one_line(address, counter, tmp_path, monkeypatch):
     study = CounterStudy(sha256(counter))
     own = versions()["closed-chain-cosim"]
     monkeypatch.setattr(cosim.sweep.cluster, "versions", lambda: {"closed-chain-cosim": "0.0.1"})
     with pytest.raises(SweepError) as error:
-        sweep(study, {study.fmu: counter}, counter_points(4), tmp_path / "out", scheduler=cluster.address)
+        sweep(study, {study.fmu: counter}, counter_points(4), tmp_path / "out", scheduler=address)
     assert f"has closed-chain-cosim {own}, here it is 0.0.1; install the same version there" in str(error.value)
     assert "worker tcp://127.0.0.1:" in str(error.value)
     # a worker that joins later is not asked: its first task tells
     monkeypatch.setattr(cosim.sweep.cluster, "_check_versions", lambda client: None)
     monkeypatch.setattr("cosim.sweep.engine.versions", lambda: {"closed-chain-cosim": "0.0.1"})
     with pytest.raises(SweepError) as error:
-        sweep(study, {study.fmu: counter}, counter_points(4), tmp_path / "other", scheduler=cluster.address)
+        sweep(study, {study.fmu: counter}, counter_points(4), tmp_path / "other", scheduler=address)
     assert f"has closed-chain-cosim {own}, the sweep comes from 0.0.1; install the same" in str(error.value)
     assert "\n" not in str(error.value)
 
@@ -250,8 +260,7 @@ def test_no_workers_is_one_line(counter, tmp_path):
         sweep(study, {study.fmu: counter}, counter_points(4), tmp_path / "out", workers=0)
 
 
-def test_an_fmu_that_changes_under_way_is_one_line(cluster, counter, tmp_path):
-    cluster.worker()
+def test_an_fmu_that_changes_under_way_is_one_line(address, counter, tmp_path):
     study = CounterStudy("0" * 64)
     with pytest.raises(SweepError, match=r"Counter\.fmu has changed in between"):
-        sweep(study, {study.fmu: counter}, counter_points(4), tmp_path / "out", scheduler=cluster.address)
+        sweep(study, {study.fmu: counter}, counter_points(4), tmp_path / "out", scheduler=address)

@@ -67,7 +67,7 @@ def test_steps_are_varied_and_errors_over_time_kept(here):
 
 
 def test_ctrl_c_in_a_terminal_ends_it_in_one_line_and_the_same_command_goes_on(here):
-    command = ("--vary", "controller.alpha=0.5:3:240", "--stop", STOP_TIME, "--workers", "2", "--out", "out")
+    command = ("--vary", "controller.alpha=0.5:3:160", "--stop", STOP_TIME, "--workers", "2", "--out", "out")
     started = sweep(*command, start_new_session=True)
     end = time.monotonic() + 600
     while not list(Path("out/results").glob("part-*")):
@@ -79,14 +79,14 @@ def test_ctrl_c_in_a_terminal_ends_it_in_one_line_and_the_same_command_goes_on(h
     assert started.returncode == 130
     assert err == "cosim: interrupted; the same command goes on where it stopped\n"
     done = read(Path("out")).num_rows
-    assert 1 <= done < 240
-    assert out.startswith(f"runs      {done} of 240, {done} of them now\n")
+    assert 1 <= done < 160
+    assert out.startswith(f"runs      {done} of 160, {done} of them now\n")
 
     started = sweep(*command)
     out, err = started.communicate(timeout=6000)
     assert (started.returncode, err) == (0, "")
-    assert out.startswith(f"runs      240 of 240, {240 - done} of them now\n")
-    assert read(Path("out"))["index"].to_pylist() == list(range(240))
+    assert out.startswith(f"runs      160 of 160, {160 - done} of them now\n")
+    assert read(Path("out"))["index"].to_pylist() == list(range(160))
 
 
 @pytest.mark.parametrize(

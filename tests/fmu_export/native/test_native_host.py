@@ -10,6 +10,7 @@ import re
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 from typing import NamedTuple
 
@@ -106,8 +107,18 @@ def sources(tmp_path: Path, request: pytest.FixtureRequest) -> Sources:
     return write_sources(tmp_path, MODELS[name], flavour)
 
 
+def hosts(models: Iterable[str], always: set[tuple[str, str]]) -> list[object]:
+    """Model and flavour of every host; those that are not tried always are slow."""
+    return [
+        pytest.param((m, f), id=f"{m}-{f}", marks=() if (m, f) in always else pytest.mark.slow)
+        for m in models
+        for f in FLAVOURS
+    ]
+
+
+#: Both adapters, with a model that has states and one that has none.
 @pytest.mark.parametrize(
-    "sources", [(m, f) for m in MODELS for f in FLAVOURS], ids=lambda p: "-".join(p), indirect=True
+    "sources", hosts(MODELS, {(CONTROLLER.name, "fmi3"), (TRAJECTORY.name, "fmi2")}), indirect=True
 )
 def test_sanitisers_find_nothing(sources: Sources, compiler: str) -> None:
     (sources.folder / "probe.c").write_text("int main(void) { return 0; }\n")
@@ -121,7 +132,7 @@ def test_sanitisers_find_nothing(sources: Sources, compiler: str) -> None:
     sources.walk([str(host)], UBSAN_OPTIONS="print_stacktrace=1", **leaks)
 
 
-@pytest.mark.parametrize("sources", [(CONTROLLER.name, f) for f in FLAVOURS], ids=lambda p: "-".join(p), indirect=True)
+@pytest.mark.parametrize("sources", hosts([CONTROLLER.name], {(CONTROLLER.name, "fmi2")}), indirect=True)
 def test_valgrind_finds_nothing(sources: Sources, compiler: str) -> None:
     if not shutil.which("valgrind"):
         pytest.skip("valgrind is not installed")

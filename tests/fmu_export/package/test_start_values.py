@@ -353,7 +353,7 @@ def test_whoever_reads_while_it_is_written_sees_one_whole_fmu(controller):
 
     reader = threading.Thread(target=read)
     reader.start()
-    for i in range(40):
+    for i in range(20):
         write_start_values(controller, {"alpha": float(i)})
     stop.set()
     reader.join()

@@ -11,7 +11,6 @@ import shutil
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
 from contextlib import nullcontext
-from functools import partial
 from pathlib import Path
 
 import matplotlib.image
@@ -25,7 +24,7 @@ from parallel_robot.paper.reproduce import runs as command_runs
 from parallel_robot.paper.reproduce.content import CONDITIONS, PaperFigure, Reproduction, Runs
 from parallel_robot.paper.reproduce.figures import style
 from parallel_robot.paper.reproduce.material import Material
-from parallel_robot.paper.reproduce.runs import Plan, run_all
+from parallel_robot.paper.reproduce.runs import Plan
 from tests.support.reproduction import WHOLE, needs_whole
 
 #: One figure of each kind: they are drawn with few runs, all figures with all runs.
@@ -243,8 +242,14 @@ def test_the_command_writes_one_folder(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    """With the plan of the fixture, and with the figures that are drawn already."""
+    """With the runs that are made and the figures that are drawn already."""
     found, before = content
+
+    def runs_of_before(folder: Path, progress: Callable[[str], None]) -> Runs:
+        assert folder == reproduction_fmus
+        for i in range(plan.number_of_runs):
+            progress(f"run {i}")
+        return found.runs
 
     def figures_of_before(_: Runs, folder: Path, progress: Callable[[str], None]) -> tuple[PaperFigure, ...]:
         shutil.copytree(before / "figures", folder)
@@ -257,7 +262,7 @@ def test_the_command_writes_one_folder(
     monkeypatch.setattr(
         command, "_write_report", lambda content, folder, study: (folder / "report.html").write_text("")
     )
-    monkeypatch.setattr(command_runs, "run_all", partial(run_all, plan=plan))
+    monkeypatch.setattr(command_runs, "run_all", runs_of_before)
     monkeypatch.setattr(run, "write_figures", figures_of_before)
     assert command.run(parsed("--out", str(tmp_path / "out"), "--fmus", str(reproduction_fmus))) == 0
     names = {p.name for p in (tmp_path / "out").iterdir()}
