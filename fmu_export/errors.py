@@ -1,7 +1,7 @@
 """The errors of models and their export: each message is one line that names what was wrong, where, and the remedy.
 
 They have a root of their own, since neither models nor exporter know the master, whose root is `cosim.CosimError`. The
-code inside an FMU of the flavour pythonfmu, which has the standard library only, raises `SlaveError`.
+code inside an FMU that runs Python, which has the standard library only, raises `SlaveError` or `ScriptError`.
 """
 
 from __future__ import annotations

@@ -54,7 +54,7 @@ _compiled: dict[str, str] = {}
 _thread = threading.local()
 
 
-class SlaveError(Exception):
+class ScriptError(Exception):
     """The reason why a call of the importer fails, as the importer's log shows it."""
 
     def __repr__(self) -> str:
@@ -339,7 +339,7 @@ def namespace_of(name: str, folder: str, bundle: Mapping[str, Any]) -> Namespace
 
     Raises
     ------
-    SlaveError
+    ScriptError
         A compiled module differs from one of the same name that is loaded.
     """
     with _changing:
@@ -349,7 +349,7 @@ def namespace_of(name: str, folder: str, bundle: Mapping[str, Any]) -> Namespace
             if loaded is None and _bundled[module] <= 0:
                 _compiled[module] = digest
             elif _compiled.get(module, digest) != digest:
-                raise SlaveError(
+                raise ScriptError(
                     f"the compiled module '{module}' differs from that of another FMU in this process, and Python "
                     "loads only one of a name; run the FMUs in processes of their own"
                 )
@@ -379,7 +379,7 @@ def slave_class_of(script: ModuleType, preferred: str = "") -> type[Any]:
 
     Raises
     ------
-    SlaveError
+    ScriptError
         There is none.
     """
     deepest, chosen = 0, None
@@ -391,7 +391,7 @@ def slave_class_of(script: ModuleType, preferred: str = "") -> type[Any]:
             if depth > deepest:
                 deepest, chosen = depth, value
     if chosen is None:
-        raise SlaveError(f"No child class of Fmi2Slave found in module {script.__name__.rpartition('.')[2]}")
+        raise ScriptError(f"No child class of Fmi2Slave found in module {script.__name__.rpartition('.')[2]}")
     return chosen
 
 
@@ -404,7 +404,7 @@ def _is_slave(value: type[Any]) -> bool:
 
 def reason(error: BaseException, namespace: Namespace | None = None) -> str:
     """The last line of a traceback, and which line of the archive it comes from."""
-    if isinstance(error, SlaveError):
+    if isinstance(error, ScriptError):
         return str(error)
     import traceback
 
@@ -440,7 +440,7 @@ def _guarded(method: Callable[..., Any]) -> Any:
     def guarded(self: Fmi2Slave, *arguments: Any) -> Any:
         try:
             if self._refusal:
-                raise SlaveError(self._refusal)
+                raise ScriptError(self._refusal)
             value = method(self, *arguments)
         except BaseException as error:  # also Ctrl-C, which a Python host delivers here
             raise self._failure(error) from None
@@ -494,13 +494,13 @@ class Fmi2Slave:
         except BaseException as error:
             said = reason(error, self._namespace)
             if new:
-                raise SlaveError(said) from None
+                raise ScriptError(said) from None
             self._refusal = said  # a raise here would crash the host at a reset
         finally:
             if self._namespace is not None:
                 self._namespace.hide()
 
-    def _failure(self, error: BaseException) -> SlaveError:
+    def _failure(self, error: BaseException) -> ScriptError:
         """The error to raise.
 
         The binary would flush the queued messages while the exception is set, which the logger of a Python host does
@@ -510,7 +510,7 @@ class Fmi2Slave:
         self._log_queue.clear()
         for held in (type(self), self, self._log_queue):
             ctypes.pythonapi.Py_IncRef(ctypes.py_object(held))
-        return SlaveError("; ".join(dict.fromkeys([*said, reason(error, self._namespace)])))
+        return ScriptError("; ".join(dict.fromkeys([*said, reason(error, self._namespace)])))
 
     def _make_log_printable(self) -> None:
         for i, message in enumerate(self._log_queue):
@@ -541,7 +541,7 @@ class Fmi2Slave:
         """Advance by one communication step (s); False ends the simulation."""
         done = self._slave.do_step(time, h)
         if done is None:
-            raise SlaveError("do_step returned None; it must return True, or False to end the simulation")
+            raise ScriptError("do_step returned None; it must return True, or False to end the simulation")
         return bool(done)
 
     enter_initialization_mode = _passed_on("enter_initialization_mode")

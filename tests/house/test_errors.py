@@ -13,7 +13,11 @@ from fmu_export.errors import ModelError
 from tests.support.sources import CHECKOUT, PACKAGES, sources
 
 #: Errors that are no `CosimError` for a reason: a Ctrl-C; the code inside an FMU has the standard library only.
-APART = {"cosim.master.failures.SimulationInterrupted", "fmu_export.pythonfmu.slave.SlaveError"}
+APART = {
+    "cosim.master.failures.SimulationInterrupted",
+    "fmu_export.pythonfmu.slave.SlaveError",
+    "fmu_export.pythonfmu.script_slave.ScriptError",
+}
 
 #: Built-in errors that are Python's own answer to wrong code, not to wrong input.
 PYTHONS = {"AttributeError", "AssertionError", "IndexError", "KeyError", "StopIteration", "SystemExit", "TypeError"}
