@@ -68,7 +68,8 @@ def prepare(folder: Path, description: ModelDescription) -> None:
 
 def _untied(binary: bytes, name: str, member: str) -> bytes | None:
     """The installed pythonfmu's binary in place of one that is tied to a Python library."""
-    tied = _TIED.search(binary)
+    # the search alone would take longer than all else here
+    tied = _TIED.search(binary) if b"libpython3." in binary or member.endswith(".dll") else None
     if tied is None:
         return None
     from fmu_export.errors import ModelError

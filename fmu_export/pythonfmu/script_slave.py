@@ -22,6 +22,7 @@ import threading
 import weakref
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from functools import wraps
 from importlib.abc import Loader
 from importlib.machinery import (
@@ -112,15 +113,18 @@ class Namespace:
         sys.modules[name] = root
 
     def close(self) -> None:
-        """Drop the modules, and what Python has kept about their folder."""
+        """Drop the modules, and what Python has kept by their names and their folder."""
         self.hide()
         with _changing:
             _namespaces.pop(self.name, None)
             _bundled.subtract(self._names())
             if len(_namespaces) == len(_libraries) and _Finder in sys.meta_path:  # libraries stay, asleep
                 sys.meta_path.remove(_Finder)
-        for module in [m for m in list(sys.modules) if m == self.name or m.startswith(f"{self.name}.")]:
-            sys.modules.pop(module, None)
+        logging = sys.modules.get("logging")
+        loggers = logging.Logger.manager.loggerDict if logging is not None else {}
+        for kept in (sys.modules, loggers):
+            for name in [n for n in list(kept) if n == self.name or n.startswith(f"{self.name}.")]:
+                kept.pop(name, None)
         forget_folder(self.folder)
 
     def _names(self) -> list[str]:
@@ -408,7 +412,7 @@ def reason(error: BaseException, namespace: Namespace | None = None) -> str:
         return str(error)
     import traceback
 
-    text = " ".join(traceback.format_exception_only(error)[-1].split())
+    text = " ".join(traceback.format_exception_only(type(error), error)[-1].split())
     if namespace is None:
         return text
     place, trace = "", error.__traceback__
@@ -477,8 +481,10 @@ class Fmi2Slave:
     def __init__(self, **arguments: Any) -> None:
         new, _thread.new = getattr(_thread, "new", False), False
         folder = arguments["resources"]
-        # The binary puts the resources on the host's path at each instantiation; the imports are done, so take it off.
-        sys.path[:] = [entry for entry in sys.path if entry != folder]
+        # The binary puts the resources on the host's path at each instantiation; the imports are done, so take it off,
+        # once and in one call, for other threads put theirs there at the same time.
+        with suppress(ValueError):
+            sys.path.remove(folder)
         forget_folder(folder)
         self._refusal = ""
         self._namespace: Namespace | None = None
@@ -506,10 +512,10 @@ class Fmi2Slave:
         The binary would flush the queued messages while the exception is set, which the logger of a Python host does
         not survive, so these go into what is raised.
         """
-        said = [str(getattr(message, "msg", message)) for message in self._log_queue]
-        self._log_queue.clear()
         for held in (type(self), self, self._log_queue):
             ctypes.pythonapi.Py_IncRef(ctypes.py_object(held))
+        said = [str(getattr(message, "msg", message)) for message in self._log_queue]
+        self._log_queue.clear()
         return ScriptError("; ".join(dict.fromkeys([*said, reason(error, self._namespace)])))
 
     def _make_log_printable(self) -> None:

@@ -12,6 +12,7 @@ import json
 import sys
 import zlib
 from collections import namedtuple
+from contextlib import suppress
 from functools import wraps
 from math import ceil, inf, isfinite, nan
 from operator import itemgetter
@@ -72,8 +73,10 @@ class Fmi2Slave:
     def __init__(self, **arguments: Any) -> None:
         self.log_queue: list[LogMessage] = []
         resources = arguments["resources"]
-        # The binary puts the resources on the host's path at each instantiation; the imports are done, so take it off.
-        sys.path[:] = [entry for entry in sys.path if entry != resources]
+        # The binary puts the resources on the host's path at each instantiation; the imports are done, so take it off,
+        # once and in one call, for other threads put theirs there at the same time.
+        with suppress(ValueError):
+            sys.path.remove(resources)
         names = self.interface.NAMES
         self._n_p = self.interface.N_PARAMETERS
         self._n_pu = self._n_p + self.interface.N_INPUTS
