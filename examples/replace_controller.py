@@ -25,9 +25,9 @@ OUTPUTS = Layout(
 )
 PARAMETERS = Layout(
     [
-        Variable("K_p", "N.m/rad", "Proportional gain", start=6.0),
-        Variable("K_i", "N.m/(rad.s)", "Integral gain", start=12.0),
-        Variable("K_d", "N.m.s/rad", "Derivative gain", start=2.0),
+        Variable("K_p", "N.m/rad", "Proportional gain", start=6.0, tunable=True),
+        Variable("K_i", "N.m/(rad.s)", "Integral gain", start=12.0, tunable=True),
+        Variable("K_d", "N.m.s/rad", "Derivative gain", start=2.0, tunable=True),
     ]
 )
 

@@ -11,8 +11,10 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
 
+import fmpy
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from fmu_export import ArgumentError, TraceError
 from fmu_export.modelling.functions import rk4_step
@@ -255,3 +257,35 @@ def test_in_model_exchange_a_change_is_made_in_event_mode(unpacked: Path, flavou
         assert rates == pytest.approx(PLANT.derivatives(0.0, x, u, p), rel=1e-11, abs=1e-12)
         outputs = host.get(list(OUTPUTS.names))
         assert outputs == pytest.approx(PLANT.output_values(0.0, x, u, p), rel=1e-11, abs=1e-12)
+
+
+# Another importer
+
+
+@BOTH
+@pytest.mark.parametrize("kind", ["CoSimulation", "ModelExchange"])
+def test_fmpy_changes_a_tunable_parameter_during_a_run(native_fmus: Path, flavour: str, kind: str) -> None:
+    """Against DOP853 on the numpy functions, restarted at the change."""
+    start, changed = PARAMETERS.starts, PARAMETERS.starts.copy()
+    changed[PARAMETERS.names.index("X")] = 0.15
+    rows = [(0.0, start[0]), (0.5, start[0]), (0.5, 0.15), (1.0, 0.15)]
+    found = fmpy.simulate_fmu(
+        str(native_fmus / flavour / "RobotPlant.fmu"),
+        fmi_type=kind,
+        stop_time=1.0,
+        output_interval=0.01,
+        relative_tolerance=1e-10,
+        input=np.array(rows, dtype=[("time", float), ("X", float)]),
+        start_values=TORQUE,
+        output=["X", *STATES],
+    )
+    u = INPUTS.pack(tau_a=np.array(list(TORQUE.values())), tau_d=np.zeros(3), dm=0.0)
+    x = PLANT.initial_state(start)
+    for p in (start, changed):
+        run = solve_ivp(
+            lambda t, x, p=p: PLANT.derivatives(t, x, u, p), (0.0, 0.5), x, "DOP853", rtol=1e-11, atol=1e-12
+        )
+        assert run.success
+        x = run.y[:, -1]
+    assert (found["X"][0], found["X"][-1]) == (start[0], 0.15)
+    assert [found[name][-1] for name in STATES] == pytest.approx(x, abs=1e-8)
