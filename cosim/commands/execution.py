@@ -123,6 +123,8 @@ def run_prepared(prepared: PreparedRun, args: argparse.Namespace, figures: Figur
             where = _rescued(write, interrupt.results, prepared.folder, str(interrupt))
             print(f"cosim: {interrupt}; {where}", file=sys.stderr)
             return 130
+        if kept := results.info["inputs_kept"]:
+            print(f"note: nothing feeds these inputs, which keep the start values of their FMUs: {', '.join(kept)}")
         summary, drawn = write(results)
         print(in_words(prepared, summary, drawn=drawn))
     return 0
@@ -167,7 +169,7 @@ def execute(
         files = {folder / f"results.{name}" for name in formats} | {path}
         _check_room(folder, n_values, files)
         try:
-            with TableWriter(sorted(files), simulation.names) as writer:
+            with TableWriter(sorted(files), simulation.names, simulation.types) as writer:
                 results = run(sink=writer)
         except (SimulationError, SimulationInterrupted) as error:
             if error.results is not None:

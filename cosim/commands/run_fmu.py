@@ -17,12 +17,10 @@ from cosim.commands.execution import (
     UsageError,
     refuse,
     results_folder,
-    start_value,
     with_start_values,
 )
 from cosim.errors import nearest
 from cosim.fmi.fmu_file import load
-from cosim.regression.inputs import held_inputs
 from cosim.results.results import Results
 from cosim.scenario.signals import interpolated
 from cosim.system.system import Signal, System
@@ -52,12 +50,8 @@ def prepared_fmu(args: argparse.Namespace) -> Iterator[PreparedRun]:
     system = System()
     driven = _driven(ports, args.input, plan) if args.input is not None else []
     targets = [signal.target.partition(".")[2] for signal in driven]
-    set_ = {start_value(assignment, [component], component)[1] for assignment in args.set}
-    held = held_inputs(ports, set(targets) | set_)
-    system.add(component, path, start=held)
+    system.add(component, path)
     system.signals.extend(driven)
-    if held:
-        print(f"note: inputs held at their start values: {', '.join(held)}")
     title = description.modelName or path.stem
     yield PreparedRun(
         source=str(path),
@@ -66,7 +60,7 @@ def prepared_fmu(args: argparse.Namespace) -> Iterator[PreparedRun]:
         plan=plan,
         folder=folder,
         about={"fmu": str(path), "title": title},
-        details={"input": None if args.input is None else str(args.input), "driven": targets, "held": list(held)},
+        details={"input": None if args.input is None else str(args.input), "driven": targets},
         drawing="cosim.results.plot_file:write_plot",
         drawing_arguments=(title,),
     )

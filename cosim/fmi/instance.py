@@ -1,7 +1,6 @@
 """One instance of an FMU, of FMI 2.0 or 3.0, behind one face.
 
-Values are got and set by way of buffers: a buffer belongs to a fixed list of variables of one FMI type, with their
-value references prepared once, for setting up these costs more than the call itself.
+Values are got and set by way of buffers, see `cosim.fmi.variable_buffer`.
 """
 
 from __future__ import annotations
@@ -18,32 +17,13 @@ from weakref import WeakValueDictionary
 
 import fmpy.fmi2 as fmi2
 import fmpy.fmi3 as fmi3
-import numpy as np
-from fmpy.model_description import ModelDescription, ModelVariable
+from fmpy.model_description import ModelDescription
 
 from cosim.errors import CosimError
 from cosim.fmi.library import Library, LibraryError, library_path
 from cosim.fmi.python_fmus import resources_uri
+from cosim.fmi.types import Texts
 from cosim.loop.binding import Operation, loop_library
-
-#: FMI type -> (name in the C functions, C type), for FMI 2.0 and for FMI 3.0.
-_TYPES_2 = {
-    "Real": ("Real", ctypes.c_double),
-    "Integer": ("Integer", ctypes.c_int),
-    "Enumeration": ("Integer", ctypes.c_int),
-    "Boolean": ("Boolean", ctypes.c_int),
-}
-_TYPES_3 = {
-    "Float64": ("Float64", ctypes.c_double),
-    "Float32": ("Float32", ctypes.c_float),
-    "Enumeration": ("Int64", ctypes.c_int64),
-    "Boolean": ("Boolean", ctypes.c_bool),
-    **{
-        f"{sign}Int{bits}": (f"{sign}Int{bits}", getattr(ctypes, f"c_{sign.lower()}int{bits}"))
-        for sign in ("", "U")
-        for bits in (8, 16, 32, 64)
-    },
-}
 
 #: C functions about the state of an FMU, for FMI 2.0 and for FMI 3.0.
 _STATE_FUNCTIONS = {
@@ -82,49 +62,22 @@ _LOGGER = fmi2.fmi2CallbackLoggerTYPE(_dispatch_fmi2)
 
 
 class CallFailed(CosimError):
-    """A call of an FMU returned an error; the text names the function and the status."""
+    """A call of an FMU returned an error; the text names the function and the status.
+
+    Attributes
+    ----------
+    status : int
+        What it returned, as FMI numbers it; error where it returned none.
+    """
+
+    def __init__(self, message: str, status: int = fmi2.fmi2Error) -> None:
+        super().__init__(message)
+        self.status = status
 
 
 def function_address(function: Any) -> int:
     """Address of a function of a loaded library."""
     return ctypes.cast(function, ctypes.c_void_p).value or 0
-
-
-class VariableBuffer:
-    """Variables of one FMI type that are got or set together, on a part of the values of the whole system.
-
-    `values` is the part of the system's values (float64) that belongs to the buffer; the FMU reads and writes it
-    directly where its type is a double, and through a buffer of its own type otherwise.
-    """
-
-    def __init__(self, instance: Instance, variables: Sequence[ModelVariable], values: np.ndarray) -> None:
-        self._instance = instance
-        self._values = values
-        suffix, self.c_type = instance.c_type(variables[0].type)
-        self.references = (ctypes.c_uint * len(variables))(*(v.valueReference for v in variables))
-        self._buffer = values if self.c_type is ctypes.c_double else np.empty(len(values), dtype=self.c_type)
-        pointer = (self.c_type * len(values)).from_buffer(self._buffer)
-        sizes: tuple[int, ...] = (len(values),) if instance.version == 3 else ()
-        self._arguments = (self.references, len(variables), pointer, *sizes)
-        self.getter_name = f"fmi{instance.version}Get{suffix}"
-        self.setter_name = f"fmi{instance.version}Set{suffix}"
-
-    @property
-    def address(self) -> int | None:
-        """Address of the values in the type of the FMU; None where these are the system's own."""
-        return None if self._buffer is self._values else self._buffer.ctypes.data
-
-    def get(self) -> None:
-        """Read the variables from the FMU."""
-        self._instance.call(self.getter_name, *self._arguments)
-        if self._buffer is not self._values:
-            self._values[:] = self._buffer
-
-    def set(self) -> None:
-        """Write the variables to the FMU."""
-        if self._buffer is not self._values:
-            self._buffer[:] = self._values
-        self._instance.call(self.setter_name, *self._arguments)
 
 
 class Instance:
@@ -143,6 +96,8 @@ class Instance:
         Its model description.
     asks_for_inputs : sequence of int
         FMI 3.0: value references of the inputs that are set during a step, when the FMU asks for them.
+    texts : Texts, optional
+        Texts of the system that the instance is in; its own by default.
 
     Raises
     ------
@@ -154,9 +109,15 @@ class Instance:
     noun = "FMU"
 
     def __init__(
-        self, name: str, folder: Path, description: ModelDescription, asks_for_inputs: Sequence[int] = ()
+        self,
+        name: str,
+        folder: Path,
+        description: ModelDescription,
+        asks_for_inputs: Sequence[int] = (),
+        texts: Texts | None = None,
     ) -> None:
         self.name = name
+        self.texts = Texts() if texts is None else texts
         self.version = description.fmiMajorVersion
         self._co_simulation = description.coSimulation
         self._state_functions = _STATE_FUNCTIONS[self.version]
@@ -274,18 +235,7 @@ class Instance:
     def failure(self, function: str, status: int) -> CallFailed:
         """The error for a status that a function has returned; after a fatal one the instance is left alone."""
         self._corrupted = self._corrupted or status == fmi2.fmi2Fatal
-        return CallFailed(f"{function} returned {_STATUS[status] if 0 <= status < len(_STATUS) else status}")
-
-    def c_type(self, fmi_type: str) -> tuple[str, Any]:
-        """Name of a type in the C functions, and the C type."""
-        return (_TYPES_2 if self.version == 2 else _TYPES_3)[fmi_type]
-
-    def set_strings(self, variable: ModelVariable, value: str) -> None:
-        """Set a string parameter."""
-        text = (ctypes.c_char_p * 1)(value.encode())
-        reference = (ctypes.c_uint * 1)(variable.valueReference)
-        sizes: tuple[int, ...] = (1,) if self.version == 3 else ()
-        self.call(f"fmi{self.version}SetString", reference, 1, text, *sizes)
+        return CallFailed(f"{function} returned {_STATUS[status] if 0 <= status < len(_STATUS) else status}", status)
 
     def set_up(self, start_time: float) -> None:
         """Tell the start time (s), before start values are set: some FMUs of FMI 2.0 forget them here."""

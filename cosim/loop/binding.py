@@ -3,10 +3,21 @@
 from __future__ import annotations
 
 import ctypes
-from ctypes import POINTER, c_bool, c_char_p, c_double, c_int32, c_int64, c_size_t, c_uint8, c_uint32, c_void_p
+from ctypes import (
+    POINTER,
+    c_bool,
+    c_char_p,
+    c_double,
+    c_int32,
+    c_int64,
+    c_size_t,
+    c_uint8,
+    c_uint32,
+    c_uint64,
+    c_void_p,
+)
 from enum import IntEnum
 from functools import cache
-from typing import Any
 
 from cosim.errors import CosimError
 from cosim.loop.source import LIBRARY, source_hash
@@ -28,6 +39,7 @@ class Kind(IntEnum):
     STEP = 4
     TRANSFORM = 5
     CALL = 6
+    CONVERT = 7
 
 
 #: Sources of derivatives in place of a column of the samples: the last values, or none: held.
@@ -37,22 +49,7 @@ EXTRAPOLATED, HELD = -1, -2
 NONE = -1
 
 #: Statuses beyond those of FMI.
-NOT_FINITE, WANTS_TO_END, RETURNED_EARLY = 100, 101, 102
-
-#: C types of values, in the order of the loop's `Type`; a boolean travels as the integer of its size.
-TYPES: dict[Any, int] = {
-    ctypes.c_double: 0,
-    ctypes.c_float: 1,
-    ctypes.c_int8: 2,
-    ctypes.c_uint8: 3,
-    ctypes.c_bool: 3,
-    ctypes.c_int16: 4,
-    ctypes.c_uint16: 5,
-    ctypes.c_int32: 6,
-    ctypes.c_uint32: 7,
-    ctypes.c_int64: 8,
-    ctypes.c_uint64: 9,
-}
+NOT_FINITE, WANTS_TO_END, RETURNED_EARLY, DOES_NOT_FIT = 100, 101, 102, 103
 
 
 class Cell(ctypes.Structure):
@@ -79,6 +76,12 @@ class Extrapolated(ctypes.Structure):
         ("degree", c_int32),
         ("known", c_int32),
     )
+
+
+class Conversion(ctypes.Structure):
+    """What a connection between two types may carry; see loop.c."""
+
+    _fields_ = (("smallest", c_int64), ("largest", c_uint64), ("from", c_int32), ("to", c_int32))
 
 
 class Operation(ctypes.Structure):
@@ -142,7 +145,7 @@ class _Field(ctypes.Structure):
 def _layout_here() -> dict[str, tuple[int, int]]:
     """Offset and size of each struct and field, as declared above."""
     layout = {}
-    for struct in (Cell, Extrapolated, Operation, Loop):
+    for struct in (Cell, Extrapolated, Conversion, Operation, Loop):
         layout[struct.__name__] = (0, ctypes.sizeof(struct))
         for name, _ in struct._fields_:
             field = getattr(struct, name)

@@ -2,6 +2,8 @@
  *
  * It allocates nothing, knows no FMU, and needs no header of FMI: of both versions it calls four functions, whose types
  * stand here. binding.py lays `Operation` and `Loop` out once more; LOOP_HASH tells it whether it belongs to this file. */
+#include <float.h>
+#include <math.h>
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
@@ -21,10 +23,11 @@
 #define PREFETCH(address) (void)(address)
 #endif
 
-typedef enum { SAMPLE, SET, GET, EXTRAPOLATE, STEP, TRANSFORM, CALL } Kind;
+typedef enum { SAMPLE, SET, GET, EXTRAPOLATE, STEP, TRANSFORM, CALL, CONVERT } Kind;
 
-/* C type of the values that a function of an FMU takes. */
-typedef enum { FLOAT64, FLOAT32, INT8, UINT8, INT16, UINT16, INT32, UINT32, INT64, UINT64 } Type;
+/* A C type of values is its class and its size in bytes: REAL + 4 is a float. A value stands in a slot of 8 bytes, real
+ * ones as a double, whole ones as an integer; so `values`, an array of slots, is one of doubles by name only. */
+enum { REAL = 0, SIGNED = 16, UNSIGNED = 32, POINTER = 64 };
 
 /* Where the derivatives of an input come from: from its values at this and at earlier points (extrapolation), or, for a
  * signal, which is known beforehand, from those at this and at the next point (interpolation): then its column of the samples. */
@@ -44,17 +47,24 @@ typedef struct {
     int32_t points, degree, known;
 } Extrapolated;
 
+/* What a connection between two types may carry: slots of REAL, SIGNED or UNSIGNED, to a C type with these bounds. */
 typedef struct {
-    uint8_t kind, type, version; /* version of FMI: 2 or 3 */
+    int64_t smallest;
+    uint64_t largest;
+    int32_t from, to;
+} Conversion;
+
+typedef struct {
+    uint8_t kind, type, version; /* type of C that the function takes; version of FMI: 1, 2 or 3 */
     uint8_t more; /* EXTRAPOLATE: whether the next operation has more of the same instance */
     int32_t every; /* takes part in the communication points whose number is a multiple of this */
     void *function, *instance;
     const uint32_t *references;
-    void *data; /* SET, GET: buffer for values in the type of the function; NULL for doubles, which need no copy.
+    void *data; /* SET, GET: buffer for values in the type of the function; NULL where that is the type of the slots.
                    EXTRAPOLATE: its Extrapolated. STEP: a double, the time at which the FMU stopped.
-                   TRANSFORM: factors and, after them, offsets. */
+                   TRANSFORM: factors and, after them, offsets. CONVERT: a Conversion each. */
     const int32_t *targets; /* positions, and after them, as many:
-                               SET, TRANSFORM: positions of the sources; TRANSFORM: then of what is added, or NONE.
+                               SET, TRANSFORM, CONVERT: positions of the sources; TRANSFORM: then of what is added, or NONE.
                                SAMPLE: columns.
                                GET: only positions, of what must be finite.
                                EXTRAPOLATE: only columns, EXTRAPOLATED or HELD, of the last of its values;
@@ -82,7 +92,7 @@ typedef struct {
 } Loop;
 
 /* Beyond the statuses of FMI. */
-enum { NOT_FINITE = 100, WANTS_TO_END, RETURNED_EARLY };
+enum { NOT_FINITE = 100, WANTS_TO_END, RETURNED_EARLY, DOES_NOT_FIT };
 
 typedef int Exchange2(void *, const uint32_t *, size_t, void *);
 typedef int Exchange3(void *, const uint32_t *, size_t, void *, size_t);
@@ -91,37 +101,66 @@ typedef int Step2(void *, double, double, int);
 typedef int Called(double);
 typedef int Step3(void *, double, double, bool, bool *, bool *, bool *, double *);
 
-#define CONVERTED_BY(CASE, ctype, conversion) \
-    case CASE: \
+/* A slot of a whole number; an unsigned one has the bits of the signed one. */
+static int64_t integer_in(const double *slot) {
+    int64_t value;
+    memcpy(&value, slot, sizeof value);
+    return value;
+}
+
+static void put_integer(double *slot, int64_t value) { memcpy(slot, &value, sizeof value); }
+
+/* Copy slots to values of a C type that are known to fit, or back. */
+#define COPY_INTEGERS(TYPE, ctype) \
+    case TYPE: \
         for (int64_t i = 0; i < n; i++) \
-            if (to_fmu) ((ctype *)buffer)[i] = conversion(values[i]); \
-            else values[i] = (double)((ctype *)buffer)[i]; \
+            if (to_fmu) ((ctype *)buffer)[i] = (ctype)integer_in(&slots[i]); \
+            else put_integer(&slots[i], ((ctype *)buffer)[i]); \
         break
 
-#define CONVERTED(CASE, ctype) CONVERTED_BY(CASE, ctype, (ctype))
-
-/* 64-bit integers travel as doubles, which round the largest one up to a number that they can't hold. */
-static int64_t to_int64(double value) { return value >= 9223372036854775808.0 ? INT64_MAX : (int64_t)value; }
-static uint64_t to_uint64(double value) { return value >= 18446744073709551616.0 ? UINT64_MAX : (uint64_t)value; }
-
-static void convert(int32_t type, void *buffer, double *values, int64_t n, bool to_fmu) {
-    switch ((Type)type) {
-        CONVERTED(FLOAT64, double);
-        CONVERTED(FLOAT32, float);
-        CONVERTED(INT8, int8_t);
-        CONVERTED(UINT8, uint8_t);
-        CONVERTED(INT16, int16_t);
-        CONVERTED(UINT16, uint16_t);
-        CONVERTED(INT32, int32_t);
-        CONVERTED(UINT32, uint32_t);
-        CONVERTED_BY(INT64, int64_t, to_int64);
-        CONVERTED_BY(UINT64, uint64_t, to_uint64);
+static void convert(int32_t type, void *buffer, double *slots, int64_t n, bool to_fmu) {
+    switch (type) {
+        case REAL + 4:
+            for (int64_t i = 0; i < n; i++)
+                if (to_fmu) ((float *)buffer)[i] = (float)slots[i];
+                else slots[i] = ((float *)buffer)[i];
+            break;
+            COPY_INTEGERS(SIGNED + 1, int8_t);
+            COPY_INTEGERS(SIGNED + 2, int16_t);
+            COPY_INTEGERS(SIGNED + 4, int32_t);
+            COPY_INTEGERS(UNSIGNED + 1, uint8_t);
+            COPY_INTEGERS(UNSIGNED + 2, uint16_t);
+            COPY_INTEGERS(UNSIGNED + 4, uint32_t);
+        default: /* values of 8 bytes stand in their slots, and pointers are not passed here */
+            break;
     }
+}
+
+/* Carry a value to a slot of another type; false where that can't hold it exactly. */
+static bool carry(const Conversion *conversion, const double *source, double *target) {
+    if (conversion->from == REAL) { /* to a float, which rounds, but has bounds */
+        *target = *source;
+        return isinf((float)*source) == isinf(*source);
+    }
+    int64_t value = integer_in(source);
+    bool negative = conversion->from == SIGNED && value < 0;
+    uint64_t natural = (uint64_t)value;
+    if (conversion->to >= SIGNED) {
+        put_integer(target, value);
+        if (negative) return value >= conversion->smallest;
+        return natural <= conversion->largest &&
+               (conversion->smallest <= 0 || natural >= (uint64_t)conversion->smallest);
+    }
+    *target = negative ? (double)value : (double)natural;
+    uint64_t magnitude = negative ? 0 - natural : natural;
+    int digits = conversion->to == REAL + 4 ? FLT_MANT_DIG : DBL_MANT_DIG;
+    while (magnitude && !(magnitude & 1)) magnitude >>= 1;
+    return magnitude >> digits == 0;
 }
 
 /* Call the function of an operation that gets or sets values. */
 static int call(const Operation *op, void *data) {
-    if (op->version == 2)
+    if (op->version < 3)
         return ((Exchange2 *)op->function)(op->instance, op->references, (size_t)op->n_references, data);
     return ((Exchange3 *)op->function)(op->instance, op->references, (size_t)op->n_references, data, (size_t)op->n);
 }
@@ -244,7 +283,7 @@ EXPORT void intermediate_update(void *environment, double time, bool set_request
 }
 
 static int do_step(const Operation *op, double time, double step) {
-    if (op->version == 2) return ((Step2 *)op->function)(op->instance, time, step, 1);
+    if (op->version < 3) return ((Step2 *)op->function)(op->instance, time, step, 1);
     bool event = false, terminate = false, early = false;
     double last_time = time;
     int status = ((Step3 *)op->function)(op->instance, time, step, true, &event, &terminate, &early, &last_time);
@@ -277,6 +316,11 @@ static int perform(const Loop *loop, const Operation *op, int64_t point, double 
                 values[targets[i]] =
                     factors[i] * values[sources[i]] + offsets[i] + (added == NONE ? 0.0 : values[added]);
             }
+            return 0;
+        case CONVERT:
+            for (int32_t i = 0; i < op->n_targets; i++)
+                if (!carry((const Conversion *)op->data + i, &values[sources[i]], &values[targets[i]]))
+                    return DOES_NOT_FIT;
             return 0;
         case STEP:
             return do_step(op, time, op->every * loop->step_size);
@@ -358,6 +402,11 @@ static const Field layout[] = {
     FIELD(Extrapolated, points),
     FIELD(Extrapolated, degree),
     FIELD(Extrapolated, known),
+    STRUCT(Conversion),
+    FIELD(Conversion, smallest),
+    FIELD(Conversion, largest),
+    FIELD(Conversion, from),
+    FIELD(Conversion, to),
     STRUCT(Operation),
     FIELD(Operation, kind),
     FIELD(Operation, type),

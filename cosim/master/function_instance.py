@@ -16,6 +16,7 @@ import numpy as np
 
 from cosim.errors import SetupError
 from cosim.fmi.instance import CallFailed, Instance, function_address
+from cosim.fmi.types import FMI_TYPES, Texts
 from cosim.loop.binding import Called, Cell, loop_library
 from cosim.master.interrupts import DeferredInterrupt
 from cosim.system.function import FunctionVariable, PythonFunction
@@ -52,7 +53,7 @@ class FunctionInstance(Instance):
     noun = "function"
 
     def __init__(self, name: str, function: PythonFunction) -> None:  # there is no library to load
-        self.name, self.version = name, 3
+        self.name, self.version, self.texts = name, 3, Texts()
         self.function = function
         self.interrupt = DeferredInterrupt()
         self.is_stepped = False
@@ -78,7 +79,7 @@ class FunctionInstance(Instance):
 
     def _memory(self, variables: Sequence[FunctionVariable]) -> tuple[np.ndarray, list[np.ndarray]]:
         """Memory (bytes) of variables, and each of them as an array in it."""
-        dtypes = [np.dtype(self.c_type(v.type)[1]) for v in variables]
+        dtypes = [np.dtype(FMI_TYPES[v.type].functions[self.version][1]) for v in variables]
         sizes = [d.itemsize * int(np.prod(v.shape, dtype=int)) for d, v in zip(dtypes, variables, strict=True)]
         places = np.cumsum([0, *(size + -size % _ALIGNMENT for size in sizes)])
         memory = np.zeros(places[-1], np.uint8)

@@ -9,6 +9,7 @@ first point has no delay.
 from __future__ import annotations
 
 import ctypes
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from operator import attrgetter
@@ -16,15 +17,17 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from cosim.fmi.instance import Instance, VariableBuffer
+from cosim.fmi.instance import Instance
+from cosim.fmi.types import FmiType, type_code
+from cosim.fmi.variable_buffer import VariableBuffer
 from cosim.loop.arena import Arena
-from cosim.loop.binding import EXTRAPOLATED, NONE, TYPES, Extrapolated, Kind, Operation
+from cosim.loop.binding import EXTRAPOLATED, NONE, Conversion, Extrapolated, Kind, Operation
 from cosim.master.algorithm import ORDERS, Extrapolation
 from cosim.master.extrapolated_inputs import ExtrapolatedInputs
 from cosim.master.function_instance import FunctionInstance
 from cosim.master.value_layout import Transfer, ValueLayout
 from cosim.system.resolution import Drive, Link, ResolvedSystem
-from cosim.system.variables import variables_of
+from cosim.system.variables import Element, variables_of
 
 _K = TypeVar("_K")
 
@@ -40,6 +43,7 @@ class NamedOperation:
     component: str
     function: str = ""
     finite: tuple[tuple[str, int], ...] = ()  # names and positions of values that must be finite
+    converted: tuple[Link, ...] = ()  # whose values must fit their targets
 
 
 class OperationTable:
@@ -118,6 +122,12 @@ class Exchange:
         )
         self._let_fmus_ask_for_inputs()
 
+    def value(self, component: str, element: Element) -> Any:
+        """Current value of an element."""
+        position = self._layout.positions[component, element.name]
+        slots = self.values[position : position + 1]
+        return element.type.from_slots(slots, self._instances[component].texts).tolist()[0]
+
     def history(self) -> np.ndarray:
         """What extrapolated inputs know of earlier communication points, as numbers (n,)."""
         return np.array([number for inputs, n in self._extrapolated for number in _history_of(inputs, n)])
@@ -193,8 +203,8 @@ class Exchange:
         operation = self._operation(
             kind,
             transfer.component,
-            type=TYPES[buffer.c_type],
-            function=instance.function_address(name),
+            type=buffer.code,
+            function=buffer.function_address(name),
             references=self._arena.references(list(buffer.references)),
             n_references=len(buffer.references),
             data=buffer.address,
@@ -206,7 +216,11 @@ class Exchange:
 
     def _get(self, transfer: Transfer) -> NamedOperation:
         feeding = {k.source.name for k in self._links_from.get(transfer.component, ())}
-        finite = tuple((e.name, transfer.first + i) for i, e in enumerate(transfer.elements) if e.name in feeding)
+        finite = tuple(
+            (e.name, transfer.first + i)
+            for i, e in enumerate(transfer.elements)
+            if e.name in feeding and e.kind == "real"
+        )
         positions = self._arena.integers([position for _, position in finite])
         operation, name = self._exchange(Kind.GET, transfer, targets=positions, n_targets=len(finite))
         return NamedOperation(operation, transfer.component, name, finite)
@@ -215,28 +229,63 @@ class Exchange:
         """A component's inputs, after those that are no copy of an output have been computed."""
         own = {e.name for e in transfer.elements}
         links = [k for k in self._links_to.get(transfer.component, ()) if k.target.name in own]
+        converted = [k for k in links if k.converts]
         transformed = [k for k in links if self._is_transformed(k)]
-        copied = [k for k in links if not self._is_transformed(k)]
+        copied = [k for k in links if not k.converts and not self._is_transformed(k)]
         targets = self._arena.integers([*self._targets(copied), *self._sources(copied)])
         operation, name = self._exchange(Kind.SET, transfer, targets=targets, n_targets=len(copied))
         row = NamedOperation(operation, transfer.component, name)
-        return [self._transform(transfer.component, transformed), row] if transformed else [row]
+        # whole numbers become real ones before they are scaled, and real ones are scaled before they become shorter
+        scaled_after = [k for k in converted if k.source.kind != "real"]
+        scaled_before = [k for k in converted if k.source.kind == "real"]
+        return [
+            *self._convert(transfer.component, scaled_after, self._sources(scaled_after)),
+            *self._transform(transfer.component, transformed),
+            *self._convert(transfer.component, scaled_before, self._scaled(scaled_before)),
+            row,
+        ]
 
     def _is_transformed(self, link: Link) -> bool:
-        added_to = (link.target_component, link.target.name) in self._layout.added
-        return added_to or (link.factor, link.offset) != (1.0, 0.0)
+        return (link.target_component, link.target.name) in self._layout.added or link.is_scaled
 
-    def _transform(self, component: str, links: Sequence[Link]) -> NamedOperation:
+    def _scaled(self, links: Sequence[Link]) -> list[int]:
+        """Positions of the values that links carry once they are scaled."""
+        pairs = zip(links, self._targets(links), self._sources(links), strict=True)
+        return [target if self._is_transformed(k) else source for k, target, source in pairs]
+
+    def _transform(self, component: str, links: Sequence[Link]) -> list[NamedOperation]:
+        if not links:
+            return []
         added = [self._layout.added.get((component, k.target.name), NONE) for k in links]
         numbers = self._arena.array(ctypes.c_double, [*(k.factor for k in links), *(k.offset for k in links)])
+        pairs = zip(links, self._targets(links), self._sources(links), strict=True)
+        # a whole number stands in its target as a real one already
+        sources = [target if k.source.kind != "real" else source for k, target, source in pairs]
         operation = self._operation(
             Kind.TRANSFORM,
             component,
-            targets=self._arena.integers([*self._targets(links), *self._sources(links), *added]),
+            targets=self._arena.integers([*self._targets(links), *sources, *added]),
             data=ctypes.addressof(numbers),
             n_targets=len(links),
         )
-        return NamedOperation(operation, component)
+        return [NamedOperation(operation, component)]
+
+    def _convert(self, component: str, links: Sequence[Link], sources: Sequence[int]) -> list[NamedOperation]:
+        """Values of links between different types, from where they stand to their targets."""
+        if not links:
+            return []
+        conversions = self._arena.structure(Conversion * len(links))
+        for link, conversion in zip(links, conversions, strict=True):
+            version = self._instances[component].version
+            _describe(conversion, link.source.type, link.target.type.code(version), link.target.bounds)
+        operation = self._operation(
+            Kind.CONVERT,
+            component,
+            targets=self._arena.integers([*self._targets(links), *sources]),
+            data=ctypes.addressof(conversions),
+            n_targets=len(links),
+        )
+        return [NamedOperation(operation, component, converted=tuple(links))]
 
     def _targets(self, links: Sequence[Link]) -> list[int]:
         return [self._layout.positions[k.target_component, k.target.name] for k in links]
@@ -296,6 +345,14 @@ class Exchange:
             data=ctypes.addressof(self._arena.zeros(1)),
         )
         return NamedOperation(operation, component, name)
+
+
+def _describe(conversion: Conversion, source: FmiType, code: int, bounds: tuple[float, float]) -> None:
+    """Fill in what the loop needs to know of a link between two types."""
+    setattr(conversion, "from", type_code(source.slot) & ~0xF)
+    conversion.to = code
+    if source.kind != "real" and not math.isinf(bounds[0]):
+        conversion.smallest, conversion.largest = int(bounds[0]), max(0, int(bounds[1]))
 
 
 def _arrays_of(inputs: Extrapolated, n: int) -> tuple[tuple[Any, int], tuple[Any, int]]:

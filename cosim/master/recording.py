@@ -2,18 +2,68 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from typing import Protocol
 
 import numpy as np
 
 from cosim.errors import SetupError
+from cosim.fmi.types import FmiType, Texts
+from cosim.results.columns import TypedColumn
 
-#: Takes the times (n,) and the values (n, columns) of a chunk; both are only valid during the call.
+#: Takes the times (n,) and the values (n, columns) of a chunk; both are only valid during the call. Values are doubles,
+#: or, where something is recorded that is no real number, objects: float, int, bool, str or bytes.
 Sink = Callable[[np.ndarray, np.ndarray], None]
 
 #: Values in the buffer of a run that is passed on.
 _BUFFERED_VALUES = 1_000_000
+
+
+class RecordedColumns:
+    """What the columns of the records are: slots of some types.
+
+    Parameters
+    ----------
+    names : sequence of str
+    types : sequence of FmiType
+        One a name.
+    texts : Texts
+        Of the system.
+    """
+
+    def __init__(self, names: Sequence[str], types: Sequence[FmiType], texts: Texts) -> None:
+        self._columns = [(i, n, t) for i, (n, t) in enumerate(zip(names, types, strict=True)) if t.kind != "real"]
+        self._texts = texts
+
+    @property
+    def types(self) -> dict[str, str]:
+        """Name -> type of what is no real number; see `TypedColumn`."""
+        return {name: fmi_type.column for _, name, fmi_type in self._columns}
+
+    def typed(self, slots: np.ndarray) -> dict[str, TypedColumn]:
+        """Columns of what is no real number in slots (n, columns)."""
+        return {
+            name: TypedColumn(fmi_type.column, fmi_type.from_slots(slots[:, i], self._texts))
+            for i, name, fmi_type in self._columns
+        }
+
+    def numbers(self, slots: np.ndarray, typed: Mapping[str, TypedColumn]) -> np.ndarray:
+        """Real numbers (n, columns) for slots (n, columns) with these typed columns."""
+        if not self._columns:
+            return slots
+        numbers = slots.copy()
+        for i, name, _ in self._columns:
+            numbers[:, i] = typed[name].numbers
+        return numbers
+
+    def values(self, slots: np.ndarray) -> np.ndarray:
+        """Values (n, columns) for slots (n, columns), as a `Sink` gets them."""
+        if not self._columns:
+            return slots
+        values = slots.astype(object)
+        for i, _, fmi_type in self._columns:
+            values[:, i] = fmi_type.from_slots(slots[:, i], self._texts).tolist()
+        return values
 
 
 class Recorder(Protocol):

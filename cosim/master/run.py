@@ -11,14 +11,24 @@ from typing import Any
 
 import numpy as np
 
-from cosim.fmi.instance import CallFailed, Instance, VariableBuffer
-from cosim.loop.binding import NOT_FINITE, RETURNED_EARLY, WANTS_TO_END, Kind, Loop, Operation, loop_library
+from cosim.fmi.instance import CallFailed, Instance
+from cosim.fmi.variable_buffer import VariableBuffer
+from cosim.loop.binding import (
+    DOES_NOT_FIT,
+    NOT_FINITE,
+    RETURNED_EARLY,
+    WANTS_TO_END,
+    Kind,
+    Loop,
+    Operation,
+    loop_library,
+)
 from cosim.master.failures import Failing, InterruptedInCall, SimulationError, SimulationInterrupted
 from cosim.master.function_instance import FunctionInstance, in_one_line
 from cosim.master.interrupts import DeferredInterrupt
 from cosim.master.operations import Exchange, NamedOperation, OperationTable
 from cosim.master.pacing import Pacer
-from cosim.master.recording import PassedOn, Recorder
+from cosim.master.recording import PassedOn, RecordedColumns, Recorder
 from cosim.master.sampling import Samples
 from cosim.results.results import Results
 from cosim.system.resolution import StartValue
@@ -56,7 +66,9 @@ class Run:
         samples: Samples,
         grid: Grid,
         interrupt: DeferredInterrupt,
+        columns: RecordedColumns,
     ) -> None:
+        self._columns = columns
         self._instances = instances
         self._exchange = exchange
         self._samples = samples
@@ -119,7 +131,7 @@ class Run:
         def finish(status: str) -> Results:
             results.info["status"] = status
             results.info["loop_time_s"] = loop_ended - loop_began
-            results.time, results.values = recorder.result()
+            self.hand_over(*recorder.result(), results)
             if pacer is not None:
                 results.info["realtime"] = pacer.report()
             return results
@@ -157,6 +169,11 @@ class Run:
         if self._interrupt.requested:
             raise SimulationInterrupted(grid.time(grid.last_point), finish("interrupted"))
         return finish("completed")
+
+    def hand_over(self, times: np.ndarray, slots: np.ndarray, results: Results) -> None:
+        """Give results what was recorded: times (n,) and slots (n, columns)."""
+        results.time, results.typed = times, self._columns.typed(slots)
+        results.values = self._columns.numbers(slots, results.typed)
 
     # By hand
 
@@ -315,11 +332,25 @@ class Run:
             values = self._exchange.values
             wrong = [f"'{name}'" for name, position in row.finite if not math.isfinite(values[position])]
             return f"{len(wrong)} outputs are not finite, the first is {wrong[0]}"
+        if status == DOES_NOT_FIT:
+            return self._misfit(row)
         if status == WANTS_TO_END:
             return f"{row.function} asked to end the simulation"
         if status == RETURNED_EARLY:
             return f"{row.function} returned early, at t = {ctypes.c_double.from_address(operation.data).value!r} s"
         return str(instance.failure(row.function, status))
+
+    def _misfit(self, row: NamedOperation) -> str:
+        """Which value of links between different types does not fit its target."""
+        for link in row.converted:
+            value = self._exchange.value(link.source_component, link.source)
+            if not link.carries(value):
+                scaled = f" (times {link.factor!r} plus {link.offset!r})" if link.is_scaled else ""
+                return (
+                    f"'{link.source_component}.{link.source.name}' = {value!r}{scaled} does not fit input "
+                    f"'{link.target.name}' of type {link.target.variable.type}"
+                )
+        raise AssertionError("a value that fits was refused")
 
 
 def _failure_of_call(component: str, time: float, raised: BaseException) -> BaseException:
@@ -352,22 +383,18 @@ def _pointer(array: np.ndarray, kind: Any) -> Any:
 
 def _set_start_values(instance: Instance, starts: Sequence[StartValue]) -> None:
     for start in starts:
-        variable = start.elements[0].variable
-        if start.elements[0].kind == "String":
-            instance.set_strings(variable, start.values[0])
-            continue
-        if len(start.elements) == 1 and variable.shape:
-            continue
-        VariableBuffer(instance, variables_of(start.elements), np.array(start.values)).set()
+        if start.is_whole:
+            slots = start.elements[0].type.slots(start.values, instance.texts)
+            VariableBuffer(instance, variables_of(start.elements), slots).set()
 
 
 def _set_start_elements(instance: Instance, starts: Sequence[StartValue]) -> None:
     """Set single elements of arrays and keep the others, which can't be read before the initialisation mode."""
     for start in starts:
-        element = start.elements[0]
-        if len(start.elements) == 1 and element.variable.shape:
+        if not start.is_whole:
+            element = start.elements[0]
             whole = np.zeros(math.prod(element.variable.shape))
             buffer = VariableBuffer(instance, [element.variable], whole)
             buffer.get()
-            whole[element.offset] = start.values[0]
+            whole[element.offset : element.offset + 1] = element.type.slots(start.values, instance.texts)
             buffer.set()

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
 from cosim.fmi.instance import CallFailed
+from cosim.fmi.types import Texts
 from cosim.system.resolution import Drive
-from cosim.system.variables import fits
 
 #: Samples kept at once (values, not bytes); more are dropped behind the loop as it goes.
 _MOST_SAMPLES = 4_000_000
@@ -35,11 +36,13 @@ class Samples:
         By how many points the loop looks back from those it performs.
     ahead : bool
         Whether it looks ahead by as many.
+    texts : Texts, optional
+        Texts of the system.
 
     Attributes
     ----------
     values : array (rows, columns)
-        One column for each target of each drive.
+        Slots, see `cosim.fmi.types`: one column for each target of each drive.
     jumps : array (rows,) of uint8
         Whether a signal jumps at this point or since the one before.
     first, end : int
@@ -59,10 +62,12 @@ class Samples:
         reach: int,
         *,
         ahead: bool = True,
+        texts: Texts | None = None,
     ) -> None:
         self.drives = tuple(drives)
         self._start_time, self._step_size = start_time, step_size
         self._last_point, self._reach = last_point, reach
+        self._texts = Texts() if texts is None else texts
         self._ahead = reach if ahead else 0
         widths = [len(d.targets) for d in drives]
         ends = np.cumsum([0, *widths])
@@ -113,7 +118,7 @@ class Samples:
         for drive, columns in zip(self.drives, self.columns, strict=True):
             own = points % drive.every == 0  # the other rows of this signal are never read
             times = _at_breakpoints(self._times(points[own]), drive.breakpoints, _TOLERANCE * self._step_size)
-            block, failure = sample(drive, times, stop)
+            block, failure = sample(drive, times, stop, self._texts)
             if len(block) < own.sum():  # the other signals are needed as far as this one goes only
                 points = points[: np.flatnonzero(own)[len(block)]]
                 own = own[: len(points)]
@@ -143,35 +148,35 @@ def _at_breakpoints(times: np.ndarray, breakpoints: Sequence[float], tolerance: 
 
 
 def sample(
-    drive: Drive, times: np.ndarray, stop: Callable[[], bool] = lambda: False
+    drive: Drive, times: np.ndarray, stop: Callable[[], bool] = lambda: False, texts: Texts | None = None
 ) -> tuple[np.ndarray, CallFailed | None]:
-    """Values (n, size) of a signal at times (s), as many rows as could be had, and the failure that ended them."""
+    """Slots (n, size) of a signal at times (s), as many rows as could be had, and the failure that ended them."""
     name = f"{drive.component}.{drive.targets[0].name}"
-    return _vectorized(drive, times, name) if drive.vectorized else _one_by_one(drive, times, name, stop)
+    texts = Texts() if texts is None else texts
+    return _vectorized(drive, times, texts, name) if drive.vectorized else _one_by_one(drive, times, texts, name, stop)
 
 
-def _vectorized(drive: Drive, times: np.ndarray, name: str) -> tuple[np.ndarray, CallFailed | None]:
+def _vectorized(drive: Drive, times: np.ndarray, texts: Texts, name: str) -> tuple[np.ndarray, CallFailed | None]:
+    is_real = drive.targets[0].kind == "real"
     try:
-        values = np.array(drive.function(times), dtype=np.float64, ndmin=1)
+        values = np.array(drive.function(times), dtype=np.float64 if is_real else None, ndmin=1)
         block = np.broadcast_to(values[:, None] if values.ndim == 1 else values, (len(times), len(drive.targets)))
     except Exception as error:
         if len(times) == 1:
             return np.empty((0, len(drive.targets))), _raised(name, error)
-        return _until_it_raises(drive, times, name)
+        return _until_it_raises(drive, times, texts, name)
+    if not is_real:
+        return _slots(drive, block, texts, name)
     for i in np.flatnonzero(~np.isfinite(block).all(axis=1))[:1]:
         return block[:i], _not_finite(name, block[i])
-    if drive.targets[0].kind != "real":
-        for i, row in enumerate(block):
-            if wrong := _wrong_type(drive, name, row):
-                return block[:i], wrong
     return block, None
 
 
-def _until_it_raises(drive: Drive, times: np.ndarray, name: str) -> tuple[np.ndarray, CallFailed | None]:
+def _until_it_raises(drive: Drive, times: np.ndarray, texts: Texts, name: str) -> tuple[np.ndarray, CallFailed | None]:
     """Point by point, since a function of many times does not say at which one it raised."""
     rows = [np.empty((0, len(drive.targets)))]
     for i in range(len(times)):
-        row, failure = _vectorized(drive, times[i : i + 1], name)
+        row, failure = _vectorized(drive, times[i : i + 1], texts, name)
         if failure is not None:
             return np.vstack(rows), failure
         rows.append(row)
@@ -179,7 +184,7 @@ def _until_it_raises(drive: Drive, times: np.ndarray, name: str) -> tuple[np.nda
 
 
 def _one_by_one(
-    drive: Drive, times: np.ndarray, name: str, stop: Callable[[], bool]
+    drive: Drive, times: np.ndarray, texts: Texts, name: str, stop: Callable[[], bool]
 ) -> tuple[np.ndarray, CallFailed | None]:
     size = len(drive.targets)
     block = np.empty((len(times), size))
@@ -188,34 +193,49 @@ def _one_by_one(
         if i and (stop() or clock.perf_counter() - began > _LONGEST):
             return block[:i], None
         try:
-            block[i] = _one_sample(drive, time, name)
+            block[i] = _one_sample(drive, time, texts, name)
         except CallFailed as error:
             return block[:i], error
     return block, None
 
 
-def _one_sample(drive: Drive, time: float, name: str) -> np.ndarray:
+def _one_sample(drive: Drive, time: float, texts: Texts, name: str) -> np.ndarray:
+    is_real = drive.targets[0].kind == "real"
     try:
-        value = np.atleast_1d(np.asarray(drive.function(time), dtype=float))
+        value = drive.function(time)
+        value = np.atleast_1d(np.asarray(value, dtype=float if is_real else _exact_type(value)))
     except Exception as error:
         raise _raised(name, error) from error
     if value.ndim != 1:
         raise CallFailed(f"the signal that feeds '{name}' gives an array of shape {value.shape}; make it flat")
     if value.size not in (1, len(drive.targets)):
         raise CallFailed(f"the signal that feeds '{name}' gives {value.size} values, not {len(drive.targets)}")
+    if not is_real:
+        row, failure = _slots(drive, np.broadcast_to(value, (1, len(drive.targets))), texts, name)
+        if failure is not None:
+            raise failure
+        return np.asarray(row[0])
     if not np.isfinite(value).all():
         raise _not_finite(name, value)
-    if drive.targets[0].kind != "real" and (wrong := _wrong_type(drive, name, value)):
-        raise wrong
     return value
 
 
-def _wrong_type(drive: Drive, name: str, values: np.ndarray) -> CallFailed | None:
-    wrong = [v for v in values.ravel().tolist() if not fits(drive.targets[0], v)]
-    if not wrong:
-        return None
-    kind = drive.targets[0].variable.type
-    return CallFailed(f"the signal that feeds '{name}' gives {values.ravel()[:8].tolist()}, no value of type {kind}")
+def _exact_type(value: Any) -> Any:
+    """Type of an array that keeps what it is given: texts, bytes and large whole numbers as Python has them."""
+    return None if isinstance(value, np.ndarray) else object
+
+
+def _slots(drive: Drive, block: np.ndarray, texts: Texts, name: str) -> tuple[np.ndarray, CallFailed | None]:
+    """Slots (n, size) of values that are not real, as many rows as there are before a wrong value."""
+    slots = np.empty(block.shape)
+    for i, row in enumerate(block.tolist()):
+        try:
+            values = [element.value(value) for element, value in zip(drive.targets, row, strict=True)]
+        except (ValueError, OverflowError):
+            fmi_type = drive.targets[0].variable.type
+            return slots[:i], CallFailed(f"the signal that feeds '{name}' gives {row[:8]}, no value of type {fmi_type}")
+        slots[i] = drive.targets[0].type.slots(values, texts)
+    return slots, None
 
 
 def _raised(name: str, error: Exception) -> CallFailed:

@@ -15,8 +15,10 @@ import numpy as np
 
 from cosim.errors import SetupError, nearest
 from cosim.fmi.fmu_file import load
-from cosim.fmi.instance import CallFailed, Instance, VariableBuffer
+from cosim.fmi.instance import CallFailed, Instance
+from cosim.fmi.types import Texts
 from cosim.fmi.unpacking import folder_for_fmus
+from cosim.fmi.variable_buffer import VariableBuffer
 from cosim.loop.binding import loop_library
 from cosim.master.algorithm import AUTO, algorithm
 from cosim.master.extrapolated_inputs import extrapolated_inputs
@@ -25,7 +27,7 @@ from cosim.master.function_instance import FunctionInstance
 from cosim.master.interrupts import DeferredInterrupt
 from cosim.master.operations import Exchange
 from cosim.master.pacing import Pacer
-from cosim.master.recording import Growing, InMemory, PassedOn, Recorder, Sink
+from cosim.master.recording import Growing, InMemory, PassedOn, RecordedColumns, Recorder, Sink
 from cosim.master.run import Grid, Run
 from cosim.master.sampling import Samples, sample
 from cosim.master.stepping import SteppedRun
@@ -33,7 +35,7 @@ from cosim.master.value_layout import ValueLayout
 from cosim.results.results import Results
 from cosim.system.resolution import Drive, StartValue, resolve, resolve_start_value, split
 from cosim.system.system import Signal, System
-from cosim.system.variables import KINDS, Element, Ports, variables_of
+from cosim.system.variables import Element, Ports, variables_of
 
 #: By how many steps the stop time may miss a whole number of them, for rounding.
 _STEP_TOLERANCE = 1e-6
@@ -65,6 +67,9 @@ class Simulation:
         Names `component.variable`, scalars or vectors; all inputs and outputs by default.
     build : bool
         Whether to compile the C sources of FMUs that have no binary for this machine.
+    strict_inputs : bool
+        An input that nothing feeds and that has no start value in the system is an error; by default it keeps the start
+        value of its FMU, and the summary names it.
 
     Raises
     ------
@@ -86,6 +91,7 @@ class Simulation:
         extrapolation: str = AUTO,
         record: Sequence[str] | None = None,
         build: bool = False,
+        strict_inputs: bool = False,
     ) -> None:
         chosen = algorithm(order, extrapolation)
         if not system.components:
@@ -102,11 +108,15 @@ class Simulation:
         descriptions = {name: fmu.description for name, fmu in self._fmus.items()}
         descriptions |= {name: function.description() for name, function in self._functions.items()}
         self._ports = {name: Ports(name, descriptions[name]) for name in system.components}
-        self._resolved = resolve(system, self._ports, needs_levels=chosen.order.needs_levels)
+        self._resolved = resolve(
+            system, self._ports, needs_levels=chosen.order.needs_levels, strict_inputs=strict_inputs
+        )
+        self._texts = Texts()
         self._extrapolated = extrapolated_inputs(self._resolved, chosen)
         recorded = _recorded(record, self._ports)
         self._layout = ValueLayout(self._resolved, recorded, self._extrapolated)
         self._names = [f"{component}.{element.name}" for component, element in recorded]
+        self._columns = RecordedColumns(self._names, [e.type for _, e in recorded], self._texts)
         units = {n: self._ports[c].unit(e) for n, (c, e) in zip(self._names, recorded, strict=True)}
         self._units = {name: unit.name for name, unit in units.items() if unit is not None}
         self._stack: ExitStack | None = None
@@ -121,6 +131,11 @@ class Simulation:
     def names(self) -> list[str]:
         """Names `component.variable` of what is recorded."""
         return list(self._names)
+
+    @property
+    def types(self) -> dict[str, str]:
+        """Name -> type of what is recorded and no real number: int64, uint64, bool, string or binary."""
+        return self._columns.types
 
     # Instances
 
@@ -172,7 +187,7 @@ class Simulation:
         fmu = self._fmus[name]
         asks = [v.valueReference for v in variables_of(self._extrapolated.elements.get(name, ()))]
         with self._setting_up(name):
-            self._instances[name] = Instance(name, self._folders[name], fmu.description, asks)
+            self._instances[name] = Instance(name, self._folders[name], fmu.description, asks, self._texts)
 
     def _instantiate(self, name: str) -> None:
         with self._setting_up(name):
@@ -214,7 +229,7 @@ class Simulation:
                 self._exchange = Exchange(self._resolved, self._instances, self._extrapolated, self._layout)
             except CallFailed as error:
                 raise SetupError(f"an FMU {error}") from error
-        self._exchange.values[:] = 0.0
+        self._exchange.values[:] = 0.0  # of all types: the first text is the empty one
         return self._exchange
 
     # Runs
@@ -274,7 +289,7 @@ class Simulation:
         pacer = None if realtime is None else Pacer(realtime)
         recorder = self._recorder(grid, record_every, sink)
         with self._occupied("a run of this simulation is going on") as interrupt:
-            run = Run(self._instances, self._fresh_exchange(), samples, grid, interrupt)
+            run = Run(self._instances, self._fresh_exchange(), samples, grid, interrupt, self._columns)
             results = self._initialized(run, starts, grid, record_every, stop_time)
             with _timed(results, began):
                 return run.loop(recorder, record_every, results, progress, pacer)
@@ -326,7 +341,7 @@ class Simulation:
         grid = Grid(start_time, step_size, last)
         samples, starts = self._prepared(grid, start or {}, signals, record_every)
         with self._occupied("a run of this simulation is being stepped") as interrupt:
-            loop = Run(self._instances, self._fresh_exchange(), samples, grid, interrupt)
+            loop = Run(self._instances, self._fresh_exchange(), samples, grid, interrupt, self._columns)
             nothing_yet = self._initialized(loop, starts, grid, record_every, stop_time)
             run = SteppedRun(
                 loop,
@@ -389,6 +404,7 @@ class Simulation:
             "start_time": grid.start_time,
             "order": self._order,
             "extrapolation": self._extrapolated.summary(),
+            "inputs_kept": list(self._resolved.kept),
             "record_every": record_every,
             "units": dict(self._units),
             "fmus": {name: {"path": str(f.path), "sha256": f.sha256} for name, f in self._fmus.items()},
@@ -427,7 +443,7 @@ class Simulation:
     def _samples_of(self, drives: tuple[Drive, ...], grid: Grid) -> Samples:
         """Samples of the run before serve again for the same signals at the same points."""
         for drive in drives:
-            _, failure = sample(drive, np.array([grid.start_time]))
+            _, failure = sample(drive, np.array([grid.start_time]), texts=self._texts)
             if failure is not None:
                 raise SetupError(f"{failure} (at t = {grid.start_time!r} s)")
         if self._samples is not None:
@@ -436,14 +452,18 @@ class Simulation:
                 return samples
         ahead = any((d.component, e.name) in self._extrapolated.moving for d in drives for e in d.targets)
         reach = max(component.every for component in self._resolved.components.values())
-        samples = Samples(drives, grid.start_time, grid.step_size, grid.last_point, reach, ahead=ahead)
+        samples = Samples(
+            drives, grid.start_time, grid.step_size, grid.last_point, reach, ahead=ahead, texts=self._texts
+        )
         self._samples = ((drives, grid), samples)
         return samples
 
     def _recorder(self, grid: Grid, record_every: int, sink: Sink | None) -> Recorder:
         rows, columns = grid.last_point // record_every + 1, len(self._names)
         times = self._times(grid, record_every)
-        return InMemory(times, rows, columns) if sink is None else PassedOn(times, rows, columns, sink)
+        if sink is None:
+            return InMemory(times, rows, columns)
+        return PassedOn(times, rows, columns, lambda t, slots: sink(t, self._columns.values(slots)))
 
     @staticmethod
     def _times(grid: Grid, record_every: int) -> Callable[[int, int], np.ndarray]:
@@ -477,6 +497,7 @@ def simulate(
     order: str = "sequential",
     extrapolation: str = AUTO,
     record: Sequence[str] | None = None,
+    strict_inputs: bool = False,
     record_every: int = 1,
     sink: Sink | None = None,
     realtime: float | None = None,
@@ -487,7 +508,9 @@ def simulate(
 
     Set up, run once, clean up; parameters, results and errors are those of `Simulation` and `Simulation.run`.
     """
-    with Simulation(system, order=order, extrapolation=extrapolation, record=record, build=build) as simulation:
+    with Simulation(
+        system, order=order, extrapolation=extrapolation, record=record, strict_inputs=strict_inputs, build=build
+    ) as simulation:
         return simulation.run(
             stop_time,
             step_size,
@@ -545,7 +568,7 @@ def _recorded(record: Sequence[str] | None, ports: Mapping[str, Ports]) -> list[
             for component, port in ports.items()
             for causality in ("input", "output")
             for element in port.of_causality(causality)
-            if element.kind in KINDS.values()
+            if element.is_exchanged
         ]
     if isinstance(record, str):
         raise SetupError(f"record = {record!r} must be a list of names: [{record!r}]")
@@ -553,7 +576,7 @@ def _recorded(record: Sequence[str] | None, ports: Mapping[str, Ports]) -> list[
     for path in record:
         port, name = split(path, ports)
         for element in port.find(name):
-            if element.kind not in KINDS.values():
-                raise SetupError(f"'{path}' is of type {element.kind} and can't be recorded")
+            if not element.is_exchanged:
+                raise SetupError(f"'{path}' is of type {element.variable.type} and can't be recorded")
             chosen[port.component, element.name] = (port.component, element)
     return list(chosen.values())

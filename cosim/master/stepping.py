@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from cosim.errors import SetupError
-from cosim.fmi.instance import CallFailed, Instance, VariableBuffer
+from cosim.fmi.instance import CallFailed, Instance
+from cosim.fmi.variable_buffer import VariableBuffer
 from cosim.master.failures import Failing, InterruptedInCall, SimulationError, SimulationInterrupted
 from cosim.master.function_instance import FunctionInstance
 from cosim.master.interrupts import DeferredInterrupt
@@ -19,7 +20,7 @@ from cosim.master.state import RunState
 from cosim.master.value_layout import ValueLayout
 from cosim.results.results import Results
 from cosim.system.resolution import ResolvedSystem, resolve_start_value, split
-from cosim.system.variables import KINDS, Element, variables_of
+from cosim.system.variables import Element, variables_of
 
 #: By how many steps the time of `advance_to` may miss a whole number of them, for rounding.
 _STEP_TOLERANCE = 1e-6
@@ -41,8 +42,9 @@ class _Quantity:
         self.elements = elements
         self.obstacle = obstacle
         self.is_scalar = len(elements) == 1 and variable == elements[0].name
-        self.kind = elements[0].kind
         self.is_tunable = elements[0].variable.variability == "tunable"
+        self.type = elements[0].type
+        self.texts = instance.texts
         known = [layout.positions.get((component, e.name)) for e in elements]
         self.positions = None if None in known else np.array(known)
         variables = variables_of(elements)
@@ -51,7 +53,7 @@ class _Quantity:
         # a single element of an array of FMI 3.0 is set by way of the whole array
         self._own = slice(elements[0].offset, elements[0].offset + len(elements))
         bounds = [(e.variable.min, e.variable.max) for e in elements]
-        self.is_checked = self.kind != "real" or any(b != (None, None) for b in bounds)
+        self.is_checked = self.type.kind != "real" or any(b != (None, None) for b in bounds)
 
     @property
     def is_settable(self) -> bool:
@@ -59,16 +61,21 @@ class _Quantity:
         return not self.obstacle
 
     def get(self) -> np.ndarray:
-        """Values (n,) as the FMU has them."""
+        """Slots (n,) as the FMU has them."""
         self._buffer.get()
         return self._whole[self._own].copy()
 
-    def set(self, numbers: Any) -> None:
-        """Hand values (n,) to the FMU."""
+    def set(self, slots: Any) -> None:
+        """Hand slots (n,) to the FMU."""
         if len(self._whole) > len(self.elements):
             self._buffer.get()
-        self._whole[self._own] = numbers
+        self._whole[self._own] = slots
         self._buffer.set()
+
+    def value(self, slots: np.ndarray) -> Any:
+        """What a user gets for slots (n,): a number or a text of a scalar, an array (n,) of a vector."""
+        values = slots if self.type.kind == "real" else self.type.from_slots(slots, self.texts)
+        return values.tolist()[0] if self.is_scalar else values
 
 
 class SteppedRun:
@@ -139,7 +146,7 @@ class SteppedRun:
         if self._point % self._record_every == 0 and not self._ended:
             time, values = np.append(time, self.time), np.vstack([values, self._run.recorded_now()])
         info = {**self._results.info, "stop_time": self.time, "status": "completed" if self._ended else "running"}
-        return Results(time, list(self._results.names), values.copy(), info)
+        return self._handed_over(time, values, info)
 
     def __getitem__(self, name: str) -> Any:
         """Value of a scalar, or array (n,) of a vector, `component.variable`, at this communication point.
@@ -157,13 +164,8 @@ class SteppedRun:
         self._exchange_again()
         if quantity.positions is None:
             with self._failing(quantity.component):
-                values = quantity.get()
-        else:
-            values = self._run.values[quantity.positions]
-        if not quantity.is_scalar:
-            return values
-        number = float(values[0])
-        return bool(number) if quantity.kind == "boolean" else int(number) if quantity.kind == "integer" else number
+                return quantity.value(quantity.get())
+        return quantity.value(self._run.values[quantity.positions])
 
     def __setitem__(self, name: str, value: Any) -> None:
         """Set an input that nothing feeds, or a tunable parameter, from this communication point on.
@@ -179,11 +181,11 @@ class SteppedRun:
         quantity = self._quantity(name)
         if not quantity.is_settable:
             raise SetupError(f"'{name}' can't be set during a run: {quantity.obstacle}")
-        numbers = self._numbers(quantity, value)
+        slots = self._slots(quantity, value)
         with self._failing(quantity.component):
-            quantity.set(numbers)
+            quantity.set(slots)
         if quantity.positions is not None:
-            self._run.values[quantity.positions] = numbers
+            self._run.values[quantity.positions] = slots
         self._set_since.add(quantity.component)
         if quantity.is_tunable and self._exchanges_by_level:
             self._run.forget_history()  # outputs jump at this point; in parallel order others see that at the next one
@@ -325,22 +327,28 @@ class SteppedRun:
 
     def _all_recorded(self, status: str) -> Results:
         time, values = self._recorder.result()
-        return Results(time, list(self._results.names), values.copy(), {**self._results.info, "status": status})
+        return self._handed_over(time, values, {**self._results.info, "status": status})
+
+    def _handed_over(self, time: np.ndarray, slots: np.ndarray, info: dict[str, Any]) -> Results:
+        results = Results(time, list(self._results.names), np.empty((0, 0)), info)
+        self._run.hand_over(time, slots.copy(), results)
+        return results
 
     def _quantity(self, name: str) -> _Quantity:
         if name not in self._quantities:
             port, variable = split(name, self._system.ports)
             elements = port.find(variable)
-            if elements[0].kind not in KINDS.values():
-                raise SetupError(f"'{name}' is of type {elements[0].kind}, which can't be read or set during a run")
+            if not elements[0].is_exchanged:
+                fmi_type = elements[0].variable.type
+                raise SetupError(f"'{name}' is of type {fmi_type}, which can't be read or set during a run")
             component = port.component
             obstacle = _obstacle(component, elements, self._fed)
             instance = self._instances[component]
             self._quantities[name] = _Quantity(component, variable, elements, self._layout, instance, obstacle)
         return self._quantities[name]
 
-    def _numbers(self, quantity: _Quantity, value: Any) -> Any:
-        """Values (n,) that fit the variable; plain real arrays take the short way."""
+    def _slots(self, quantity: _Quantity, value: Any) -> Any:
+        """Slots (n,) of values that fit the variable; plain real arrays take the short way."""
         if not quantity.is_checked and not isinstance(value, str | bool):
             try:
                 numbers = np.asarray(value, dtype=float)
@@ -349,7 +357,8 @@ class SteppedRun:
             n = len(quantity.elements)
             if numbers.shape == ((n,) if numbers.ndim else ()) and math.isfinite(float(numbers.sum())):
                 return numbers
-        return resolve_start_value(self._system.ports[quantity.component], quantity.variable, value).values
+        values = resolve_start_value(self._system.ports[quantity.component], quantity.variable, value).values
+        return quantity.type.slots(values, quantity.texts)
 
     def _exchange_again(self) -> None:
         """What was set reaches, at this communication point, all that depends on it directly."""

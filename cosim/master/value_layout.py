@@ -139,7 +139,7 @@ class ValueLayout:
             own.setdefault(component, []).append(at)
         latest: dict[Key, int] = {}  # of inputs that something read depends on
         for (component, name), at in levels_of_gets.items():
-            feedthrough = self._system.ports[component].feedthrough
+            feedthrough = self._system.feedthrough[component]
             inputs = feedthrough[name] if name in feedthrough else {n for c, n in keys if c == component}
             for key in ((component, n) for n in inputs):
                 latest[key] = min(latest.get(key, at), at)

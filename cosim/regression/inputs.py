@@ -1,4 +1,4 @@
-"""The inputs of a case: what its file says, between rows too, and start values for the others."""
+"""The inputs of a case: what its file says, between rows too."""
 
 from __future__ import annotations
 
@@ -7,8 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from cosim.regression.case import Between, Case, CaseError
-from cosim.regression.tolerances import vector_of
-from cosim.system.variables import KINDS, Element, Ports
+from cosim.system.variables import Element, Ports
 
 
 def input_function(time: np.ndarray, values: np.ndarray, between: Between) -> Callable[[np.ndarray], np.ndarray]:
@@ -27,22 +26,6 @@ def input_function(time: np.ndarray, values: np.ndarray, between: Between) -> Ca
         return between
 
     return held if between == "hold" else linear
-
-
-def held_inputs(ports: Ports, given: set[str]) -> dict[str, float | str]:
-    """Start values of the inputs that a case says nothing of, as the model description has them."""
-    held: dict[str, float | str] = {}
-    for element in ports.of_causality("input"):
-        start = str(element.variable.start or "")
-        if given & {element.name, vector_of(element.name)}:
-            continue
-        if element.kind == "String":
-            held[element.name] = start
-        elif start and element.kind in KINDS.values():
-            texts = start.split()  # of an array: one an element, or one for all
-            text = texts[min(element.offset, len(texts) - 1)]
-            held[element.name] = float({"true": "1", "false": "0"}.get(text, text))
-    return held
 
 
 def input_elements(ports: Ports, names: list[str], case: Case) -> list[Element]:

@@ -11,12 +11,12 @@ from cosim.fmi.fmu_file import LoadedFMU, read_fmu
 from cosim.master.simulation import Simulation
 from cosim.regression.case import Between, Case, CaseError, RunError
 from cosim.regression.experiment import Experiment, experiment_of
-from cosim.regression.inputs import held_inputs, input_elements, input_function
+from cosim.regression.inputs import input_elements, input_function
 from cosim.regression.model_exchange import model_exchange
 from cosim.regression.tolerances import Interface
 from cosim.results.results import Results
 from cosim.system.system import System
-from cosim.system.variables import KINDS, Element, Ports
+from cosim.system.variables import Element, Ports
 
 _COMPONENT = "fmu"
 
@@ -54,7 +54,9 @@ def run(case: Case, path: Path, interface: Interface) -> Results:
         raise RunError(f"{path}: has no {interface.replace('_', ' ')} interface")
     fmu.check_binary()
     ports = Ports(_COMPONENT, fmu.description)
-    known = {element.name: element for element in ports.all_elements() if element.kind in KINDS.values()}
+    known = {
+        element.name: element for element in ports.all_elements() if element.is_exchanged and not element.type.is_text
+    }
     if case.reference_path.is_file():
         wanted = [known[name] for name in case.reference().names if name in known]
     else:
@@ -81,7 +83,7 @@ def _co_simulation(
 ) -> tuple[np.ndarray, np.ndarray]:
     inputs = case.inputs() or Results(np.zeros(1), [], np.zeros((1, 0)))
     system = System()
-    system.add(_COMPONENT, fmu.path, start=held_inputs(ports, {*inputs.names, *case.start}) | dict(case.start))
+    system.add(_COMPONENT, fmu.path, start=case.start)
     for i, name in enumerate(inputs.names):
         (element,) = input_elements(ports, [name], case)
         time = inputs.time

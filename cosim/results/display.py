@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from html import escape
+from typing import Any
 
 import numpy as np
 
@@ -44,7 +45,9 @@ def _shortened(start: str, names: Sequence[str]) -> str:
     return kept + ", ..." if len(names) > 1 else kept
 
 
-def as_html(head: str, names: Sequence[str], units: Mapping[str, str], ends: Sequence[tuple[float, np.ndarray]]) -> str:
+def as_html(
+    head: str, names: Sequence[str], units: Mapping[str, str], ends: Sequence[tuple[float, Sequence[Any]]]
+) -> str:
     """A headline, then a table of variables with their units and values.
 
     Parameters
@@ -53,14 +56,18 @@ def as_html(head: str, names: Sequence[str], units: Mapping[str, str], ends: Seq
     names : sequence of str
     units : mapping
         Scalar name -> unit, as far as known.
-    ends : sequence of (float, array (len(names),))
-        Times (s) and values that are shown: the first and the last row, or none.
+    ends : sequence of (float, sequence)
+        Times (s) and values, one a name, that are shown: the first and the last row, or none.
     """
     found = labels(names)
     rows = []
     for label, positions in list(found.items())[:_MOST_ROWS]:
         unit = units.get(names[positions[0]], "")
-        cells = [f"<code>{escape(label)}</code>", escape(unit), *(_numbers(values[positions]) for _, values in ends)]
+        cells = [
+            f"<code>{escape(label)}</code>",
+            escape(unit),
+            *(_shown([values[i] for i in positions]) for _, values in ends),
+        ]
         rows.append("<tr>" + "".join(f'<td style="text-align: left">{cell}</td>' for cell in cells) + "</tr>")
     more = len(found) - len(rows)
     heads = ["name", "unit", *(f"at {time:g} s" for time, _ in ends)]
@@ -74,6 +81,6 @@ def as_html(head: str, names: Sequence[str], units: Mapping[str, str], ends: Seq
     )
 
 
-def _numbers(values: np.ndarray) -> str:
-    shown = [f"{v:.5g}" for v in values[:_MOST_ELEMENTS]]
+def _shown(values: Sequence[Any]) -> str:
+    shown = [f"{v:.5g}" if isinstance(v, float) else escape(str(v)) for v in values[:_MOST_ELEMENTS]]
     return ", ".join([*shown, "..."] if len(values) > len(shown) else shown)

@@ -6,6 +6,7 @@ pyarrow: the command line needs the names at once.
 
 from __future__ import annotations
 
+import json
 import struct
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
     import numpy as np
     import pyarrow as pa
 
+    from cosim.results.columns import TypedColumn
+
 _Described = TypeVar("_Described", bound=Callable[..., Any])
 
 #: Name of the first column.
@@ -31,12 +34,21 @@ class FormatError(CosimError):
 
 @dataclass(frozen=True)
 class Table:
-    """What a file holds: times (n,) in s, and values (n, columns) with their names and, as far as known, units."""
+    """What a file holds: times (n,) in s, and values (n, columns) with their names and, as far as known, units.
+
+    `typed` has the columns of what is no real number, by name.
+    """
 
     time: np.ndarray
     names: Sequence[str]
     values: np.ndarray
     units: Mapping[str, str] = field(default_factory=dict)
+    typed: Mapping[str, TypedColumn] = field(default_factory=dict)
+
+    @property
+    def types(self) -> dict[str, str]:
+        """Name -> type of what is no real number."""
+        return {name: column.type for name, column in self.typed.items()}
 
 
 class StreamWriter(Protocol):
@@ -65,6 +77,8 @@ class Format:
         `stream(path, schema)` opens a file that grows, for runs that are too long for memory.
     bytes_per_value : int
         About how large a file that grows becomes.
+    has_texts : bool
+        Whether it has room for texts and binary values; else these are left out.
     """
 
     name: str
@@ -72,6 +86,7 @@ class Format:
     write: Callable[[Table, Path], None]
     stream: Callable[[Path, pa.Schema], StreamWriter] | None = None
     bytes_per_value: int = 8
+    has_texts: bool = True
 
     @property
     def ending(self) -> str:
@@ -79,38 +94,69 @@ class Format:
         return f".{self.name}"
 
 
-def schema(names: Sequence[str], units: Mapping[str, str] | None = None) -> pa.Schema:
-    """Schema of a table; the metadata of a field has its unit."""
+def schema(
+    names: Sequence[str], units: Mapping[str, str] | None = None, types: Mapping[str, str] | None = None
+) -> pa.Schema:
+    """Schema of a table of real numbers and of other `types`; the metadata of a field has its unit."""
     import pyarrow as pa
 
     known = {TIME: "s", **units} if units else {}
+    types = types or {}
     return pa.schema(
-        pa.field(name, pa.float64(), metadata={"unit": known[name]} if name in known else None)
+        pa.field(
+            name,
+            pa.type_for_alias(types.get(name, "double")),
+            metadata={"unit": known[name]} if name in known else None,
+        )
         for name in (TIME, *names)
     )
 
 
-def record_batch(times: np.ndarray, values: np.ndarray, wanted: pa.Schema) -> pa.RecordBatch:
+def record_batch(table: Table, wanted: pa.Schema) -> pa.RecordBatch:
     """Rows in Arrow's columns."""
     import numpy as np
     import pyarrow as pa
 
-    columns = [np.ascontiguousarray(times, dtype=np.float64), *np.array(values, dtype=np.float64, order="F").T]
+    columns = [
+        np.ascontiguousarray(table.time, dtype=np.float64),
+        *np.array(table.values, dtype=np.float64, order="F").T,
+    ]
     # pa.array would import pandas, where it is installed, which takes longer than most runs
-    arrays = [pa.Array.from_buffers(pa.float64(), len(times), [None, pa.py_buffer(column)]) for column in columns]
+    arrays = [pa.Array.from_buffers(pa.float64(), len(table.time), [None, pa.py_buffer(column)]) for column in columns]
+    for name, column in table.typed.items():
+        position = wanted.get_field_index(name)
+        arrays[position] = pa.array(column.values.tolist(), wanted.field(position).type)
     return pa.record_batch(arrays, schema=wanted)
 
 
-def _csv_stream(path: Path, schema: pa.Schema) -> StreamWriter:
-    from pyarrow import csv
+class _CsvWriter:
+    """A CSV file that grows; binary values are written with digits of base 16."""
 
-    writer: StreamWriter = csv.CSVWriter(str(path), schema)  # the shortest digits that read back to the same number
-    return writer
+    def __init__(self, path: Path, schema: pa.Schema) -> None:
+        import pyarrow as pa
+        from pyarrow import csv
+
+        self._binary = [i for i, kind in enumerate(schema.types) if pa.types.is_binary(kind)]
+        for i in self._binary:
+            schema = schema.set(i, schema.field(i).with_type(pa.string()))
+        self._schema = schema
+        self._writer = csv.CSVWriter(str(path), schema)  # the shortest digits that read back to the same number
+
+    def write(self, batch: pa.RecordBatch) -> None:
+        import pyarrow as pa
+
+        columns = batch.columns
+        for i in self._binary:
+            columns[i] = pa.array([value.hex() for value in columns[i].to_pylist()], pa.string())
+        self._writer.write(pa.record_batch(columns, schema=self._schema) if self._binary else batch)
+
+    def close(self) -> None:
+        self._writer.close()
 
 
 def write_csv(table: Table, path: Path) -> None:
     """Write a CSV file, whatever the ending of its name."""
-    _write_stream(_csv_stream, table, path)
+    _write_stream(_CsvWriter, table, path)
 
 
 def _parquet_stream(path: Path, schema: pa.Schema) -> StreamWriter:
@@ -126,9 +172,9 @@ def _write_parquet(table: Table, path: Path) -> None:
 
 
 def _write_stream(stream: Callable[[Path, Any], StreamWriter], table: Table, path: Path) -> None:
-    wanted = schema(table.names, table.units)
+    wanted = schema(table.names, table.units, table.types)
     writer = stream(path, wanted)
-    writer.write(record_batch(table.time, table.values, wanted))
+    writer.write(record_batch(table, wanted))
     writer.close()
 
 
@@ -137,16 +183,47 @@ def _write_npz(table: Table, path: Path) -> None:
 
     units = np.array([table.units.get(name, "") for name in table.names], dtype=str)
     with path.open("wb") as file:
-        np.savez(file, time=table.time, names=np.array(table.names, dtype=str), values=table.values, units=units)
+        np.savez(
+            file,
+            time=table.time,
+            names=np.array(table.names, dtype=str),
+            values=table.values,
+            units=units,
+            **{name: _without_objects(column) for name, column in table.typed.items()},  # type: ignore[arg-type]
+        )
+
+
+def _without_objects(column: TypedColumn) -> np.ndarray:
+    """Values as NumPy keeps them without Python's objects; binary values with digits of base 16."""
+    import numpy as np
+
+    if not column.is_text:
+        return column.values
+    return np.array([v if column.type == "string" else v.hex() for v in column.values.tolist()], dtype=str)
+
+
+def _write_json(table: Table, path: Path) -> None:
+    """An object of lists; binary values with digits of base 16, numbers that are not finite as null."""
+    import math
+
+    columns: dict[str, list[Any]] = {TIME: table.time.tolist()}
+    for i, name in enumerate(table.names):
+        column = table.typed.get(name)
+        values = table.values[:, i].tolist() if column is None else column.values.tolist()
+        if column is None:
+            values = [v if math.isfinite(v) else None for v in values]
+        columns[name] = values if column is None or column.type != "binary" else [v.hex() for v in values]
+    path.write_text(json.dumps({"units": {TIME: "s", **table.units}, "values": columns}), encoding="utf-8")
 
 
 def _write_mat(table: Table, path: Path) -> None:
     """The trajectory format of Dymola and OpenModelica (Dymola User Manual, "Matlab result files"; version 1.1)."""
     import numpy as np
 
-    names = [TIME, *table.names]
+    kept = [i for i, name in enumerate(table.names) if name not in table.typed or not table.typed[name].is_text]
+    names = [TIME, *(table.names[i] for i in kept)]
     n = len(names)
-    units = [f"[{u}]" if (u := table.units.get(name)) else "" for name in table.names]
+    units = [f"[{u}]" if (u := table.units.get(name)) else "" for name in names[1:]]
     ends = [table.time[0], table.time[-1]] if len(table.time) else [0.0, 0.0]
     # which data matrix, which row of it, linear interpolation, constant outside
     data_info = np.array([[0, *[2] * (n - 1)], range(1, n + 1), [0] * n, [-1] * n])
@@ -157,7 +234,7 @@ def _write_mat(table: Table, path: Path) -> None:
             ("description", _characters(["Time in [s]", *units]), _TEXT),
             ("dataInfo", data_info, _INTEGER),
             ("data_1", np.array([ends]), _DOUBLE),
-            ("data_2", np.vstack([table.time, table.values.T]), _DOUBLE),
+            ("data_2", np.vstack([table.time, table.values[:, kept].T]), _DOUBLE),
         ):
             file.write(_mat_header(name, matrix.shape, kind) + matrix.astype(_MAT_TYPES[kind]).tobytes(order="F"))
 
@@ -189,7 +266,7 @@ FORMATS: dict[str, Format] = {
             "csv",
             "everything, and every bit of a number: `Results.from_csv`, spreadsheets",
             write_csv,
-            _csv_stream,
+            _CsvWriter,
             bytes_per_value=20,
         ),
         Format(
@@ -204,7 +281,9 @@ FORMATS: dict[str, Format] = {
             "the trajectory format of Dymola and OpenModelica: their plot windows, DyMat, MATLAB's `load` "
             "(a row of `data_2` for each row of `name`)",
             _write_mat,
+            has_texts=False,
         ),
+        Format("json", "web pages and scripts: `units`, and `values` with a list a name", _write_json),
     )
 }
 

@@ -50,8 +50,13 @@ class Recorded(ABC):
         """All rows, the time first."""
 
     @abstractmethod
-    def _row(self, position: int) -> np.ndarray:
-        """Values (len(names),) of one row; -1 is the last one."""
+    def _row(self, position: int) -> list[Any]:
+        """Values of one row, as many as there are names; -1 is the last one."""
+
+    @property
+    @abstractmethod
+    def types(self) -> dict[str, str]:
+        """Scalar name -> type of what is no real number; see `TypedColumn`."""
 
     @abstractmethod
     def thinned(self, every: int) -> Recorded:
@@ -69,7 +74,7 @@ class Recorded(ABC):
         return units
 
     def __getitem__(self, name: str) -> np.ndarray:
-        """Values of a scalar (n,) or a vector (n, size).
+        """Values of a scalar (n,) or a vector (n, size), of the type of the variable.
 
         Raises
         ------
@@ -105,7 +110,7 @@ class Recorded(ABC):
     def _reader(self) -> pa.RecordBatchReader:
         import pyarrow as pa
 
-        wanted = schema(self.names, self.units)
+        wanted = schema(self.names, self.units, self.types)
         return pa.RecordBatchReader.from_batches(wanted, (b.cast(wanted) for b in self._batches()))
 
     def plot(self, *names: str) -> list[Axes]:
@@ -114,7 +119,7 @@ class Recorded(ABC):
         Parameters
         ----------
         *names : str
-            Scalars or vectors; all that was recorded by default.
+            Scalars or vectors; all that was recorded by default, but texts.
 
         Returns
         -------
@@ -128,7 +133,13 @@ class Recorded(ABC):
         MissingExtra
             matplotlib is not installed.
         """
-        chosen = {name: self._find(name) for name in names} or grouped(self.names)
+        texts = [name for name, kind in self.types.items() if kind in ("string", "binary")]
+        chosen = {name: self._find(name) for name in names}
+        if not chosen:
+            chosen = {n: found for n, found in grouped(self.names).items() if self.names[found[0]] not in texts}
+        for name, found in chosen.items():
+            if self.names[found if isinstance(found, int) else found[0]] in texts:
+                raise ResultsError(f"'{name}' is text and can't be drawn; results['{name}'] has its values")
         if not chosen:
             raise ResultsError("nothing was recorded; there is nothing to plot")
 
@@ -152,7 +163,8 @@ class Recorded(ABC):
             scalars = [self.names[i] for i in positions]
             units = {self.units.get(scalar, "") for scalar in scalars}
             labels = [scalar.removeprefix(name) for scalar in scalars]
-            panels.append(Panel(name, units.pop() if len(units) == 1 else "", labels, self._values(positions, every)))
+            values = np.asarray(self._values(positions, every), dtype=np.float64)
+            panels.append(Panel(name, units.pop() if len(units) == 1 else "", labels, values))
         return panels
 
     def _headline(self) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cosim.errors import ResultsError
+from cosim.results.columns import TypedColumn
 from cosim.results.formats import FORMATS, TIME, Table, record_batch, save, schema, with_endings
 from cosim.results.recorded import Recorded
 
@@ -33,10 +34,12 @@ class Results(Recorded):
     names : list of str
         Scalar names `component.variable`.
     values : array (n, len(names))
-        One column a name.
+        One column a name, as real numbers; those of texts are NaN.
     info : dict
         How the run was made: step, order, FMUs and their SHA-256, parameters, status, times, and `units`
         (scalar name -> unit).
+    typed : mapping
+        Name -> `TypedColumn` of what is no real number; `results[name]` gives these values.
 
     Examples
     --------
@@ -59,20 +62,35 @@ class Results(Recorded):
     names: list[str]
     values: np.ndarray
     info: dict[str, Any] = field(default_factory=dict)
+    typed: Mapping[str, TypedColumn] = field(default_factory=dict)
+
+    @property
+    def types(self) -> dict[str, str]:
+        """Scalar name -> type of what is no real number; see `TypedColumn`."""
+        return {name: column.type for name, column in self.typed.items()}
 
     def _values(self, positions: int | list[int], every: int = 1) -> np.ndarray:
-        return self.values[::every, positions]
+        wanted = [positions] if isinstance(positions, int) else positions
+        typed = [self.typed[name] for name in (self.names[i] for i in wanted) if name in self.typed]
+        if not typed:
+            return self.values[::every, positions]
+        columns = np.column_stack([column.values[::every] for column in typed])
+        return columns[:, 0] if isinstance(positions, int) else columns
 
     def _batches(self) -> Iterator[pa.RecordBatch]:
-        yield record_batch(self.time, self.values, schema(self.names))
+        yield record_batch(self._table(), schema(self.names, types=self.types))
 
-    def _row(self, position: int) -> np.ndarray:
-        row: np.ndarray = self.values[position]
-        return row
+    def _row(self, position: int) -> list[Any]:
+        row = self.values[position].tolist()
+        return [self.typed[n].values[position] if n in self.typed else v for n, v in zip(self.names, row, strict=True)]
+
+    def _table(self) -> Table:
+        return Table(self.time, self.names, self.values, self.units, self.typed)
 
     def thinned(self, every: int) -> Results:
         """Every so many-th row."""
-        return Results(self.time[::every], self.names, self.values[::every], self.info)
+        typed = {name: column.thinned(every) for name, column in self.typed.items()}
+        return Results(self.time[::every], self.names, self.values[::every], self.info, typed)
 
     @with_endings
     def save(self, path: str | PathLike[str]) -> None:
@@ -85,7 +103,7 @@ class Results(Recorded):
         OSError
             The file can't be written; an unfinished one is left behind under the name `<path>.part`.
         """
-        save(Table(self.time, self.names, self.values, self.units), path)
+        save(self._table(), path)
 
     def to_csv(self, path: str | PathLike[str]) -> None:
         """Write one header line with quoted names, then a line a communication point; floats round-trip.
@@ -95,7 +113,7 @@ class Results(Recorded):
         OSError
             The file can't be written; an unfinished one is left behind under the name `<path>.part`.
         """
-        save(Table(self.time, self.names, self.values), path, FORMATS["csv"])
+        save(self._table(), path, FORMATS["csv"])
 
     @classmethod
     def from_csv(cls, path: str | PathLike[str]) -> Results:

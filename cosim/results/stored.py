@@ -10,7 +10,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cosim.results.formats import TIME, StreamWriter, format_of, record_batch, schema, unfinished, with_endings
+from cosim.results.columns import TypedColumn, numbers_of
+from cosim.results.formats import (
+    TIME,
+    StreamWriter,
+    Table,
+    format_of,
+    record_batch,
+    schema,
+    unfinished,
+    with_endings,
+)
 from cosim.results.recorded import Recorded
 from cosim.results.results import Results
 
@@ -30,6 +40,8 @@ class TableWriter:
         Ending in {streamed}.
     names : sequence of str
         Names of the columns after the time.
+    types : mapping, optional
+        Name -> type of what is no real number; see `TypedColumn`.
 
     Raises
     ------
@@ -39,8 +51,9 @@ class TableWriter:
         A file can't be written.
     """
 
-    def __init__(self, paths: Sequence[Path], names: Sequence[str]) -> None:
-        self._schema = schema(names)
+    def __init__(self, paths: Sequence[Path], names: Sequence[str], types: Mapping[str, str] | None = None) -> None:
+        self._names, self._types = list(names), dict(types or {})
+        self._schema = schema(names, types=self._types)
         self._streams = {path: format_of(path, streamed=True).stream for path in paths}
         self._writers: list[StreamWriter] = []
 
@@ -60,7 +73,14 @@ class TableWriter:
 
     def __call__(self, times: np.ndarray, values: np.ndarray) -> None:
         """Append rows."""
-        batch = record_batch(times, values, self._schema)
+        typed = {n: TypedColumn(kind, values[:, self._names.index(n)]) for n, kind in self._types.items()}
+        if typed:
+            values = numbers_of(values, self._names, typed)
+        batch = record_batch(Table(times, self._names, values, typed=typed), self._schema)
+        self.write(batch)
+
+    def write(self, batch: pa.RecordBatch) -> None:
+        """Append a batch of rows."""
         for writer in self._writers:
             writer.write(batch)
 
@@ -90,8 +110,14 @@ class StoredResults(Recorded):
 
         self._file = parquet.ParquetFile(path)
         self.names = self._file.schema_arrow.names[1:]
+        self._types = {f.name: str(f.type) for f in self._file.schema_arrow if str(f.type) != "double"}
         self.info = dict(info)
         self.time = self._column(TIME)
+
+    @property
+    def types(self) -> dict[str, str]:
+        """Scalar name -> type of what is no real number; see `TypedColumn`."""
+        return dict(self._types)
 
     def _column(self, name: str, every: int = 1) -> np.ndarray:
         parts, rows = [], 0
@@ -110,15 +136,18 @@ class StoredResults(Recorded):
     def _batches(self) -> Iterator[pa.RecordBatch]:
         yield from self._file.iter_batches()
 
-    def _row(self, position: int) -> np.ndarray:
+    def _row(self, position: int) -> list[Any]:
         group = 0 if position == 0 else self._file.num_row_groups - 1
         table = self._file.read_row_group(group)
-        return np.array([table.column(name)[position].as_py() for name in self.names])
+        return [table.column(name)[position].as_py() for name in self.names]
 
     def thinned(self, every: int) -> Results:
         """Every so many-th row, in memory."""
-        values = self._values(list(range(len(self.names))), every)
-        return Results(self.time[::every], list(self.names), values, self.info)
+        typed = {name: TypedColumn(kind, self._column(name, every)) for name, kind in self._types.items()}
+        columns = [typed[n].numbers if n in typed else self._column(n, every) for n in self.names]
+        time = self.time[::every]
+        values = np.column_stack(columns) if columns else np.empty((len(time), 0))
+        return Results(time, list(self.names), values, self.info, typed)
 
     @with_endings
     def save(self, path: str | PathLike[str]) -> None:
@@ -135,7 +164,6 @@ class StoredResults(Recorded):
         if format_of(target).stream is None:
             self.thinned(1).save(target)
             return
-        with TableWriter([target], self.names) as writer:
+        with TableWriter([target], self.names, self._types) as writer:
             for batch in self._batches():
-                time, *columns = (column.to_numpy() for column in batch.columns)
-                writer(time, np.column_stack(columns) if columns else np.empty((len(time), 0)))
+                writer.write(batch)

@@ -69,7 +69,8 @@ class Metric:
         first = 0 if self.after is None else int(np.searchsorted(results.time, self.after))
         if first >= len(results.time):
             return None
-        values = results[self.of] if self.minus is None else results[self.of] - results[self.minus]
+        values, *other = (np.asarray(results[name], dtype=float) for name in self.variables)
+        values = values - other[0] if other else values
         with np.errstate(over="ignore", invalid="ignore"):  # values of a run that failed
             number = MEASURES[self.measure](values[first:], results.time[first:])
         return number if np.isfinite(number) else None

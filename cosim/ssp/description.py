@@ -185,7 +185,7 @@ def _type(element: Element, ports: Ports, definitions: _Definitions, version: st
     fmi_type = element.variable.type
     if fmi_type == "Enumeration":
         return fmi_type, definitions.enumeration(element.variable.declaredType)
-    kinds = {"real": "Real", "integer": "Integer", "boolean": "Boolean"}
+    kinds = {"real": "Real", "integer": "Integer", "boolean": "Boolean", "string": "String", "binary": "Binary"}
     of_fmi_3 = version != "1.0" and ports.description.fmiMajorVersion == 3  # SSP 2.0 has the types of FMI 3.0
     kind = fmi_type if of_fmi_3 else kinds.get(element.kind, element.kind)
     return kind, definitions.unit(ports.unit(element)) if element.kind == "real" else {}

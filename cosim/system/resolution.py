@@ -10,10 +10,11 @@ from typing import Any, get_args
 import numpy as np
 
 from cosim.errors import SetupError, nearest
+from cosim.fmi.types import CONVERSIONS
 from cosim.system.levels import AlgebraicLoop, Node, levels
 from cosim.system.system import AsWritten, Component, Connection, Signal, SignalFunction, System, Units
 from cosim.system.units import UnitsDiffer, conversion
-from cosim.system.variables import KINDS, Element, Ports, fits
+from cosim.system.variables import Element, Ports
 
 
 @dataclass(frozen=True)
@@ -26,6 +27,29 @@ class Link:
     target: Element
     factor: float
     offset: float
+
+    @property
+    def is_scaled(self) -> bool:
+        """Whether the value changes on the way by its factor or its offset."""
+        return (self.factor, self.offset) != (1.0, 0.0)
+
+    @property
+    def converts(self) -> bool:
+        """Whether the target has another type, which may not hold each value of the source."""
+        source, target = self.source.type, self.target.type
+        if source.is_text:
+            return False
+        if source.slot != target.slot or (target.kind == "enumeration" and self.source.items != self.target.items):
+            return True
+        (lower, upper), (smallest, largest) = self.target.bounds, self.source.bounds
+        return smallest < lower or upper < largest
+
+    def carries(self, value: Any) -> bool:
+        """Whether a value of the source fits the target, exactly where both are not real."""
+        if self.source.kind != "real" and self.target.kind == "real":
+            return bool(self.target.type.rounded(value) == value)
+        lower, upper = self.target.bounds
+        return bool(lower <= (self.factor * value + self.offset if self.is_scaled else value) <= upper)
 
 
 @dataclass(frozen=True)
@@ -49,12 +73,19 @@ class StartValue:
     elements: tuple[Element, ...]
     values: tuple[Any, ...]
 
+    @property
+    def is_whole(self) -> bool:
+        """Whether it is one of whole variables, and not of a single element of an array."""
+        return len(self.elements) > 1 or not self.elements[0].variable.shape
+
 
 @dataclass(frozen=True)
 class ResolvedSystem:
     """A system whose names stand for elements of FMUs and which has passed all checks.
 
     `levels` is None where an algebraic loop forbids an order; only the parallel order can run such a system.
+    `feedthrough` says for each output of a component what it depends on directly: inputs, and parameters that something
+    feeds. `kept` are the inputs that nothing feeds and that have no start value here: they keep that of their FMU.
     """
 
     components: Mapping[str, Component]
@@ -63,9 +94,13 @@ class ResolvedSystem:
     drives: tuple[Drive, ...]
     starts: tuple[StartValue, ...]
     levels: Mapping[Node, int] | None
+    feedthrough: Mapping[str, Mapping[str, Set[str]]]
+    kept: tuple[str, ...]
 
 
-def resolve(system: System, ports: Mapping[str, Ports], *, needs_levels: bool) -> ResolvedSystem:
+def resolve(
+    system: System, ports: Mapping[str, Ports], *, needs_levels: bool, strict_inputs: bool = False
+) -> ResolvedSystem:
     """Resolve and check all names of a system.
 
     Parameters
@@ -75,12 +110,14 @@ def resolve(system: System, ports: Mapping[str, Ports], *, needs_levels: bool) -
         Component -> its variables.
     needs_levels : bool
         The order of exchange can't run a system with an algebraic loop.
+    strict_inputs : bool
+        Every input must be fed or have a start value of the system; else inputs keep the start value of their FMU.
 
     Raises
     ------
     SetupError
-        Wrong names, causalities, types, sizes or units; an input that is fed twice or not at all; an algebraic loop
-        where the order of exchange can't run it.
+        Wrong names, causalities, types, sizes or units; an input that is fed twice, or not at all where that is an
+        error; an algebraic loop where the order of exchange can't run it.
     """
     links = tuple(link for c in system.connections for link in _links(c, ports))
     drives = tuple(_drive(s, ports, system) for s in system.signals)
@@ -89,8 +126,10 @@ def resolve(system: System, ports: Mapping[str, Ports], *, needs_levels: bool) -
         for c in system.components.values()
         for name, value in c.start.items()
     )
-    _check_feeding(ports, links, drives, starts)
-    return ResolvedSystem(system.components, ports, links, drives, starts, _levels(ports, links, needs_levels))
+    kept = _check_feeding(ports, links, drives, starts, strict_inputs=strict_inputs)
+    feedthrough = {name: _feedthrough(port, links, drives) for name, port in ports.items()}
+    order = _levels(ports, feedthrough, links, needs_levels)
+    return ResolvedSystem(system.components, ports, links, drives, starts, order, feedthrough, kept)
 
 
 def split(path: str, ports: Mapping[str, Ports]) -> tuple[Ports, str]:
@@ -114,11 +153,11 @@ def _find(path: str, ports: Mapping[str, Ports], causality: str, role: str) -> t
     elements = port.find(name)
     for element in elements:
         actual = element.variable.causality
-        if actual != causality:
+        if actual != causality and not (causality == "input" and element.is_tunable):
             article = "an" if actual[0] in "aeiou" else "a"
             raise SetupError(f"'{path}' is {article} {actual} and can't be the {role}, which must be an {causality}")
-        if element.kind not in KINDS.values():
-            raise SetupError(f"'{path}' is of type {element.kind}, whose values can't be exchanged")
+        if not element.is_exchanged:
+            raise SetupError(f"'{path}' is of type {element.variable.type}, whose values can't be exchanged")
     return port.component, elements
 
 
@@ -130,7 +169,7 @@ def _links(connection: Connection, ports: Mapping[str, Ports]) -> list[Link]:
         raise SetupError(f"{here}: {len(sources)} values can't feed {len(targets)}; connect elements one by one")
     links = []
     for source, target in zip(sources, targets, strict=True):
-        if source.kind != target.kind:
+        if source.kind != target.kind and (source.kind, target.kind) not in CONVERSIONS:
             raise SetupError(f"{here}: {source.kind} and {target.kind} don't match; connect values of one type")
         factor, offset = _transformation(
             here, connection, ports[source_component], source, ports[target_component], target
@@ -148,9 +187,9 @@ def _transformation(
     for name, value in (("factor", connection.factor), ("offset", connection.offset)):
         if not math.isfinite(value):
             raise SetupError(f"{here}: {name} {value} is not a finite number")
-    if source.kind != "real" and (connection.factor, connection.offset) != (1.0, 0.0):
+    if target.kind != "real" and (connection.factor, connection.offset) != (1.0, 0.0):
         raise SetupError(
-            f"{here}: {source.kind} values can't be transformed; only real ones take a factor and an offset"
+            f"{here}: {target.kind} values can't be transformed; only real ones take a factor and an offset"
         )
     a, b = source_port.unit(source), target_port.unit(target)
     if connection.units == "ignore" or a is None or b is None:
@@ -179,8 +218,9 @@ def _drive(signal: Signal, ports: Mapping[str, Ports], system: System) -> Drive:
 def resolve_start_value(port: Ports, name: str, value: Any) -> StartValue:
     """Start values of the elements of one name.
 
-    Booleans and enumerations take their words as well, as "true" and the name of an item; so a text that a user has
-    typed needs no type.
+    One value serves for all elements of a vector. Booleans and enumerations take their words as well, as "true" and the
+    name of an item; so a text that a user has typed needs no type. Binary values are bytes, or digits of base 16 where
+    a user has typed them.
 
     Raises
     ------
@@ -194,53 +234,76 @@ def resolve_start_value(port: Ports, name: str, value: Any) -> StartValue:
         settable = variable.causality == "input" or variable.initial in ("exact", "approx")
         if not settable or variable.variability == "constant":
             raise SetupError(f"{here}: {variable.causality} variables can't be set; set parameters and inputs only")
-    if elements[0].kind == "String":
-        if not isinstance(value, str):
-            raise SetupError(f"{here}: {value!r} is not a text")
-        return StartValue(port.component, tuple(elements), (str(value),) * len(elements))
-    value = _as_number(here, elements[0], value)
-    try:
-        array = np.atleast_1d(np.asarray(value, dtype=float)).ravel()
-    except (TypeError, ValueError, OverflowError):
-        raise SetupError(f"{here}: {value!r} is not a number or a list of numbers") from None
-    if elements[0].kind == "real" and np.asarray(value).dtype == bool:
+    values = _flat(value)
+    if values is None:
         raise SetupError(f"{here}: {value!r} is not a number or a list of numbers")
-    if array.size == 1:
-        array = np.full(len(elements), array[0])
-    if array.size != len(elements):
-        raise SetupError(f"{here}: {array.size} values were given for {len(elements)}")
-    for element, number in zip(elements, array, strict=True):
-        _check_number(here, element, float(number))
-    return StartValue(port.component, tuple(elements), tuple(map(float, array)))
+    if len(values) == 1:
+        values *= len(elements)
+    if len(values) != len(elements):
+        raise SetupError(f"{here}: {len(values)} values were given for {len(elements)}")
+    own = tuple(_start_value(here, e, v, value) for e, v in zip(elements, values, strict=True))
+    return StartValue(port.component, tuple(elements), own)
 
 
-def _as_number(here: str, element: Element, value: Any) -> Any:
-    """The number that a word stands for, or a text that a person wrote; other values as they are."""
+def _flat(value: Any) -> list[Any] | None:
+    """The scalars of a value, in the order of its elements; None where its rows differ in size."""
     if isinstance(value, (list, tuple)):
-        return [_as_number(here, element, v) for v in value]
-    words = {"false": 0.0, "true": 1.0} if element.kind == "boolean" else element.items
-    if not isinstance(value, str) or not (words or isinstance(value, AsWritten)):
-        return value
-    if value in words:
-        return words[value]
+        rows = [_flat(row) for row in value]
+        if any(row is None for row in rows) or len({len(row) for row in rows if row is not None}) > 1:
+            return None
+        return [scalar for row in rows if row is not None for scalar in row]
+    if hasattr(value, "__array__") or isinstance(value, range):
+        scalars: list[Any] = np.asarray(value).ravel().tolist()
+        return scalars
+    return [value]
+
+
+def _start_value(here: str, element: Element, value: Any, given: Any) -> Any:
+    """A start value of one element, in Python's own type; `given` is what it is part of."""
+    if isinstance(value, str) and not element.type.is_text:
+        value = _read(here, element, value)
+    is_number = isinstance(value, (int, float)) and not (isinstance(value, bool) and element.kind == "real")
+    if element.kind in ("real", "integer") and not is_number:
+        raise SetupError(f"{here}: {given!r} is not a number or a list of numbers")
+    if isinstance(value, float) and not math.isfinite(value):
+        raise SetupError(f"{here}: {value} is not a finite number")
     try:
-        return float(value)
-    except ValueError:
-        hint = f"; {nearest(value, words)}" if words else ""
-        raise SetupError(f"{here}: {str(value)!r} is no value of type {element.variable.type}{hint}") from None
+        if isinstance(value, AsWritten):
+            value = bytes.fromhex(value) if element.kind == "binary" else str(value)
+        known = element.value(value)
+    except OverflowError:
+        raise SetupError(f"{here}: {given!r} is not a number or a list of numbers") from None
+    except ValueError as error:
+        raise SetupError(f"{here}: {error}") from None
+    _check_bounds(here, element, known)
+    return known
 
 
-def _check_number(here: str, element: Element, number: float) -> None:
-    if not math.isfinite(number):
-        raise SetupError(f"{here}: {number} is not a finite number")
-    if not fits(element, number):
-        raise SetupError(f"{here}: {number!r} is not a value of type {element.variable.type}")
+def _read(here: str, element: Element, text: str) -> int | float | str:
+    """The number that a person wrote, or a word of the type of an element."""
+    if text in element.words:
+        return str(text)
+    for kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            continue
+    if element.kind in ("real", "integer") and not isinstance(text, AsWritten):
+        raise SetupError(f"{here}: {text!r} is not a number or a list of numbers")
+    hint = f"; {nearest(text, element.words)}" if element.words else ""
+    raise SetupError(f"{here}: {str(text)!r} is no value of type {element.variable.type}{hint}")
+
+
+def _check_bounds(here: str, element: Element, value: Any) -> None:
     variable = element.variable
-    lower = -math.inf if variable.min is None else float(variable.min)
-    upper = math.inf if variable.max is None else float(variable.max)
-    if not lower <= number <= upper:
+    if element.kind not in ("real", "integer"):
+        return
+    number = int if element.kind == "integer" else float
+    lower = -math.inf if variable.min is None else number(variable.min)
+    upper = math.inf if variable.max is None else number(variable.max)
+    if not lower <= value <= upper:
         bounds = f"at least {lower!r}" if upper == math.inf else f"between {lower!r} and {upper!r}"
-        raise SetupError(f"{here}: {number!r} is out of bounds; it must be {bounds}")
+        raise SetupError(f"{here}: {value!r} is out of bounds; it must be {bounds}")
 
 
 def _check_feeding(
@@ -248,8 +311,10 @@ def _check_feeding(
     links: Iterable[Link],
     drives: Iterable[Drive],
     starts: Iterable[StartValue],
-) -> None:
-    """Every input has exactly one connection or signal, or else a start value."""
+    *,
+    strict_inputs: bool,
+) -> tuple[str, ...]:
+    """No input has more than one connection or signal; returns those that have none, nor a start value."""
     fed: dict[Node, str] = {}
     feeders = [
         *((k.target_component, k.target.name, f"'{k.source_component}.{k.source.name}'") for k in links),
@@ -262,17 +327,18 @@ def _check_feeding(
         fed[component, name] = by
     _check_added(drives, {(k.target_component, k.target.name) for k in links})
     held = {(s.component, e.name) for s in starts for e in s.elements}
-    for component, port in ports.items():
-        missing = [
-            e.name
-            for e in port.of_causality("input")
-            if (component, e.name) not in fed and (component, e.name) not in held
-        ]
-        if missing:
-            names = ", ".join(f"'{component}.{n}'" for n in missing)
-            raise SetupError(
-                f"nothing feeds input {names}; connect it, drive it with a signal, or hold it at a start value"
-            )
+    kept = tuple(
+        f"{component}.{e.name}"
+        for component, port in ports.items()
+        for e in port.of_causality("input")
+        if (component, e.name) not in fed and (component, e.name) not in held
+    )
+    if kept and strict_inputs:
+        names = ", ".join(f"'{name}'" for name in kept)
+        raise SetupError(
+            f"nothing feeds input {names}; connect it, drive it with a signal, or hold it at a start value"
+        )
+    return kept
 
 
 def _check_added(drives: Iterable[Drive], connected: Set[Node]) -> None:
@@ -288,18 +354,33 @@ def _check_added(drives: Iterable[Drive], connected: Set[Node]) -> None:
             added.add((drive.component, element.name))
 
 
-def _levels(ports: Mapping[str, Ports], links: Iterable[Link], needs_levels: bool) -> dict[Node, int] | None:
+def _feedthrough(port: Ports, links: Iterable[Link], drives: Iterable[Drive]) -> dict[str, Set[str]]:
+    """For each output what it depends on directly; each may depend on a parameter that something feeds."""
+    fed = {k.target.variable for k in links if k.target_component == port.component}
+    fed |= {e.variable for d in drives if d.component == port.component for e in d.targets}
+    parameters = {variable.name for variable in fed if variable.causality == "parameter"}
+    return {output: depends_on | parameters for output, depends_on in port.feedthrough.items()}
+
+
+def _levels(
+    ports: Mapping[str, Ports],
+    feedthrough: Mapping[str, Mapping[str, Set[str]]],
+    links: Iterable[Link],
+    needs_levels: bool,
+) -> dict[Node, int] | None:
     feeds: dict[Node, set[Node]] = {}
     inputs: set[Node] = set()
     for component, port in ports.items():
-        for output, depends_on in port.feedthrough.items():
+        for output, depends_on in feedthrough[component].items():
             feeds[component, output] = {(component, name) for name in depends_on}
-        for element in port.of_causality("input"):
-            inputs.add((component, element.variable.name))
-            feeds.setdefault((component, element.variable.name), set())
+            inputs |= feeds[component, output]
+        inputs |= {(component, element.variable.name) for element in port.of_causality("input")}
+    for node in inputs:
+        feeds.setdefault(node, set())
     for link in links:
         target = (link.target_component, link.target.variable.name)
-        feeds[target].add((link.source_component, link.source.variable.name))
+        feeds.setdefault(target, set()).add((link.source_component, link.source.variable.name))
+        inputs.add(target)
     try:
         return levels(feeds, inputs)
     except AlgebraicLoop as loop:

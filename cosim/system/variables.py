@@ -6,37 +6,20 @@ elements get the same names here. So both versions answer to the same names.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
+from typing import Any
 
 from fmpy.model_description import ModelDescription, ModelVariable, Unit
 
 from cosim.errors import SetupError, nearest
+from cosim.fmi.types import FMI_TYPES, FmiType
 
 _ELEMENT = re.compile(r"(?P<vector>.+)\[\d+(,\d+)*\]$")
-
-#: Kind of a value, by FMI type: values of one kind may be connected.
-KINDS = {
-    "Real": "real",
-    "Float64": "real",
-    "Float32": "real",
-    "Integer": "integer",
-    "Enumeration": "integer",
-    "Boolean": "boolean",
-    **{f"{sign}Int{bits}": "integer" for sign in ("", "U") for bits in (8, 16, 32, 64)},
-}
-
-
-#: Smallest and largest value of the integer types.
-_RANGES = {
-    "Integer": (-(2**31), 2**31 - 1),
-    "Enumeration": (-(2**31), 2**31 - 1),
-    **{f"Int{bits}": (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1) for bits in (8, 16, 32, 64)},
-    **{f"UInt{bits}": (0, 2**bits - 1) for bits in (8, 16, 32, 64)},
-}
 
 
 @dataclass(frozen=True)
@@ -48,15 +31,63 @@ class Element:
     offset: int
 
     @property
-    def kind(self) -> str:
-        """Kind of the value: real, integer, boolean, or the FMI type of what can't be exchanged."""
-        return KINDS.get(self.variable.type, str(self.variable.type))
+    def is_exchanged(self) -> bool:
+        """Whether its values can be exchanged and recorded; those of clocks can't."""
+        return self.variable.type in FMI_TYPES
 
     @property
-    def items(self) -> dict[str, float]:
+    def type(self) -> FmiType:
+        """Its type, where `is_exchanged`."""
+        return FMI_TYPES[self.variable.type]
+
+    @property
+    def kind(self) -> str:
+        """Kind of the value: real, integer, boolean, enumeration, string, binary; clock for what can't be exchanged."""
+        return self.type.kind if self.is_exchanged else str(self.variable.type).lower()
+
+    @property
+    def is_tunable(self) -> bool:
+        """Whether it is a parameter that may change during a run."""
+        return bool(self.variable.causality == "parameter" and self.variable.variability == "tunable")
+
+    @property
+    def items(self) -> dict[str, int]:
         """Names of the items of an enumeration and their numbers; empty for other types."""
         declared = self.variable.declaredType
-        return {} if declared is None else {str(i.name): float(i.value) for i in declared.items if i.value is not None}
+        return {} if declared is None else {str(i.name): int(i.value) for i in declared.items if i.value is not None}
+
+    @property
+    def words(self) -> dict[str, int]:
+        """Words that stand for its values: those of Booleans, and items of enumerations."""
+        return {"false": 0, "true": 1} if self.kind == "boolean" else self.items
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Smallest and largest number that its type, or its enumeration, has."""
+        if self.kind == "enumeration" and self.items:
+            return min(self.items.values()), max(self.items.values())
+        smallest, largest = self.type.smallest, self.type.largest
+        return (-math.inf if smallest is None else smallest), (math.inf if largest is None else largest)
+
+    def value(self, value: Any) -> Any:
+        """A value that the element can hold, in Python's own type; exactly what was given.
+
+        Booleans and enumerations take their words too.
+
+        Raises
+        ------
+        ValueError
+            The element can't hold it.
+        """
+        if isinstance(value, str) and self.words:
+            if value not in self.words:
+                raise ValueError(f"{value!r} is no value of type {self.variable.type}; {nearest(value, self.words)}")
+            return self.type.value(self.words[value])
+        known = self.type.value(value)
+        if self.kind == "enumeration" and self.items and known not in self.items.values():
+            numbers = ", ".join(f"{name} = {number}" for name, number in self.items.items())
+            raise ValueError(f"{value!r} is no item of the enumeration, which has {numbers}")
+        return known
 
 
 class Ports:
@@ -135,16 +166,6 @@ class Ports:
 def variables_of(elements: Iterable[Element]) -> list[ModelVariable]:
     """The variables that elements belong to, each once, in order."""
     return list({e.variable.name: e.variable for e in elements}.values())
-
-
-def fits(element: Element, number: float) -> bool:
-    """Whether the type of an element can hold a finite number."""
-    if element.kind == "boolean":
-        return number in (0.0, 1.0)
-    if element.kind == "integer":
-        lower, upper = _RANGES[element.variable.type]
-        return number.is_integer() and lower <= number <= upper
-    return True
 
 
 def indices(name: str) -> tuple[int, ...]:

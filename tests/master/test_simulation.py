@@ -374,7 +374,7 @@ def test_booleans_and_enumerations_take_their_words(probe: Path) -> None:
             ({"b": "yes"}, r"'yes' is no value of type Boolean; known are false, true"),
             ({"n": "3.5"}, r"3\.5 is not a value of type Integer"),
             ({"u": "true"}, r"'true' is not a number or a list of numbers"),
-            ({"journal": 3.0}, r"3\.0 is not a text"),
+            ({"journal": 3.0}, r"3\.0 is not a value of type String"),
         ):
             with pytest.raises(SetupError, match=message):
                 outputs(**start)

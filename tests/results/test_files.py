@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from contextlib import suppress
 from pathlib import Path
 
@@ -35,6 +36,9 @@ def read(path: Path) -> tuple[list[str], np.ndarray]:
     if path.suffix == ".npz":
         archive = np.load(path)
         return ["time", *archive["names"]], np.column_stack([archive["time"], archive["values"]])
+    if path.suffix == ".json":
+        columns = json.loads(path.read_text(encoding="utf-8"))["values"]
+        return list(columns), np.column_stack(list(columns.values()))
     data = loadmat(path, chars_as_strings=False)
     names = ["".join(column).rstrip() for column in data["name"].T]
     return names, data["data_2"].T
@@ -63,7 +67,7 @@ def test_mat_files_are_trajectories_of_dymola(tmp_path):
 
 
 def test_an_unknown_format_is_refused_by_name(tmp_path):
-    with pytest.raises(CosimError, match=r"unknown format '\.xls'; use \.csv, \.parquet, \.npz or \.mat"):
+    with pytest.raises(CosimError, match=r"unknown format '\.xls'; use \.csv, \.parquet, \.npz, \.mat or \.json"):
         made().save(tmp_path / "r.xls")
     with pytest.raises(CosimError, match=r"can't be written as it grows; use \.csv or \.parquet"):
         TableWriter([tmp_path / "r.mat"], ["a"])

@@ -231,5 +231,5 @@ def test_each_column_of_panels_has_a_time_axis(n):
 
 def test_results_compare_by_their_fields_and_show_no_arrays():
     fields = [f.name for f in dataclasses.fields(Results)]
-    assert fields == ["time", "names", "values", "info"]
+    assert fields == ["time", "names", "values", "info", "typed"]
     assert "array" not in repr(made())

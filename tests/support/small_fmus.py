@@ -106,6 +106,21 @@ def _fmi3_types() -> str:
             f'<Dimension start="2"/></{kind}>'
         )
         structure.append(f'<Output valueReference="{reference}" dependencies=""/>')
+    for reference, (name, kind, start) in enumerate(
+        (
+            ("String", "String", '<Start value="first"/>'),
+            ("words", "String", '<Dimension start="2"/><Start value="a"/><Start value="b"/>'),
+            ("Binary", "Binary", '<Start value="00ff"/>'),
+        ),
+    ):
+        r = 101 + 2 * reference
+        for label, number, causality in ((name, r, "input"), (f"{name}_out", r + 1, "output")):
+            inner = start if causality == "input" else start[: start.index("<Start")]
+            variables.append(
+                f'<{kind} name="{label}" valueReference="{number}" causality="{causality}" variability="discrete">'
+                f"{inner}</{kind}>"
+            )
+        structure.append(f'<Output valueReference="{r + 1}" dependencies="{r}"/>')
     unknowns = [s.replace("<Output", "<InitialUnknown") for s in structure]
     return "\n".join(
         [

@@ -217,12 +217,21 @@ def test_an_input_fed_by_two_signals_is_refused(system):
     refused(system, "'first.u[2]' is fed twice", "remove one")
 
 
-def test_undriven_inputs_are_all_named_with_the_remedies(system):
+def test_undriven_inputs_are_all_named_with_the_remedies_where_they_are_an_error(system):
     system.connections[:] = []
-    refused(system, "'second.u[1]', 'second.u[2]'", "connect", "signal", "start value")
+    refused(system, "'second.u[1]', 'second.u[2]'", "connect", "signal", "start value", strict_inputs=True)
     system.connect("first.y[1]", "second.u[1]")
-    message = refused(system, "'second.u[2]'")
+    message = refused(system, "'second.u[2]'", strict_inputs=True)
     assert "second.u[1]" not in message
+
+
+def test_undriven_inputs_keep_the_start_values_of_their_fmu_and_the_summary_names_them(system):
+    system.connections[:] = []
+    system.connect("first.y[1]", "second.u[1]")
+    results = simulate(system, 1.0, 0.5)
+    assert results.info["inputs_kept"] == ["second.u[2]"]
+    assert results["second.u[2]"].tolist() == [0.0] * 3
+    assert results["second.u[1]"].tolist() == results["first.y[1]"].tolist()
 
 
 def test_an_input_with_a_start_value_needs_no_connection(system, tiny):
@@ -242,7 +251,7 @@ def test_an_input_with_a_start_value_needs_no_connection(system, tiny):
         ("Gain", {"K": [1.0, 2.0]}, ["'c.K'", "2 values were given for 1"]),
         ("Gain", {"K": math.nan}, ["'c.K'", "nan is not a finite number"]),
         ("Gain", {"u": [1.0, math.inf]}, ["'c.u'", "inf is not a finite number"]),
-        ("Gain", {"K": None}, ["'c.K'", "not a finite number"]),
+        ("Gain", {"K": None}, ["'c.K'", "None is not a number"]),
         ("Gain", {"K": "two"}, ["'c.K'", "'two' is not a number"]),
         ("Gain", {"K": {}}, ["'c.K'", "{} is not a number"]),
         ("Gain", {"K": 1j}, ["'c.K'", "1j is not a number"]),
