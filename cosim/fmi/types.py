@@ -14,6 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from cosim.errors import ArgumentError
+
 #: Classes of C types; the code of a C type, which loop.c switches on, is its class and its size in bytes.
 _CLASSES = {"f": 0, "i": 16, "u": 32, "b": 32}
 
@@ -101,12 +103,12 @@ class FmiType:
 
         Raises
         ------
-        ValueError
+        ArgumentError
             It is none.
         """
         if isinstance(value, np.generic):
             value = value.item()
-        wrong = ValueError(f"{value!r} is not a value of type {self.name}")
+        wrong = ArgumentError(f"{value!r} is not a value of type {self.name}")
         if self.is_text:
             if not isinstance(value, str if self.kind == "string" else (bytes, bytearray, memoryview)):
                 raise wrong

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from cosim.errors import ArgumentError
 from cosim.fmi.instance import CallFailed
 from cosim.fmi.types import Texts
 from cosim.system.resolution import Drive
@@ -231,7 +232,7 @@ def _slots(drive: Drive, block: np.ndarray, texts: Texts, name: str) -> tuple[np
     for i, row in enumerate(block.tolist()):
         try:
             values = [element.value(value) for element, value in zip(drive.targets, row, strict=True)]
-        except (ValueError, OverflowError):
+        except (ArgumentError, OverflowError):
             fmi_type = drive.targets[0].variable.type
             return slots[:i], CallFailed(f"the signal that feeds '{name}' gives {row[:8]}, no value of type {fmi_type}")
         slots[i] = drive.targets[0].type.slots(values, texts)

@@ -130,17 +130,42 @@ class Results(Recorded):
                 header = next(rows, None)
                 if not header or header[0] != TIME:
                     raise ResultsError(f"{path}: the first column must be '{TIME}'")
-                data = [_numbers(path, number, row, len(header)) for number, row in enumerate(rows, start=2)]
+                data = [_cells(path, number, row, len(header)) for number, row in enumerate(rows, start=2)]
         except (OSError, UnicodeDecodeError, csv.Error) as error:
             raise ResultsError(f"{path}: can't be read as CSV: {error}") from error
-        table = np.array(data, dtype=float).reshape(len(data), len(header))
-        return cls(time=table[:, 0], names=header[1:], values=table[:, 1:])
+        columns = {
+            name: _column(path, list(cells)) for name, cells in zip(header, zip(*data, strict=True), strict=False)
+        }
+        typed = {name: column for name, column in columns.items() if isinstance(column, TypedColumn)}
+        if TIME in typed:
+            raise ResultsError(f"{path}: column '{TIME}' has values that are no numbers")
+        numbers = [c.numbers if isinstance(c, TypedColumn) else c for c in columns.values()]
+        table = np.column_stack(numbers) if numbers else np.empty((0, len(header)))
+        return cls(time=table[:, 0], names=header[1:], values=table[:, 1:], typed=typed)
 
 
-def _numbers(path: str | PathLike[str], line: int, row: list[str], expected: int) -> list[float]:
+def _cells(path: str | PathLike[str], line: int, row: list[str], expected: int) -> list[str]:
     if len(row) != expected:
         raise ResultsError(f"{path}: line {line} has {len(row)} columns, the header has {expected}")
+    return row
+
+
+def _column(path: str | PathLike[str], cells: list[str]) -> np.ndarray | TypedColumn:
+    """A column of numbers, of true and false, or of texts."""
+    if cells and set(cells) <= {"true", "false"}:
+        return TypedColumn("bool", np.array([cell == "true" for cell in cells]))
     try:
-        return [float(cell) for cell in row]
+        return np.array([float(cell) for cell in cells])
     except ValueError as error:
-        raise ResultsError(f"{path}: line {line}: {error}") from None
+        first = next(i for i, cell in enumerate(cells) if not _is_number(cell))
+        if any(_is_number(cell) for cell in cells):  # a mistake in a column of numbers, rather than one of texts
+            raise ResultsError(f"{path}: line {first + 2}: {error}") from None
+        return TypedColumn("string", np.array(cells, dtype=object))
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True

@@ -382,7 +382,7 @@ def _with_metrics(scenario: Scenario, kind: type[ScenarioStudy]) -> Scenario:
 
 
 #: Kinds of values that can be recorded.
-_MEASURABLE = ("real", "integer", "boolean")
+_MEASURABLE = ("real", "integer", "enumeration", "boolean")
 
 
 def _as_data(value: Any) -> Any:

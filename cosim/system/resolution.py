@@ -9,7 +9,7 @@ from typing import Any, get_args
 
 import numpy as np
 
-from cosim.errors import SetupError, nearest
+from cosim.errors import ArgumentError, SetupError, nearest
 from cosim.fmi.types import CONVERSIONS
 from cosim.system.levels import AlgebraicLoop, Node, levels
 from cosim.system.system import AsWritten, Component, Connection, Signal, SignalFunction, System, Units
@@ -273,7 +273,7 @@ def _start_value(here: str, element: Element, value: Any, given: Any) -> Any:
         known = element.value(value)
     except OverflowError:
         raise SetupError(f"{here}: {given!r} is not a number or a list of numbers") from None
-    except ValueError as error:
+    except (ArgumentError, ValueError) as error:  # of the type, or of digits of base 16
         raise SetupError(f"{here}: {error}") from None
     _check_bounds(here, element, known)
     return known

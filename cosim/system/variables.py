@@ -16,7 +16,7 @@ from typing import Any
 
 from fmpy.model_description import ModelDescription, ModelVariable, Unit
 
-from cosim.errors import SetupError, nearest
+from cosim.errors import ArgumentError, SetupError, nearest
 from cosim.fmi.types import FMI_TYPES, FmiType
 
 _ELEMENT = re.compile(r"(?P<vector>.+)\[\d+(,\d+)*\]$")
@@ -76,17 +76,17 @@ class Element:
 
         Raises
         ------
-        ValueError
+        ArgumentError
             The element can't hold it.
         """
         if isinstance(value, str) and self.words:
             if value not in self.words:
-                raise ValueError(f"{value!r} is no value of type {self.variable.type}; {nearest(value, self.words)}")
+                raise ArgumentError(f"{value!r} is no value of type {self.variable.type}; {nearest(value, self.words)}")
             return self.type.value(self.words[value])
         known = self.type.value(value)
         if self.kind == "enumeration" and self.items and known not in self.items.values():
             numbers = ", ".join(f"{name} = {number}" for name, number in self.items.items())
-            raise ValueError(f"{value!r} is no item of the enumeration, which has {numbers}")
+            raise ArgumentError(f"{value!r} is no item of the enumeration, which has {numbers}")
         return known
 
 
