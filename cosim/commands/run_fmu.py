@@ -91,7 +91,14 @@ def _driven(ports: Ports, path: Path, plan: Plan) -> list[Signal]:
     inputs = {element.name: element for element in ports.of_causality("input")}
     if not len(table.time):
         raise UsageError(f"{path}: has no rows")
-    if not np.isfinite(table.values).all() or not (np.diff(table.time) >= 0.0).all():
+    texts = [name for name in table.names if name in table.typed and table.typed[name].is_text]
+    wrong = [name for name in texts if name in inputs and inputs[name].kind != "string"]
+    if wrong:
+        raise UsageError(
+            f"{path}: column '{wrong[0]}' is text, but the input is of type {inputs[wrong[0]].variable.type}"
+        )
+    numbers = table.values[:, [name not in texts for name in table.names]]
+    if not np.isfinite(numbers).all() or not (np.diff(table.time) >= 0.0).all():
         raise UsageError(f"{path}: values must be finite numbers, and times must not descend")
     if table.time[0] > plan.start_time or table.time[-1] < plan.stop_time:
         first, last = table.time[[0, -1]].tolist()
@@ -102,7 +109,7 @@ def _driven(ports: Ports, path: Path, plan: Plan) -> list[Signal]:
             raise UsageError(f"{path}: the FMU has no input '{name}'; {nearest(name, inputs)}")
         values = table[name][:, np.newaxis]
         between = _between(inputs[name])
-        differs = np.diff(values[:, 0]) != 0.0
+        differs = values[1:, 0] != values[:-1, 0]
         jumps = differs if between == "hold" else differs & (np.diff(table.time) == 0.0)
         signals.append(
             Signal(

@@ -133,14 +133,12 @@ class Results(Recorded):
                 data = [_cells(path, number, row, len(header)) for number, row in enumerate(rows, start=2)]
         except (OSError, UnicodeDecodeError, csv.Error) as error:
             raise ResultsError(f"{path}: can't be read as CSV: {error}") from error
-        columns = {
-            name: _column(path, list(cells)) for name, cells in zip(header, zip(*data, strict=True), strict=False)
-        }
-        typed = {name: column for name, column in columns.items() if isinstance(column, TypedColumn)}
+        cells = list(zip(*data, strict=True)) or [()] * len(header)
+        columns = [_column(path, list(of_column)) for of_column in cells]
+        typed = {n: c for n, c in zip(header, columns, strict=True) if isinstance(c, TypedColumn)}
         if TIME in typed:
             raise ResultsError(f"{path}: column '{TIME}' has values that are no numbers")
-        numbers = [c.numbers if isinstance(c, TypedColumn) else c for c in columns.values()]
-        table = np.column_stack(numbers) if numbers else np.empty((0, len(header)))
+        table = np.column_stack([c.numbers if isinstance(c, TypedColumn) else c for c in columns])
         return cls(time=table[:, 0], names=header[1:], values=table[:, 1:], typed=typed)
 
 

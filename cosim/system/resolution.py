@@ -126,7 +126,8 @@ def resolve(
         for c in system.components.values()
         for name, value in c.start.items()
     )
-    kept = _check_feeding(ports, links, drives, starts, strict_inputs=strict_inputs)
+    strict = {name for name, component in system.components.items() if strict_inputs or component.fmu is None}
+    kept = _check_feeding(ports, links, drives, starts, strict)
     feedthrough = {name: _feedthrough(port, links, drives) for name, port in ports.items()}
     order = _levels(ports, feedthrough, links, needs_levels)
     return ResolvedSystem(system.components, ports, links, drives, starts, order, feedthrough, kept)
@@ -311,10 +312,12 @@ def _check_feeding(
     links: Iterable[Link],
     drives: Iterable[Drive],
     starts: Iterable[StartValue],
-    *,
-    strict_inputs: bool,
+    strict: Set[str],
 ) -> tuple[str, ...]:
-    """No input has more than one connection or signal; returns those that have none, nor a start value."""
+    """No input has more than one connection or signal; returns those that have none, nor a start value.
+
+    Those of the `strict` components must have one: functions have no start values of their own.
+    """
     fed: dict[Node, str] = {}
     feeders = [
         *((k.target_component, k.target.name, f"'{k.source_component}.{k.source.name}'") for k in links),
@@ -327,18 +330,17 @@ def _check_feeding(
         fed[component, name] = by
     _check_added(drives, {(k.target_component, k.target.name) for k in links})
     held = {(s.component, e.name) for s in starts for e in s.elements}
-    kept = tuple(
-        f"{component}.{e.name}"
+    kept = [
+        (component, e.name)
         for component, port in ports.items()
         for e in port.of_causality("input")
         if (component, e.name) not in fed and (component, e.name) not in held
-    )
-    if kept and strict_inputs:
-        names = ", ".join(f"'{name}'" for name in kept)
+    ]
+    if missing := [f"'{component}.{name}'" for component, name in kept if component in strict]:
         raise SetupError(
-            f"nothing feeds input {names}; connect it, drive it with a signal, or hold it at a start value"
+            f"nothing feeds input {', '.join(missing)}; connect it, drive it with a signal, or hold it at a start value"
         )
-    return kept
+    return tuple(f"{component}.{name}" for component, name in kept)
 
 
 def _check_added(drives: Iterable[Drive], connected: Set[Node]) -> None:

@@ -54,18 +54,18 @@ def test_the_default_experiment_of_the_fmu(capsys: pytest.CaptureFixture[str]) -
     assert found.names == ["Tank.a", "Tank.b", "Tank.x"]
     assert not found.values.any()
     shown = capsys.readouterr().out
-    assert "note: inputs held at their start values: a, b" in shown
+    assert "keep the start values of their FMUs: Tank.a, Tank.b" in shown
     assert "results and summary: results/Tank" in shown  # figures are left out here
     about = summary("Tank")
     assert (about["fmu"], about["title"], about["status"]) == ("Tank.fmu", "Tank", "completed")
-    assert (about["held"], about["driven"], about["metrics"]) == (["a", "b"], [], {})
+    assert (about["inputs_kept"], about["driven"], about["metrics"]) == (["Tank.a", "Tank.b"], [], {})
 
 
 @pytest.mark.usefixtures("here")
 def test_times_and_start_values_of_options(capsys: pytest.CaptureFixture[str]) -> None:
     options = ["--start", "2", "--stop", "3", "--step", "0.25", "--set", "Tank.x_start=1", "--set", "a=0.5"]
     assert main(["run", "Tank.fmu", *options, "--record-every", "2"]) == 0
-    assert "held at their start values: b\n" in capsys.readouterr().out
+    assert "keep the start values of their FMUs: Tank.b\n" in capsys.readouterr().out
     found = results("Tank")
     assert found.time.tolist() == [2.0, 2.5, 3.0]
     assert found["Tank.x"] == pytest.approx([1.0, 1.25, 1.5], rel=1e-12)
@@ -95,7 +95,7 @@ def test_values_of_every_type_are_read_by_the_type_of_their_variable() -> None:
     ("value", "says"),
     [
         ("b=maybe", "start value of 'probe.b': 'maybe' is no value of type Boolean"),
-        ("b=2", "start value of 'probe.b': 2.0 is not a value of type Boolean"),
+        ("b=2", "start value of 'probe.b': 2 is not a value of type Boolean"),
         ("e=onn", "start value of 'probe.e': 'onn' is no value of type Enumeration; did you mean 'on'?"),
         ("n=1.5", "start value of 'probe.n': 1.5 is not a value of type Integer"),
         ("n=true", "start value of 'probe.n': 'true' is no value of type Integer"),
@@ -128,7 +128,7 @@ def test_continuous_inputs_are_linear_between_rows_and_others_held(fmu: str) -> 
     assert found[f"{fmu}.n"].tolist() == [1.0] * 4 + [3.0] * 4 + [4.0]
     assert found[f"{fmu}.b"].tolist() == [0.0] * 4 + [1.0] * 4 + [0.0]
     assert summary(fmu)["driven"] == ["u", "n", "b"]
-    assert summary(fmu)["held"] == ["e"]
+    assert summary(fmu)["inputs_kept"] == [f"{fmu}.e"]
 
 
 @pytest.mark.usefixtures("here")
@@ -157,7 +157,7 @@ def test_outside_of_the_rows_the_first_and_the_last_hold_and_it_is_said(capsys: 
         ("time,a\n", "in.csv: has no rows"),
         ("time,a\n1,0\n0,0\n", "in.csv: values must be finite numbers, and times must not descend"),
         ("time,a\n0,inf\n", "in.csv: values must be finite numbers"),
-        ("time,a\n0,much\n", "in.csv: line 2"),
+        ("time,a\n0,much\n", "column 'a' is text"),
         (None, "in.csv: can't be read as CSV"),
     ],
 )

@@ -232,7 +232,7 @@ def test_scenarios_are_a_factor_and_rows_have_the_metrics_of_all(folder):
         ("p.e=off,onn", "'onn' is no"),
         ("p.b=true,no", "'no' is "),
         ("g.K=1,two", "'two' is not a number"),
-        ("p.journal=1,2", "2.0 is not a text"),
+        ("p.journal=1,2", "2.0 is not a value of type String"),
     ],
 )
 def test_what_can_not_be_varied_is_one_line_before_anything_runs(folder, factor, says):

@@ -153,7 +153,7 @@ def test_units_may_be_ignored_or_unknown(tiny: Path) -> None:
     ("start", "message"),
     [
         ({"n": 1.5}, "1.5 is not a value of type Int64"),
-        ({"on": 2}, "2.0 is not a value of type Boolean"),
+        ({"on": 2}, "2 is not a value of type Boolean"),
         ({"y": 1.0}, "output variables can't be set"),
         ({"v": [1.0, 2.0]}, "2 values were given for 3"),
         ({"w": 1.0}, "component 'c' has no variable 'w'"),
