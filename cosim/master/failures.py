@@ -21,6 +21,8 @@ class SimulationError(CosimError):
         What the FMU said, empty if nothing.
     results : Results or None
         What had been recorded; None when the run failed before its first communication point.
+
+    Where a function in Python raised, its exception is the `__cause__`.
     """
 
     def __init__(self, component: str, time: float, what: str, log: str) -> None:

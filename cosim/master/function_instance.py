@@ -72,6 +72,7 @@ class FunctionInstance(Instance):
         )
         self._called = Called(self._call)
         self._error: BaseException | None = None
+        self._run = 0  # number that the object gave it
         self._time: float | None = None  # of the last call
         self._seen = self._before = b""
         self._has_before = False
@@ -112,6 +113,8 @@ class FunctionInstance(Instance):
 
     def _evaluate(self, time: float) -> None:
         inputs = self._input_memory.tobytes()
+        if self._run != self.function.begun:
+            raise CallFailed("its object has begun another run in between; give each of the two an object of its own")
         if time == self._time:  # an exchange again at the same communication point
             if inputs == self._seen or not self.function.direct_feedthrough:
                 return
@@ -135,7 +138,7 @@ class FunctionInstance(Instance):
         if self._has_before:
             self.function.restore(self._before)
         elif self.function.can_reset and self._time == self._start_time:
-            self.function.begin()
+            self._run = self.function.begin()
         else:
             raise CallFailed(
                 "its inputs have changed since it was called at this communication point; to be called again its "
@@ -209,7 +212,7 @@ class FunctionInstance(Instance):
         """
         self._start_time, self._time = start_time, None
         self.is_stepped = False
-        self._asking("reset" if self.function.can_reset else "restore", self.function.begin)
+        self._run = self._asking("reset" if self.function.can_reset else "restore", self.function.begin)
 
     def save_state(self) -> bytes:
         """See `Instance`."""

@@ -279,7 +279,7 @@ class Simulation:
         SetupError
             The run can't be made as described; nothing has run.
         SimulationError
-            An FMU failed; its `results` hold what had been recorded.
+            An FMU or a function failed; its `results` hold what had been recorded.
         SimulationInterrupted
             Ctrl-C; its `results` hold what had been recorded.
         """

@@ -29,7 +29,7 @@ class RunState:
     point : int
         Number of the communication point.
     fmus : mapping
-        Component -> serialised state of its FMU.
+        Component -> serialised state of its FMU or of its function in Python.
     values : array (n,)
         Exchanged values.
     history : array (n,)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import inspect
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -76,6 +77,8 @@ class PythonFunction:
         for name in names:
             if names.count(name) > 1:
                 raise SetupError(f"component '{component}': there are two variables '{name}'; give each its own name")
+        self._check_signature()
+        self.begun = 0  # runs
         self.owner = _owner(function)
         self.can_reset = callable(getattr(self.owner, "reset", None))
         self.can_save = all(callable(getattr(self.owner, name, None)) for name in ("save", "restore"))
@@ -117,8 +120,8 @@ class PythonFunction:
 
     # The object behind the function
 
-    def begin(self) -> None:
-        """Bring the object to where every run begins.
+    def begin(self) -> int:
+        """Bring the object to where every run begins; returns how many runs have begun with it.
 
         Raises
         ------
@@ -127,7 +130,7 @@ class PythonFunction:
         """
         owner = self.owner
         if owner is None:
-            return
+            return self.begun
         if self.can_reset:
             owner.reset()
         elif self.can_save:
@@ -139,6 +142,8 @@ class PythonFunction:
             )
         else:
             self._note_use()
+        self.begun += 1
+        return self.begun
 
     def save(self) -> bytes:
         """The state of the object.
@@ -175,6 +180,20 @@ class PythonFunction:
             ) from None
 
     # Variables
+
+    def _check_signature(self) -> None:
+        """Whether the function takes the time and the inputs, as far as its signature says."""
+        try:
+            signature = inspect.signature(self.function)
+        except (TypeError, ValueError):  # of a function in C
+            return
+        try:
+            signature.bind(0.0, *self.inputs)
+        except TypeError as error:
+            names = ", ".join(["time", *(v.name for v in self.inputs)])
+            raise SetupError(
+                f"component '{self.component}': its function is called with ({names}), which it does not take: {error}"
+            ) from None
 
     def _variables(self, role: str, specs: VariableSpecs) -> tuple[FunctionVariable, ...]:
         if isinstance(specs, str) or not isinstance(specs, Iterable):

@@ -22,6 +22,7 @@ from cosim import Results, RunState, SetupError, Simulation, SimulationError, Si
 from parallel_robot.fmus import fmu_path
 from parallel_robot.wiring import CONNECTIONS
 from tests.support.native_fmus import DEFAULT_FLAVOUR
+from tests.support.small_fmus import compiled
 from tests.support.tiny_models import CLOCK, GAIN, INTEGRATOR, TWO_LEVELS, build
 
 H = 0.125  # s; times of communication points are exact with it
@@ -370,6 +371,26 @@ def test_numbers_are_those_of_python_and_arrays_the_functions_own() -> None:
     }
 
 
+def test_integers_booleans_and_enumerations_go_to_fmus_and_back(tmp_path: Path) -> None:
+    system = System()
+    system.add("p", compiled(tmp_path, "fmi2_probe"), start={"u": 0.0})
+    variables = {"n": int, "e": int, "b": bool}
+    seen = []
+
+    def source(time: float) -> tuple[int, int, bool]:
+        step = round(time / H)
+        return -step, 1 + step % 2, step > 1
+
+    system.add_function("f", source, outputs=variables)
+    system.add_function("g", lambda t, *values: seen.append(values), inputs=variables)
+    for name in variables:
+        system.connect(f"f.{name}", f"p.{name}")
+        system.connect(f"p.{name}_out", f"g.{name}")
+    simulate(system, 3 * H, H)
+    assert seen == [(0, 1, False), (-1, 2, False), (-2, 1, True), (-3, 2, True)]
+    assert {type(v) for row in seen for v in row} == {int, bool}
+
+
 def test_start_values_of_inputs_hold_and_can_be_those_of_a_run() -> None:
     system = System()
     system.add_function(
@@ -651,6 +672,25 @@ def test_every_run_is_as_the_first_one(tiny: Path, make: type[Integral], order: 
         with simulation.start(H) as run:
             run.step(16)
         same(run.results, expected)
+
+
+def test_two_runs_at_once_do_not_share_an_object(tiny: Path) -> None:
+    system = loop(tiny, Full())
+    with Simulation(system) as one, Simulation(system) as other, one.start(H) as first, other.start(H) as second:
+        second.step()
+        with pytest.raises(SimulationError, match="its object has begun another run in between"):
+            first.step()
+        second.step()
+    same(second.results, simulate(system, 2 * H, H))
+
+
+def test_two_runs_at_once_may_share_a_function(tiny: Path) -> None:
+    system = loop(tiny, lambda t, x: -x)
+    with Simulation(system) as one, Simulation(system) as other, one.start(H) as first, other.start(H) as second:
+        for _ in range(3):
+            first.step()
+            second.step()
+    same(first.results, second.results)
 
 
 def test_a_method_has_the_state_of_its_object(tiny: Path) -> None:
