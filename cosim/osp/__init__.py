@@ -8,16 +8,14 @@ from typing import TYPE_CHECKING, Any
 #: Name -> module; loaded when first used.
 _MODULES = {
     "OSPError": "cosim.osp.errors",
-    "ReadSystem": "cosim.system.read",
     "read_osp": "cosim.osp.reader",
 }
 
-__all__ = ["OSPError", "ReadSystem", "read_osp"]
+__all__ = ["OSPError", "read_osp"]
 
 if TYPE_CHECKING:
     from cosim.osp.errors import OSPError
     from cosim.osp.reader import read_osp
-    from cosim.system.read import ReadSystem
 else:
 
     def __getattr__(name: str) -> Any:

@@ -14,6 +14,7 @@ _MODULES = {
     "Experiment": "cosim.ssp.writer",
     "ParameterSet": "cosim.ssp.writer",
     "ReadSystem": "cosim.system.read",
+    "SSPFile": "cosim.ssp.editing",
     "SSPError": "cosim.ssp.errors",
     "read_ssp": "cosim.ssp.reader",
     "write_ssp": "cosim.ssp.writer",
@@ -24,11 +25,13 @@ __all__ = [
     "ParameterSet",
     "ReadSystem",
     "SSPError",
+    "SSPFile",
     "read_ssp",
     "write_ssp",
 ]
 
 if TYPE_CHECKING:
+    from cosim.ssp.editing import SSPFile
     from cosim.ssp.errors import SSPError
     from cosim.ssp.reader import read_ssp
     from cosim.ssp.writer import Experiment, ParameterSet, write_ssp
