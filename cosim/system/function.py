@@ -8,13 +8,15 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from types import BuiltinFunctionType, FunctionType, MethodType, ModuleType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from weakref import WeakValueDictionary
 
 import numpy as np
-from fmpy.model_description import CoSimulation, ModelDescription, ModelVariable, Unit, Unknown
 
 from cosim.errors import SetupError
+
+if TYPE_CHECKING:
+    from fmpy.model_description import ModelDescription, ModelVariable
 
 #: Unit or type of a variable, its shape, or both: "rad", 3, ("rad", 3), bool, (int, (2, 3)), None.
 VariableSpec = str | int | type | Sequence[Any] | None
@@ -95,6 +97,9 @@ class PythonFunction:
 
     def description(self) -> ModelDescription:
         """What the model description of an FMU with these variables would say."""
+        # late: a command that simulates nothing need not wait for fmpy
+        from fmpy.model_description import CoSimulation, ModelDescription, ModelVariable, Unit, Unknown
+
         variables = [
             ModelVariable(
                 name=v.name,

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import pickle
+import subprocess
+import sys
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -202,3 +204,12 @@ def test_a_system_of_functions_can_be_sent_to_another_process() -> None:
     system.add_function("o", Law(), outputs=["y"])
     copy = pickle.loads(pickle.dumps(system))
     assert simulate(copy, 1.0, 0.25).values.tolist() == simulate(system, 1.0, 0.25).values.tolist()
+
+
+def test_a_system_is_described_without_fmpy() -> None:
+    """Which takes long to import; commands that simulate nothing need not wait for it."""
+    code = (
+        "import sys; from cosim import System; System().add_function('f', lambda t: None); "
+        "sys.exit('fmpy' in sys.modules)"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
