@@ -39,6 +39,7 @@ from types import CodeType, FrameType, ModuleType
 from typing import Any
 
 _IMPORT_NAME = opmap["IMPORT_NAME"]
+_STANDARD: frozenset[str] = getattr(sys, "stdlib_module_names", frozenset())
 
 #: Namespaces by the name that they have in `sys.modules`, and how many of them have a module of a name.
 _namespaces: dict[str, Namespace] = {}
@@ -99,6 +100,9 @@ class Namespace:
         self.folder = folder
         self.compiled = frozenset(compiled)
         self._owners = {**dict.fromkeys(modules, self), **(libraries or {})}
+        self._path: tuple[str, ...] = ()
+        self._added: list[str] = []
+        self._elsewhere: set[str] = set()
         self._shown: dict[str, tuple[ModuleType | None, ModuleType]] = {}
         self._importlib = _Importlib(self)
         self.builtins = {**vars(builtins), "__import__": self._import}
@@ -115,6 +119,7 @@ class Namespace:
     def close(self) -> None:
         """Drop the modules, and what Python has kept by their names and their folder."""
         self.hide()
+        self.take_paths()
         with _changing:
             _namespaces.pop(self.name, None)
             _bundled.subtract(self._names())
@@ -132,12 +137,43 @@ class Namespace:
 
     def private(self, name: str) -> str:
         """The name in `sys.modules` of what the modules here call `name`."""
-        owner = self._owners.get(name.partition(".")[0])
-        return name if owner is None else f"{owner.name}.{name}"
+        return f"{self._owners[_root(name)].name}.{name}" if self.has(name) else name
 
     def has(self, name: str) -> bool:
         """Whether the modules here mean one of the archive by `name`."""
-        return name.partition(".")[0] in self._owners
+        top = _root(name)
+        return top in self._owners or self._is_in_an_added_folder(top)
+
+    def _note_paths(self) -> None:
+        """Note folders of the archive that its script has put on `sys.path`."""
+        path = tuple(sys.path)
+        if path == self._path:  # an import in a step must not take long
+            return
+        self._path = path
+        real = os.path.realpath(self.folder)
+        new = [p for p in path if isinstance(p, str) and p not in self._added]
+        self._added += [p for p in new if _is_inside(os.path.realpath(p), real)]
+        self._elsewhere.clear()
+
+    def take_paths(self) -> None:
+        """Take these folders off `sys.path`, so that others do not find what is in them."""
+        self._note_paths()
+        for entry in self._added:
+            with suppress(ValueError):
+                sys.path.remove(entry)
+
+    def _is_in_an_added_folder(self, top: str) -> bool:
+        self._note_paths()
+        if not self._added or top in self._elsewhere or top in self.compiled or top in _STANDARD:
+            return False
+        if _private_spec(top, self._added) is None:
+            self._elsewhere.add(top)
+            return False
+        with _changing:
+            self._owners[top] = self
+            _bundled[top] += 1
+            sys.modules[self.name].__path__ = [self.folder, *self._added]
+        return True
 
     def _import(
         self,
@@ -319,12 +355,17 @@ def _root(name: str) -> str:
     return name.partition(".")[0]
 
 
+def _is_inside(path: str, folder: str) -> bool:
+    """Whether a path is that of a folder or of what is in it."""
+    path, folder = path.replace(os.sep, "/"), folder.replace(os.sep, "/").rstrip("/")
+    return path == folder or path.startswith(f"{folder}/")
+
+
 def forget_folder(folder: str) -> None:
     """Let Python forget what it keeps by the paths of files in a folder."""
-    inside = tuple(folder.rstrip("/\\") + separator for separator in {os.sep, "/"})
     cached = getattr(sys.modules.get("linecache"), "cache", {})
     for kept in (sys.path_importer_cache, cached):
-        for path in [p for p in list(kept) if p == folder or p.startswith(inside)]:
+        for path in [p for p in list(kept) if isinstance(p, str) and _is_inside(p, folder)]:
             kept.pop(path, None)
 
 
@@ -505,6 +546,7 @@ class Fmi2Slave:
         finally:
             if self._namespace is not None:
                 self._namespace.hide()
+                self._namespace.take_paths()
 
     def _failure(self, error: BaseException) -> ScriptError:
         """The error to raise.

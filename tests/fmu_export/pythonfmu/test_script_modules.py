@@ -152,6 +152,38 @@ report(host is not None)
     assert fresh(tmp_path, script, fmu=fmu, mine=tmp_path / "mine")
 
 
+def test_modules_on_paths_that_scripts_add_stay_apart(tmp_path: Path) -> None:
+    """A folder of the archive on `sys.path`: the modules in it are the instance's, and the path goes with it."""
+    head = """
+    import sys
+    from pathlib import Path
+    sys.path.insert(0, str(Path(__file__).resolve().parent / "lib"))
+    import in_lib
+    assert sys.path[0].endswith("lib")  # it may take it off itself
+    """
+    step = "import late_in_lib; self.y = in_lib.K + late_in_lib.twice()"
+    fmus = []
+    for k in (1, 2):
+        late = "import in_lib\ndef twice(): return 2 * in_lib.K\n"
+        files = {"lib/in_lib.py": f"K = {k}.0\n", "lib/late_in_lib.py": late}
+        fmus.append(scripted(tmp_path / f"v{k}", slave(step, head), files))
+    script = """
+before = list(sys.path)
+hosts = [Host(fmu) for fmu in A.fmus]
+assert sys.path == before
+values = []
+for host in hosts:
+    assert host.initialize() == 0 and host.step(0.0, 0.1) == 0, host.said()
+    values += host.get()
+for host in hosts:
+    host.free()
+assert sys.path == before
+assert not {"in_lib", "late_in_lib"} & set(sys.modules)
+report(values)
+"""
+    assert fresh(tmp_path, script, fmus=[str(f) for f in fmus]) == [3.0, 6.0]
+
+
 CLASSES = """
 from __future__ import annotations
 import dataclasses, enum, pickle, typing
