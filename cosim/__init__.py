@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 #: Name -> module; loaded when first used, since fmpy takes a while to import.
 _MODULES = {
     "ArgumentError": "cosim.errors",
+    "Checkpoint": "cosim.master.checkpoint",
     "Component": "cosim.system.system",
     "Connection": "cosim.system.system",
     "CosimError": "cosim.errors",
@@ -46,6 +47,7 @@ _MODULES = {
 
 __all__ = [
     "ArgumentError",
+    "Checkpoint",
     "Component",
     "Connection",
     "CosimError",
@@ -78,6 +80,7 @@ if TYPE_CHECKING:
     __version__: str
     from cosim.errors import ArgumentError, CosimError, MissingExtra, ResultsError, SetupError
     from cosim.master.algorithm import Extrapolation, Order
+    from cosim.master.checkpoint import Checkpoint
     from cosim.master.failures import SimulationError, SimulationInterrupted
     from cosim.master.recording import Sink
     from cosim.master.simulation import Simulation, simulate

@@ -202,11 +202,34 @@ def write_json(path: Path, data: Mapping[str, Any]) -> None:
     path.write_text(json.dumps(data, indent=2) + "\n", encoding="utf-8")
 
 
-def sync(path: Path) -> None:
-    """See a file on the disk; the names in a folder where that is given, as far as the system can."""
-    if path.is_dir() and os.name == "nt":
-        return
-    handle = os.open(path, os.O_RDONLY if path.is_dir() else os.O_RDWR)
+def write_whole(path: Path, write: Callable[[Path], object]) -> None:
+    """Call `write` with another name, see the file on the disk, and give it its name: it is there whole or not at all.
+
+    Raises
+    ------
+    OSError
+        The file can't be written; one of that name is as it was.
+    """
+    part = part_of(path)
+    try:
+        write(part)
+        _sync(part, os.O_RDWR)
+        part.replace(path)
+    except BaseException:
+        with suppress(OSError):
+            part.unlink(missing_ok=True)
+        raise
+    if os.name != "nt":  # there a folder can't be opened
+        _sync(path.parent, os.O_RDONLY)
+
+
+def part_of(path: Path) -> Path:
+    """Name of a file until it is whole; a kill may leave it behind."""
+    return path.with_name(f".{path.name}.part")
+
+
+def _sync(path: Path, mode: int) -> None:
+    handle = os.open(path, mode)
     try:
         os.fsync(handle)
     finally:

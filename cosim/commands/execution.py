@@ -18,6 +18,7 @@ from tqdm import tqdm
 
 from cosim.errors import CosimError, SetupError, nearest
 from cosim.master.algorithm import EXTRAPOLATIONS
+from cosim.master.checkpoint import Checkpoint
 from cosim.master.failures import SimulationError, SimulationInterrupted
 from cosim.master.simulation import Simulation, number_of_steps
 from cosim.output import SUMMARY, OutputError, ResultFolder, check_writable, write_json
@@ -28,6 +29,9 @@ from cosim.results.stored import StoredResults, TableWriter
 from cosim.scenario.metrics import Metric, measured
 from cosim.system.system import AsWritten, System
 from cosim.versions import versions
+
+#: Folder of the checkpoint, in that of the results.
+CHECKPOINT = "checkpoint"
 
 #: A run that records more values than this is written as it goes, and not kept in memory.
 MOST_VALUES_IN_MEMORY = 10_000_000
@@ -110,28 +114,63 @@ def run_prepared(prepared: PreparedRun, args: argparse.Namespace, figures: Figur
     """
     formats = args.format or ["csv"]
     with ResultFolder(prepared.folder, [f"results.{name}" for name in formats]) as folder:
+        checkpoint = _checkpoint(prepared.folder, args.checkpoint, args.resume)
         write = partial(_write, prepared, formats=formats, figures=figures, folder=folder)
         try:
-            results = execute(prepared, args.realtime, formats, folder.unfinished, build=args.build)
+            results = execute(prepared, args.realtime, formats, folder.unfinished, checkpoint, build=args.build)
         except SetupError as error:
             raise UsageError(f"{prepared.source}: {error}") from error
         except SimulationError as error:
             if error.results is None:
                 raise
-            raise CosimError(f"{error}; {_rescued(write, error.results, prepared.folder, str(error))}") from error
+            where = _rescued(write, error.results, prepared.folder, str(error))
+            raise CosimError(f"{error}; {where}{_to_go_on(checkpoint)}") from error
         except SimulationInterrupted as interrupt:
             where = _rescued(write, interrupt.results, prepared.folder, str(interrupt))
-            print(f"cosim: {interrupt}; {where}", file=sys.stderr)
+            print(f"cosim: {interrupt}; {where}{_to_go_on(checkpoint)}", file=sys.stderr)
             return 130
         if kept := results.info["inputs_kept"]:
             print(f"note: nothing feeds these inputs, which keep the start values of their FMUs: {', '.join(kept)}")
         summary, drawn = write(results)
+        if checkpoint is not None:  # not before its results are in their place
+            checkpoint.remove()
         print(in_words(prepared, summary, drawn=drawn))
     return 0
 
 
+def _checkpoint(folder: Path, every: float | None, resume: bool) -> Checkpoint | None:
+    """The checkpoint of a run, if it has one.
+
+    Raises
+    ------
+    UsageError
+        There is none to resume, or one that would be lost.
+    """
+    where = folder / CHECKPOINT
+    exists = (where / Checkpoint.STATE).is_file()
+    if resume and not exists:
+        raise UsageError(f"{folder} holds no checkpoint to resume; start the run with --checkpoint EVERY")
+    if exists and not resume:
+        raise UsageError(
+            f"{where} is the checkpoint of a run that has not ended; --resume that run, or remove the folder"
+        )
+    if every is None and not resume:
+        return None
+    return Checkpoint(where, every, resume=resume, warn=lambda line: print(f"warning: {line}", file=sys.stderr))
+
+
+def _to_go_on(checkpoint: Checkpoint | None) -> str:
+    return "" if checkpoint is None else "; --resume goes on from its last checkpoint"
+
+
 def execute(
-    prepared: PreparedRun, realtime: float | None, formats: Sequence[str], folder: Path, *, build: bool = False
+    prepared: PreparedRun,
+    realtime: float | None,
+    formats: Sequence[str],
+    folder: Path,
+    checkpoint: Checkpoint | None = None,
+    *,
+    build: bool = False,
 ) -> Results | StoredResults:
     """Run a system; a run that is too long for memory goes to the disk as it comes, into a folder.
 
@@ -160,6 +199,7 @@ def execute(
             record_every=plan.record_every,
             realtime=realtime,
             progress=progress,
+            checkpoint=checkpoint,
         )
         points = number_of_steps(plan.start_time, plan.stop_time, plan.step_size) + 1
         n_values = points // max(1, plan.record_every) * (len(simulation.names) + 1)
@@ -167,7 +207,7 @@ def execute(
             return run()
         path = folder / "results.parquet"
         files = {folder / f"results.{name}" for name in formats} | {path}
-        _check_room(folder, n_values, files)
+        _check_room(folder, n_values, files, checkpoint)
         try:
             with TableWriter(sorted(files), simulation.names, simulation.types) as writer:
                 results = run(sink=writer)
@@ -188,9 +228,10 @@ def _check_metrics(metrics: Mapping[str, Metric], recorded: Sequence[str]) -> No
                 )
 
 
-def _check_room(folder: Path, n_values: int, files: set[Path]) -> None:
+def _check_room(folder: Path, n_values: int, files: set[Path], checkpoint: Checkpoint | None) -> None:
     """A long run must not find out after hours that the disk is full."""
-    size = n_values * sum(format_of(path).bytes_per_value for path in files)
+    rows = Checkpoint.BYTES_PER_VALUE if checkpoint is not None else 0
+    size = n_values * (sum(format_of(path).bytes_per_value for path in files) + rows)
     free = shutil.disk_usage(folder).free
     if size > free:
         raise UsageError(

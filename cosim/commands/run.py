@@ -59,6 +59,17 @@ def register(subparsers: Any) -> None:
     parser.add_argument(
         "--realtime", type=float, metavar="FACTOR", help="pace the run: simulated seconds in a second (1: real time)"
     )
+    parser.add_argument(
+        "--checkpoint",
+        type=float,
+        metavar="EVERY",
+        help="keep the state of the run in the folder of the results, each EVERY simulated seconds and at Ctrl-C",
+    )
+    parser.add_argument(
+        "--resume",
+        action="store_true",
+        help="go on from the checkpoint in the folder of the results, with the same bits",
+    )
     parser.add_argument("--seed", type=int, help="seed of the random signals")
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder of the results (default results/<scenario>)")
     parser.add_argument(

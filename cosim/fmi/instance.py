@@ -265,7 +265,7 @@ class Instance:
         CallFailed
             It can't be saved; the text says why.
         """
-        self._check_states()
+        self.check_states()
         state, size = ctypes.c_void_p(), ctypes.c_size_t()
         self.call(self._state_functions["get"], ctypes.byref(state))
         try:
@@ -284,7 +284,7 @@ class Instance:
         CallFailed
             The FMU can't take it.
         """
-        self._check_states()
+        self.check_states()
         state, buffer = ctypes.c_void_p(), (self._byte * len(data)).from_buffer_copy(data)
         self.call(self._state_functions["read"], buffer, len(data), ctypes.byref(state))
         try:
@@ -292,7 +292,7 @@ class Instance:
         finally:
             self.call(self._state_functions["free"], ctypes.byref(state))
 
-    def _check_states(self) -> None:
+    def check_states(self) -> None:
         """Whether the FMU has states that can be saved.
 
         Raises

@@ -8,7 +8,7 @@ type is one entry of `FMI_TYPES`; the loop (`convert` in loop.c) knows values by
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -45,6 +45,17 @@ class Texts:
 
     def __getitem__(self, number: int) -> str | bytes:
         return self._values[number]
+
+    @property
+    def values(self) -> tuple[str | bytes, ...]:
+        """All values, in the order of their numbers."""
+        return tuple(self._values)
+
+    def take_over(self, values: Sequence[str | bytes]) -> None:
+        """Give values the numbers that another simulation gave them; those that they had here are void then."""
+        if tuple(values) != self.values[: len(values)]:
+            self._values = list(values)
+            self._numbers = {value: number for number, value in enumerate(values)}
 
 
 @dataclass(frozen=True)

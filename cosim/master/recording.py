@@ -36,6 +36,11 @@ class RecordedColumns:
         self._texts = texts
 
     @property
+    def texts(self) -> Texts:
+        """Texts of the system."""
+        return self._texts
+
+    @property
     def types(self) -> dict[str, str]:
         """Name -> type of what is no real number; see `TypedColumn`."""
         return {name: fmi_type.column for _, name, fmi_type in self._columns}
@@ -115,15 +120,21 @@ class Growing:
     def __init__(self, times: Callable[[int, int], np.ndarray], columns: int) -> None:
         self._times = times
         self._values = np.empty((64, columns))
-        self._end = 0
+        self._first = self._end = 0
+
+    @property
+    def size(self) -> int:
+        """Number of values in memory."""
+        return (self._end - self._first) * self._values.shape[1]
 
     def room(self, first: int, end: int) -> tuple[np.ndarray, int]:  # noqa: ARG002
         """See `Recorder`."""
-        if end > len(self._values):
-            grown = np.empty((max(end, 2 * len(self._values)), self._values.shape[1]))
-            grown[: self._end] = self._values[: self._end]
+        needed = end - self._first
+        if needed > len(self._values):
+            grown = np.empty((max(needed, 2 * len(self._values)), self._values.shape[1]))
+            grown[: self._end - self._first] = self._values[: self._end - self._first]
             self._values = grown
-        return self._values, 0
+        return self._values, self._first
 
     def recorded(self, end: int) -> None:
         """See `Recorder`."""
@@ -131,11 +142,15 @@ class Growing:
 
     def result(self) -> tuple[np.ndarray, np.ndarray]:
         """See `Recorder`."""
-        return self._times(0, self._end), self._values[: self._end]
+        return self._times(self._first, self._end), self._values[: self._end - self._first]
 
     def replace(self, values: np.ndarray) -> None:
         """Take over the rows (n, columns) of another run."""
-        self._values, self._end = values.copy(), len(values)
+        self._values, self._first, self._end = values.copy(), 0, len(values)
+
+    def begin_at(self, row: int) -> None:
+        """Forget all rows, which are kept elsewhere; the next one has this number."""
+        self._first = self._end = row
 
 
 class PassedOn:

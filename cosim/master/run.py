@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from cosim.fmi.instance import CallFailed, Instance
+from cosim.fmi.types import Texts
 from cosim.fmi.variable_buffer import VariableBuffer
 from cosim.loop.binding import (
     DOES_NOT_FIT,
@@ -35,12 +36,12 @@ from cosim.system.resolution import StartValue
 from cosim.system.variables import variables_of
 
 #: Between two chunks the loop looks for Ctrl-C and reports progress; this is how long (s) a chunk should take.
-_CHUNK_TIME = 0.05
+CHUNK_TIME = 0.05
 _FIRST_CHUNK, _LARGEST_GROWTH, _LARGEST_CHUNK = 64, 16, 1 << 16
 #: A run that is stepped by hand samples its signals for so many points ahead.
 _AHEAD = 1000
 
-_SHORTEST_TIME = 1e-6  # clocks have a resolution
+SHORTEST_TIME = 1e-6  # clocks have a resolution
 
 
 @dataclass(frozen=True)
@@ -157,8 +158,8 @@ class Run:
                     loop_ended = clock.perf_counter()
                 if progress is not None:
                     progress(grid.time(max(0, point - 1)))
-                rate = (point - first) / max(loop_ended - began, _SHORTEST_TIME)
-                chunk = max(1, min(round(rate * _CHUNK_TIME), _LARGEST_GROWTH * chunk, largest))
+                rate = (point - first) / max(loop_ended - began, SHORTEST_TIME)
+                chunk = max(1, min(round(rate * CHUNK_TIME), _LARGEST_GROWTH * chunk, largest))
             self._terminate(grid.time(grid.last_point))
         except SimulationError as error:
             error.results = finish("failed")
@@ -169,6 +170,11 @@ class Run:
         if self._interrupt.requested:
             raise SimulationInterrupted(grid.time(grid.last_point), finish("interrupted"))
         return finish("completed")
+
+    @property
+    def texts(self) -> Texts:
+        """Texts and binary values that slots have the numbers of."""
+        return self._columns.texts
 
     def hand_over(self, times: np.ndarray, slots: np.ndarray, results: Results) -> None:
         """Give results what was recorded: times (n,) and slots (n, columns)."""

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import math
 import time as clock
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -21,6 +23,7 @@ from cosim.fmi.unpacking import folder_for_fmus
 from cosim.fmi.variable_buffer import VariableBuffer
 from cosim.loop.binding import loop_library
 from cosim.master.algorithm import AUTO, algorithm
+from cosim.master.checkpoint import Checkpoint, CheckpointedRun
 from cosim.master.extrapolated_inputs import extrapolated_inputs
 from cosim.master.failures import Failing, InterruptedInCall, SimulationInterrupted
 from cosim.master.function_instance import FunctionInstance
@@ -42,6 +45,9 @@ _STEP_TOLERANCE = 1e-6
 
 #: More steps than this is taken for a mistake.
 _MOST_STEPS = 1e10
+
+#: A signal of a run with checkpoints is known again by so many of its values; by fewer, if it gives one at a time.
+_FINGERPRINTED = 20_000
 
 #: Communication points of a run without an end.
 _MOST_POINTS = int(_MOST_STEPS)
@@ -246,6 +252,7 @@ class Simulation:
         sink: Sink | None = None,
         realtime: float | None = None,
         progress: Callable[[float], None] | None = None,
+        checkpoint: Checkpoint | None = None,
     ) -> Results:
         """Couple the FMUs at a fixed communication step, from their start values.
 
@@ -268,11 +275,13 @@ class Simulation:
             Simulated seconds in a second, 1 for real time; as fast as possible by default.
         progress : callable, optional
             Called now and then with the simulated time (s).
+        checkpoint : Checkpoint, optional
+            Keeps the state of the run on the disk as it goes on, to resume it; all FMUs must be able to save theirs.
 
         Returns
         -------
         Results
-            One row for each recorded communication point.
+            One row for each recorded communication point, those from before the run was resumed included.
 
         Raises
         ------
@@ -287,12 +296,21 @@ class Simulation:
         grid = Grid(start_time, step_size, number_of_steps(start_time, stop_time, step_size))
         samples, starts = self._prepared(grid, start or {}, signals, record_every)
         pacer = None if realtime is None else Pacer(realtime)
+        if checkpoint is not None:
+            self._check_states()
+            times, growing = self._times(grid, record_every), self._growing(grid, record_every)
+            known = partial(_fingerprints, self._drives(signals), grid)
+            slots = None if sink is None else self._slot_sink(sink)
+            with self._stepping(grid, samples, starts, record_every, stop_time, growing) as (run, results):
+                return CheckpointedRun(
+                    run, growing, grid, record_every, results, times, known, checkpoint, slots
+                ).to_end(progress, pacer)
         recorder = self._recorder(grid, record_every, sink)
         with self._occupied("a run of this simulation is going on") as interrupt:
-            run = Run(self._instances, self._fresh_exchange(), samples, grid, interrupt, self._columns)
-            results = self._initialized(run, starts, grid, record_every, stop_time)
+            loop = Run(self._instances, self._fresh_exchange(), samples, grid, interrupt, self._columns)
+            results = self._initialized(loop, starts, grid, record_every, stop_time)
             with _timed(results, began):
-                return run.loop(recorder, record_every, results, progress, pacer)
+                return loop.loop(recorder, record_every, results, progress, pacer)
 
     @contextmanager
     def start(
@@ -340,23 +358,39 @@ class Simulation:
             number_of_steps(start_time, start_time + step_size, step_size)  # a step that makes sense
         grid = Grid(start_time, step_size, last)
         samples, starts = self._prepared(grid, start or {}, signals, record_every)
+        growing = self._growing(grid, record_every)
+        with self._stepping(grid, samples, starts, record_every, stop_time, growing) as (run, _):
+            yield run
+            run.end()
+
+    @contextmanager
+    def _stepping(
+        self,
+        grid: Grid,
+        samples: Samples,
+        starts: Sequence[StartValue],
+        record_every: int,
+        stop_time: float | None,
+        recorder: Growing,
+    ) -> Iterator[tuple[SteppedRun, Results]]:
+        """A run to be stepped, and results without rows."""
         with self._occupied("a run of this simulation is being stepped") as interrupt:
             loop = Run(self._instances, self._fresh_exchange(), samples, grid, interrupt, self._columns)
-            nothing_yet = self._initialized(loop, starts, grid, record_every, stop_time)
+            results = self._initialized(loop, starts, grid, record_every, stop_time)
             run = SteppedRun(
                 loop,
                 self._resolved,
                 self._layout,
                 self._instances,
                 grid,
-                Growing(self._times(grid, record_every), len(self._names)),
+                recorder,
                 record_every,
-                nothing_yet,
+                results,
                 interrupt,
                 exchanges_by_level=self._extrapolated.algorithm.order.needs_levels,
+                described=self._described(starts),
             )
-            yield run
-            run.end()
+            yield run, results
 
     @contextmanager
     def _occupied(self, what: str) -> Iterator[DeferredInterrupt]:
@@ -367,6 +401,38 @@ class Simulation:
                 yield interrupt
         finally:
             self._occupied_by = ""
+
+    def _growing(self, grid: Grid, record_every: int) -> Growing:
+        return Growing(self._times(grid, record_every), len(self._names))
+
+    def _described(self, starts: Sequence[StartValue]) -> dict[str, Any]:
+        """What a state must know of the system, besides what results say."""
+        return {
+            "components": {name: component.every for name, component in self._resolved.components.items()},
+            "start_values": {
+                f"{start.component}.{element.name}": value.hex() if isinstance(value, bytes) else value
+                for start in starts
+                for element, value in zip(start.elements, start.values, strict=True)
+            },
+            "connections": {
+                f"{k.target_component}.{k.target.name}": [f"{k.source_component}.{k.source.name}", k.factor, k.offset]
+                for k in self._resolved.links
+            },
+        }
+
+    def _check_states(self) -> None:
+        """Whether all FMUs say that they can save their state.
+
+        Raises
+        ------
+        SetupError
+            One can't.
+        """
+        for name, fmu in self._fmus.items():
+            try:
+                self._instances[name].check_states()
+            except CallFailed as error:
+                raise SetupError(f"component '{name}': {fmu.path} {error}; run without checkpoints") from error
 
     def _prepared(
         self, grid: Grid, start: Mapping[str, Any], signals: Sequence[Signal], record_every: int
@@ -463,7 +529,11 @@ class Simulation:
         times = self._times(grid, record_every)
         if sink is None:
             return InMemory(times, rows, columns)
-        return PassedOn(times, rows, columns, lambda t, slots: sink(t, self._columns.values(slots)))
+        return PassedOn(times, rows, columns, self._slot_sink(sink))
+
+    def _slot_sink(self, sink: Sink) -> Sink:
+        """Takes what the loop records, and gives a sink its values."""
+        return lambda times, slots: sink(times, self._columns.values(slots))
 
     @staticmethod
     def _times(grid: Grid, record_every: int) -> Callable[[int, int], np.ndarray]:
@@ -503,6 +573,7 @@ def simulate(
     realtime: float | None = None,
     progress: Callable[[float], None] | None = None,
     build: bool = False,
+    checkpoint: Checkpoint | None = None,
 ) -> Results:
     """Couple the FMUs of a system at a fixed communication step.
 
@@ -519,7 +590,21 @@ def simulate(
             sink=sink,
             realtime=realtime,
             progress=progress,
+            checkpoint=checkpoint,
         )
+
+
+def _fingerprints(drives: Sequence[Drive], grid: Grid, last_point: int) -> dict[str, str]:
+    """Target -> hash of the values of its signal at communication points up to the last one, not at all of them."""
+    found: dict[str, str] = {}
+    for drive in drives:
+        n = _FINGERPRINTED if drive.vectorized else _FINGERPRINTED // 100
+        points = np.unique(np.linspace(0, last_point, n).astype(np.int64))
+        texts = Texts()
+        slots, _ = sample(drive, grid.start_time + points * grid.step_size, texts=texts)
+        name = f"{drive.component}.{drive.targets[0].name}"
+        found[name] = hashlib.sha256(f"{found.get(name)} {texts.values!r}".encode() + slots.tobytes()).hexdigest()
+    return found
 
 
 @contextmanager

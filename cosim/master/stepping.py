@@ -106,7 +106,9 @@ class SteppedRun:
         interrupt: DeferredInterrupt,
         *,
         exchanges_by_level: bool,
+        described: Mapping[str, Any],
     ) -> None:
+        self._described = described
         self._run = run
         self._system = system
         self._layout = layout
@@ -132,6 +134,21 @@ class SteppedRun:
     def time(self) -> float:
         """Time (s) of the communication point where the run stands."""
         return self._grid.time(self._point)
+
+    @property
+    def point(self) -> int:
+        """Number of this communication point, from 0 at the start time on."""
+        return self._point
+
+    @property
+    def is_interrupted(self) -> bool:
+        """Whether Ctrl-C has come."""
+        return self._interrupt.requested
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether the run can't go on."""
+        return self._ended
 
     @property
     def step_size(self) -> float:
@@ -261,7 +278,8 @@ class SteppedRun:
                 raise SetupError(f"{what}; the run can't be saved") from error
         _, recorded = self._recorder.result()
         values = self._run.values.copy()
-        return RunState(self._made_with(), self._point, fmus, values, self._run.history(), recorded.copy())
+        history, texts = self._run.history(), self._run.texts.values
+        return RunState(self._made_with(), self._point, fmus, values, history, recorded.copy(), texts)
 
     def restore(self, state: RunState) -> None:
         """Go back, or on, to where a run stood when its state was saved, by this process or another one.
@@ -275,10 +293,8 @@ class SteppedRun:
             take it.
         """
         self._check_running()
-        here = self._made_with()
-        differs = [key for key in here if state.made_with.get(key) != here[key]]
-        if differs:
-            raise SetupError(f"the state is that of another run (other {', '.join(differs)}); start the run as it was")
+        if differs := state.differences(self._made_with()):
+            raise SetupError(f"the state is that of another run (other {'; other '.join(differs)}); start it as it was")
         if state.point > self._grid.last_point:
             raise SetupError(f"the state lies at t = {self._grid.time(state.point):.9g} s, beyond the stop time")
         for component, instance in self._instances.items():
@@ -287,6 +303,7 @@ class SteppedRun:
             except CallFailed as error:
                 what = f"component '{component}': its {instance.noun} {error}"
                 raise SetupError(f"{what}; the run can't be restored") from error
+        self._run.texts.take_over(state.texts)
         self._set_since = set()
         self._point = state.point
         self._recorder.replace(state.recorded)
@@ -295,6 +312,7 @@ class SteppedRun:
     def _made_with(self) -> dict[str, Any]:
         info = self._results.info
         return {
+            **self._described,
             "fmus": {name: fmu["sha256"] for name, fmu in info["fmus"].items()},
             "functions": info.get("functions", {}),
             "order": info["order"],
@@ -328,6 +346,10 @@ class SteppedRun:
     def _all_recorded(self, status: str) -> Results:
         time, values = self._recorder.result()
         return self._handed_over(time, values, {**self._results.info, "status": status})
+
+    def hand_over(self, times: np.ndarray, slots: np.ndarray, results: Results) -> None:
+        """Give results rows that were recorded: times (n,), and values (n, columns) as the loop has them."""
+        self._run.hand_over(times, slots, results)
 
     def _handed_over(self, time: np.ndarray, slots: np.ndarray, info: dict[str, Any]) -> Results:
         results = Results(time, list(self._results.names), np.empty((0, 0)), info)

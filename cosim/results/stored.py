@@ -28,6 +28,10 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 
+#: Values in a group of rows of a file; whatever the chunks that come, equal rows make equal files.
+_GROUPED_VALUES = 1_000_000
+
+
 @with_endings
 class TableWriter:
     """Context that writes rows into one or more {streamed} files as they come; a sink for `Simulation.run`.
@@ -56,6 +60,9 @@ class TableWriter:
         self._schema = schema(names, types=self._types)
         self._streams = {path: format_of(path, streamed=True).stream for path in paths}
         self._writers: list[StreamWriter] = []
+        self._group = max(1, _GROUPED_VALUES // (len(names) + 1))
+        self._waiting: list[pa.RecordBatch] = []
+        self._rows = 0  # of those
 
     def __enter__(self) -> TableWriter:
         for path, stream in self._streams.items():
@@ -66,6 +73,8 @@ class TableWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        if self._rows:
+            self._write(self._rows)
         for writer in self._writers:
             writer.close()
         for path in self._streams:  # what a failed run had recorded is as good as its last row
@@ -76,13 +85,27 @@ class TableWriter:
         typed = {n: TypedColumn(kind, values[:, self._names.index(n)]) for n, kind in self._types.items()}
         if typed:
             values = numbers_of(values, self._names, typed)
-        batch = record_batch(Table(times, self._names, values, typed=typed), self._schema)
-        self.write(batch)
+        self.write(record_batch(Table(times.copy(), self._names, values, typed=typed), self._schema))
 
     def write(self, batch: pa.RecordBatch) -> None:
         """Append a batch of rows."""
-        for writer in self._writers:
-            writer.write(batch)
+        self._waiting.append(batch)
+        self._rows += batch.num_rows
+        if self._rows >= self._group:
+            self._write(self._group)
+
+    def _write(self, size: int) -> None:
+        """Write what waits in groups of so many rows; what is less waits on."""
+        import pyarrow as pa
+
+        whole = pa.Table.from_batches(self._waiting).combine_chunks()
+        self._rows = whole.num_rows % size
+        written = whole.num_rows - self._rows
+        for first in range(0, written, size):
+            for batch in whole.slice(first, size).to_batches():
+                for writer in self._writers:
+                    writer.write(batch)
+        self._waiting = whole.slice(written).to_batches()
 
 
 class StoredResults(Recorded):

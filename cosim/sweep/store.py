@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import time as clock
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -28,7 +27,7 @@ import pyarrow.dataset as ds
 import pyarrow.parquet as pq
 
 from cosim.errors import nearest
-from cosim.output import SUMMARY, check_writable
+from cosim.output import SUMMARY, check_writable, write_whole
 from cosim.sweep.batch import Rows
 from cosim.sweep.errors import SweepError
 from cosim.sweep.points import Factor, Points, Range
@@ -132,7 +131,7 @@ class Store:
                 raise SweepError(f"{self.folder} holds the results of a run; choose another --out")
             _write_table(self._plan(), self.folder / "plan.parquet")
             text = json.dumps({"fingerprint": _fingerprint(question), **question}, indent=2) + "\n"
-            _write_whole(path, lambda part: part.write_text(text, encoding="utf-8"))
+            write_whole(path, lambda part: part.write_text(text, encoding="utf-8"))
             return
         known = _read_json(path)
         if known.get("fingerprint") != _fingerprint(question):
@@ -282,17 +281,8 @@ def _read_json(path: Path) -> dict[str, Any]:
 def _write_table(table: pa.Table, path: Path) -> None:
     # a dictionary of floats, which hardly repeat, would cost half the time and a fifth of the space
     repeating = [field.name for field in table.schema if not _is_floating(field.type)]
-    _write_whole(path, lambda part: pq.write_table(table, part, compression="zstd", use_dictionary=repeating))
+    write_whole(path, lambda part: pq.write_table(table, part, compression="zstd", use_dictionary=repeating))
 
 
 def _is_floating(kind: pa.DataType) -> bool:
     return bool(pa.types.is_floating(kind.value_type if pa.types.is_list(kind) else kind))
-
-
-def _write_whole(path: Path, write: Callable[[Path], object]) -> None:
-    """Write a file under another name, see it on the disk, and give it its name."""
-    part = path.with_name(f".{path.name}.part")
-    write(part)
-    with part.open("rb+") as stream:
-        os.fsync(stream.fileno())
-    part.replace(path)

@@ -12,6 +12,7 @@ from pyarrow import parquet
 from scipy.io import loadmat
 
 from cosim import CosimError, Results
+from cosim.results import stored
 from cosim.results.formats import FORMATS
 from cosim.results.stored import StoredResults, TableWriter
 
@@ -91,21 +92,37 @@ def test_chunks_make_the_same_table(tmp_path):
         assert table.tobytes() == np.column_stack([results.time, results.values]).tobytes()
 
 
+@pytest.mark.parametrize("sizes", [(1, 2), (3, 20), (7, 50), (20, 1000)])
+def test_files_do_not_tell_the_chunks_that_their_rows_came_in(tmp_path, monkeypatch, sizes):
+    monkeypatch.setattr(stored, "_GROUPED_VALUES", 50)  # 10 rows
+    results = made(137)
+    files = []
+    for size in sizes:
+        folder = tmp_path / str(size)
+        folder.mkdir()
+        files.append([path.read_bytes() for path in written_in_chunks(folder, results, size)])
+    assert files[0] == files[1]
+    groups = parquet.ParquetFile(folder / "r.parquet")
+    assert [groups.metadata.row_group(i).num_rows for i in range(groups.num_row_groups)] == [10] * 13 + [7]
+    _, table = read(folder / "r.parquet")
+    assert table.tobytes() == np.column_stack([results.time, results.values]).tobytes()
+
+
 def test_stored_results_answer_as_those_in_memory(tmp_path):
     results = made(20)
     _, path = written_in_chunks(tmp_path, results, 6)
-    stored = StoredResults(path, results.info)
-    assert stored.names == results.names
-    assert stored.info == results.info
+    kept = StoredResults(path, results.info)
+    assert kept.names == results.names
+    assert kept.info == results.info
     for name in ("time", "a.x", "a.v", "b.y", "a.v[10]"):
-        assert name in stored
-        assert (stored[name] == results[name]).all()
-    assert "a.z" not in stored
+        assert name in kept
+        assert (kept[name] == results[name]).all()
+    assert "a.z" not in kept
     with pytest.raises(CosimError, match=r"nothing was recorded as 'a\.z'; did you mean"):
-        _ = stored["a.z"]
+        _ = kept["a.z"]
     for every in (1, 3, 7, 50):
-        assert (stored.thinned(every).values == results.thinned(every).values).all()
-        assert (stored.thinned(every).time == results.time[::every]).all()
+        assert (kept.thinned(every).values == results.thinned(every).values).all()
+        assert (kept.thinned(every).time == results.time[::every]).all()
 
 
 def test_rows_before_a_failure_are_kept(tmp_path):
