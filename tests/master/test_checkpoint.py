@@ -422,3 +422,73 @@ def test_a_resumed_run_is_paced_from_where_it_goes_on(
     assert bits(found) == bits(expected)
     assert clock.now - 100.0 == pytest.approx(left / 10.0, abs=1e-9)
     assert found.info["realtime"]["factor"] == 10.0
+
+
+class Counter:
+    """A controller with a state, in Python."""
+
+    def __init__(self) -> None:
+        self.calls = 0
+
+    def __call__(self, _time: float, x: float) -> float:
+        self.calls += 1
+        return math.cos(self.calls / 7.0) - 0.3 * x
+
+    def reset(self) -> None:
+        self.calls = 0
+
+    def save(self) -> bytes:
+        return str(self.calls).encode()
+
+    def restore(self, state: bytes) -> None:
+        self.calls = int(state)
+
+
+def with_function(path: Path, function: Callable[..., Any]) -> System:
+    system = System()
+    system.add("i", path)
+    system.add_function("c", function, inputs=["x"], outputs=["u"])
+    system.connect("i.x", "c.x")
+    system.connect("c.u", "i.u")
+    return system
+
+
+def test_a_function_in_the_system_goes_on_where_it_was(tiny: Path, tmp_path: Path) -> None:
+    with Simulation(with_function(tiny, Counter())) as simulation:
+        expected = simulation.run(2.0, 0.01)
+        with pytest.raises(Stopped):
+            simulation.run(2.0, 0.01, checkpoint=Checkpoint(tmp_path, 0.13), progress=stop_at(1.0))
+    with Simulation(with_function(tiny, Counter())) as simulation:
+        assert bits(simulation.run(2.0, 0.01, checkpoint=Checkpoint(tmp_path, resume=True))) == bits(expected)
+
+
+def test_a_function_that_can_not_be_saved_is_refused_by_name(tiny: Path, tmp_path: Path) -> None:
+    class Forgetful:
+        def __call__(self, _time: float, x: float) -> float:
+            return x
+
+    with (
+        Simulation(with_function(tiny, Forgetful())) as simulation,
+        pytest.raises(SetupError, match=r"component 'c': its function can't save its state"),
+    ):
+        simulation.run(1.0, 0.1, checkpoint=Checkpoint(tmp_path / "c", 0.1))
+    assert not (tmp_path / "c").exists()
+
+
+def test_ctrl_c_within_a_call_leaves_the_checkpoint_before(tiny: Path, tmp_path: Path) -> None:
+    class Interrupting(Counter):
+        def __call__(self, time: float, x: float) -> float:
+            if self.calls == 100 and not pressed:
+                pressed.append(time)
+                signal.raise_signal(signal.SIGINT)
+            return super().__call__(time, x)
+
+    pressed: list[float] = []
+    with Simulation(with_function(tiny, Counter())) as simulation:
+        expected = simulation.run(2.0, 0.01)
+    with Simulation(with_function(tiny, Interrupting())) as simulation:
+        with pytest.raises(SimulationInterrupted):
+            simulation.run(2.0, 0.01, checkpoint=Checkpoint(tmp_path, 0.3))
+        assert pressed
+        assert RunState.read(tmp_path / "run.state").point in (90, 99, 100)
+        assert bits(simulation.run(2.0, 0.01, checkpoint=Checkpoint(tmp_path, resume=True))) == bits(expected)
