@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import hashlib
 import json
 import os
@@ -146,12 +145,17 @@ class ResultFolder:
             written.
         """
         grown = list(_files(self.unfinished))
+        cause: OSError | None = None
         try:
             write(self.unfinished)
-            self._place(_list_files(self.unfinished))
+            names = _list_files(self.unfinished)
+            problem = next(filter(None, map(self._obstacle, names)), "")
+            if not problem:
+                self._place(names)
         except OSError as error:
-            problem = f"can't write into {self.folder}: {error.strerror or error}"
-            raise OutputError(f"{problem}; {self._rescued(write, grown)}") from error
+            cause, problem = error, error.strerror or str(error)
+        if problem:
+            raise OutputError(f"can't write into {self.folder}: {problem}; {self._rescued(write, grown)}") from cause
 
     def _rescued(self, write: Callable[[Path], object], grown: list[Path]) -> str:
         """Write into another folder, into which files that have grown are moved; says how that went."""
@@ -169,9 +173,6 @@ class ResultFolder:
 
     def _place(self, names: Iterable[str]) -> None:
         """Remove the files of the earlier run, and give those of this one their places."""
-        for name in names:
-            if reason := self._obstacle(name):
-                raise FileExistsError(errno.EEXIST, reason)
         for name in self._owned:
             (self.folder / name).unlink(missing_ok=True)
             self._remove_empty((self.folder / name).parent)
