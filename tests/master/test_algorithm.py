@@ -46,14 +46,14 @@ def test_a_name_that_is_taken_is_refused(entry: Order | Extrapolation) -> None:
 
 @pytest.mark.parametrize("weights", [((1.5, -2.0, 0.5), (1.0, -2.0)), ((1.0,),)])
 def test_rows_of_weights_have_one_length_of_at_least_2(weights: tuple[tuple[float, ...], ...]) -> None:
-    with pytest.raises(SetupError, match="^extrapolation 'wrong': all rows of weights must have the same length, at"):
+    with pytest.raises(SetupError, match=r"^extrapolation 'wrong': all rows of weights must have the same length, at"):
         register(Extrapolation("wrong", "", "", weights, start="hold"))
 
 
 @pytest.mark.parametrize("start", ["", "unknown", "parabola"])
 def test_what_starts_an_extrapolation_is_registered_and_needs_fewer_values(start: str) -> None:
     register(Extrapolation("parabola", "", "", PARABOLA, start="linear"))
-    with pytest.raises(SetupError, match="^extrapolation 'wrong': start must name a registered one that needs fewer"):
+    with pytest.raises(SetupError, match=r"^extrapolation 'wrong': start must name a registered one that needs fewer"):
         register(Extrapolation("wrong", "", "", PARABOLA, start=start))
 
 
