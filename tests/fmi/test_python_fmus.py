@@ -111,12 +111,30 @@ for _ in range(5):
 
 @pytest.mark.skipif(os.name == "nt", reason="POSIX paths may hold any character, Windows paths may not")
 @pytest.mark.parametrize("name", ["ä ö", "100%", "a#b?c", "a;b&c", "a(b)@+", "%41"])
-def test_the_folder_for_temporary_files_may_have_any_name(name: str, pair: list[Path], tmp_path: Path) -> None:
-    """Pythonfmu's binary decodes no escapes in a URI but that of the space, and crashes for a missing file."""
+def test_an_fmu_runs_in_a_folder_of_any_name(name: str, pair: list[Path], tmp_path: Path) -> None:
+    """The binary of pythonfmu decodes no escapes in a URI but that of the space, and crashes for a missing file."""
     folder = tmp_path / name
     folder.mkdir()
-    values = json.loads(in_cosim(tmp_path / "elsewhere", pair[0], TMPDIR=str(folder)))
-    assert values["c0.z"] == 1.5
+    script = """
+import sys
+from pathlib import Path
+from cosim.fmi.fmu_file import load
+from cosim.fmi.instance import Instance
+
+fmu, folder = load("m", Path(sys.argv[1])), Path(sys.argv[2])
+fmu.unpack(folder)
+instance = Instance("m", folder, fmu.description)
+instance.instantiate()
+instance.close()
+print("alive")
+"""
+    assert in_cosim(tmp_path / "elsewhere", pair[0], folder, script=script) == "alive\n"
+
+
+@pytest.mark.skipif(os.name == "nt", reason="POSIX paths may hold any character, Windows paths may not")
+def test_a_folder_whose_name_holds_an_escaped_space_is_refused(pair: list[Path], tmp_path: Path) -> None:
+    with pytest.raises(SetupError, match=r"takes '%20' for a space; set TMPDIR to another folder"):
+        load("m", pair[0]).unpack(tmp_path / "a%20b")
 
 
 def test_what_is_unpacked_has_an_entry_and_the_mended_binary(pair: list[Path], tmp_path: Path) -> None:

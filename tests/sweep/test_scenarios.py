@@ -18,6 +18,7 @@ from cosim.ssp.writer import Experiment, write_ssp
 from cosim.sweep import SweepError, read
 from cosim.sweep.points import parse_factor
 from cosim.sweep.scenarios import ScenarioStudy, check, scenario_study
+from tests.support.scripts import scripted, slave
 from tests.support.small_fmus import build, compiled
 from tests.support.ssp_files import archive, component, description, elements
 from tests.support.tiny_models import GAIN
@@ -208,6 +209,19 @@ def test_fmu_files_of_a_component_are_a_factor(folder, tmp_path):
     assert rows[0]["deviation"] == rows[1]["deviation"]
     with pytest.raises(SweepError, match=r"--fmu G=\.\.\.: there is no such component; known are p, g"):
         scenario_study({"s": plain}, {"G": [other]})
+
+
+def test_rows_of_python_fmus_that_differ_in_a_module_are_each_their_own(tmp_path):
+    """The worker's process has both, one after the other and again."""
+    script = slave("self.y = gains.K", "import gains")
+    fmus = [scripted(tmp_path / f"v{k}", script, {"gains.py": f"K = {k}.0\n"}) for k in (1, 2)]
+    (tmp_path / "one.toml").write_text(
+        f"title = 'One'\n[components.c]\nfmu = '{fmus[0].as_posix()}'\n[run]\nstop_time = 0.2\nstep_size = 0.1\n"
+        "[metrics.last]\nof = 'c.y'\nmeasure = 'final'\n"
+    )
+    study, files = scenario_study({"s": load_scenario(tmp_path / "one.toml")}, {"c": fmus})
+    order = [fmus[i] for i in (0, 1, 0, 1, 1)]
+    assert [row_of(study, files, {"c.fmu": str(fmu)})["last"] for fmu in order] == [1.0, 2.0, 1.0, 2.0, 2.0]
 
 
 def test_scenarios_are_a_factor_and_rows_have_the_metrics_of_all(folder):
