@@ -23,6 +23,7 @@ from cosim.master.state import RunState
 from parallel_robot.scenario import load_scenario
 from tests.support.clock import Clock
 from tests.support.descriptions import without_capability
+from tests.support.small_fmus import compiled
 from tests.support.tiny_models import INTEGRATOR
 from tests.support.tiny_models import build as build_tiny
 
@@ -422,6 +423,56 @@ def test_a_resumed_run_is_paced_from_where_it_goes_on(
     assert bits(found) == bits(expected)
     assert clock.now - 100.0 == pytest.approx(left / 10.0, abs=1e-9)
     assert found.info["realtime"]["factor"] == 10.0
+
+
+WORDS = ["", "first", "zwölf", "a, b", "zwölf", "last", "b"]
+
+
+def words(time: float) -> str:
+    return WORDS[int(10.0 * time + 0.5) % len(WORDS)]
+
+
+def of_all_types(path: Path) -> System:
+    system = System()
+    system.add("a", path)
+    system.add("b", path)
+    system.drive("a.String", words)
+    system.drive("a.Binary", lambda t: words(t).encode())
+    system.drive("a.Int64[1]", lambda t: 2**53 + round(10.0 * t))
+    system.drive("a.UInt64[2]", lambda t: 2**64 - 1 - round(10.0 * t))
+    for name in ("String", "Binary", "Int64[1]", "UInt64[2]"):
+        output = name.replace("[", "_out[") if "[" in name else f"{name}_out"
+        system.connect(f"a.{output}", f"b.{name}")
+    return system
+
+
+@pytest.mark.parametrize("order", ["sequential", "parallel"])
+def test_texts_and_whole_numbers_go_on_in_another_process(
+    tmp_path_factory: pytest.TempPathFactory, tmp_path: Path, order: str
+) -> None:
+    """Where they have been met in another order."""
+    system = of_all_types(compiled(tmp_path_factory.mktemp("types"), "fmi3_types"))
+    with Simulation(system, order=order) as simulation:
+        expected = simulation.run(3.0, 0.1)
+        with pytest.raises(Stopped):
+            simulation.run(3.0, 0.1, checkpoint=Checkpoint(tmp_path, 0.3), progress=stop_at(1.7))
+    rows: list[list[Any]] = []
+    with Simulation(system, order=order) as simulation:
+        simulation.run(0.5, 0.1, signals=[Signal("a.String", lambda t: f"other {t:g}")])
+        found = simulation.run(3.0, 0.1, checkpoint=Checkpoint(tmp_path, resume=True))
+    assert set(found.typed) == set(expected.typed)
+    for name, column in expected.typed.items():
+        assert found.typed[name].type == column.type
+        assert found.typed[name].values.tolist() == column.values.tolist(), name
+    assert found.values.tobytes() == expected.values.tobytes()
+    assert len(set(expected.typed["b.String_out"].values.tolist())) == 6
+    with pytest.raises(Stopped), Simulation(system, order=order) as simulation:
+        simulation.run(3.0, 0.1, checkpoint=Checkpoint(tmp_path / "again", 0.3), progress=stop_at(1.7))
+    with Simulation(system, order=order) as simulation:
+        checkpoint = Checkpoint(tmp_path / "again", resume=True)
+        simulation.run(3.0, 0.1, checkpoint=checkpoint, sink=lambda _, values: rows.extend(values.tolist()))
+    texts = [row[expected.names.index("b.String_out")] for row in rows]
+    assert texts == expected.typed["b.String_out"].values.tolist()
 
 
 class Counter:

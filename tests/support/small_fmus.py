@@ -126,7 +126,8 @@ def _fmi3_types() -> str:
         [
             '<?xml version="1.0" encoding="UTF-8"?>',
             '<fmiModelDescription fmiVersion="3.0" modelName="Types" instantiationToken="{types}">',
-            '<CoSimulation modelIdentifier="types" canHandleVariableCommunicationStepSize="true"/>',
+            '<CoSimulation modelIdentifier="types" canHandleVariableCommunicationStepSize="true" '
+            'canGetAndSetFMUState="true" canSerializeFMUState="true"/>',
             "<ModelVariables>",
             *variables,
             "</ModelVariables>",
