@@ -78,6 +78,7 @@ class ResultFolder:
         self._lock = _Lock(folder / _UNFINISHED / "lock")
         self._owned: frozenset[str] = frozenset()  # files of the earlier run
         self._lists_none = False  # the earlier run has none listed
+        self._hashes: dict[Path, str] = {}
 
     def __enter__(self) -> Self:
         check_writable(self.folder)
@@ -126,6 +127,10 @@ class ResultFolder:
         shutil.rmtree(self.unfinished, ignore_errors=True)
         self._lock.release()
 
+    def hash(self, path: Path) -> None:
+        """Hash a file that is whole; `put` does so with all others, but this one may be hashed beside other work."""
+        self._hashes[path] = _sha256(path)
+
     def put(self, write: Callable[[Path], object]) -> None:
         """Call `write(folder)`, which writes all files of the run, and give them their places in one go.
 
@@ -146,9 +151,10 @@ class ResultFolder:
         """
         grown = list(_files(self.unfinished))
         cause: OSError | None = None
+        self._hashes.clear()
         try:
             write(self.unfinished)
-            names = _list_files(self.unfinished)
+            names = self._list_files(self.unfinished)
             problem = next(filter(None, map(self._obstacle, names)), "")
             if not problem:
                 self._place(names)
@@ -166,10 +172,17 @@ class ResultFolder:
                 path.replace(rescue / path.name)
                 moved = f"; what was recorded is in {rescue}"
             write(rescue)
-            _list_files(rescue)
+            self._list_files(rescue)
         except OSError as second:
             return f"nor {'beside it' if grown else 'among the temporary files'}: {second}; free some space{moved}"
         return f"the results are in {rescue}"
+
+    def _list_files(self, folder: Path) -> list[str]:
+        """Write the names and hashes of all files in a folder into its summary; returns the names."""
+        paths = {path.relative_to(folder).as_posix(): path for path in sorted(_files(folder))}
+        files = {name: self._hashes.get(path) or _sha256(path) for name, path in paths.items() if name != SUMMARY}
+        write_json(folder / SUMMARY, {**_read(folder / SUMMARY), "files": files})
+        return list(files)
 
     def _place(self, names: Iterable[str]) -> None:
         """Remove the files of the earlier run, and give those of this one their places."""
@@ -238,14 +251,6 @@ def _sync(path: Path, mode: int) -> None:
 
 
 # Which files belong to a run
-
-
-def _list_files(folder: Path) -> list[str]:
-    """Write the names and hashes of all files in a folder into its summary; returns the names."""
-    paths = {path.relative_to(folder).as_posix(): path for path in sorted(_files(folder))}
-    files = {name: _sha256(path) for name, path in paths.items() if name != SUMMARY}
-    write_json(folder / SUMMARY, {**_read(folder / SUMMARY), "files": files})
-    return list(files)
 
 
 def _listed(summary: Mapping[str, Any]) -> dict[str, str | None]:

@@ -294,7 +294,9 @@ def _write(
     def save(where: Path) -> None:
         if isinstance(results, Results):
             for name in formats:
-                results.save(where / f"results.{name}")
+                path = where / f"results.{name}"
+                results.save(path)
+                folder.hash(path)
 
     def write(where: Path) -> None:
         nonlocal drawn
