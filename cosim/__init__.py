@@ -1,4 +1,4 @@
-"""Fixed-step co-simulation of FMUs (FMI 2.0 and 3.0).
+"""Fixed-step co-simulation of FMUs (FMI 1.0, 2.0 and 3.0).
 
 >>> from cosim import System, simulate
 >>> system = System()

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from cosim.fmi.unpacking import folder_for_fmus
 from cosim.results.figure_process import FigureProcess
 from fmu_export.native.backend import build_native
 from parallel_robot.fmus import build
@@ -60,6 +61,13 @@ def folder_of_compilation(tmp_path_factory: pytest.TempPathFactory) -> None:
     """The workers' folders for temporary files are in a common one."""
     base = tmp_path_factory.getbasetemp()
     compilation.folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "compiled"
+
+
+@pytest.fixture
+def plain_path() -> Iterator[Path]:
+    """A fresh folder in which FMUs are unpacked, if it is that for temporary files; tmp_path may have another name."""
+    with folder_for_fmus() as folder:
+        yield Path(folder)
 
 
 @pytest.fixture(scope="session")

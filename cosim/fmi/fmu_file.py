@@ -13,7 +13,9 @@ import fmpy
 from fmpy.model_description import ModelDescription, read_model_description
 
 from cosim.errors import SetupError
+from cosim.fmi import fmi1_description
 from cosim.fmi.compilation import compile_library, has_sources
+from cosim.fmi.further_libraries import keep_apart
 from cosim.fmi.library import Library, LibraryError, library_names, library_path
 from cosim.fmi.python_fmus import prepare
 
@@ -88,6 +90,9 @@ class LoadedFMU:
             prepare(folder, self.description)
         except SetupError as error:
             raise SetupError(f"{self.path}: {error}") from error
+        own = [folder / name for identifier in self._identifiers for name in self._library_names(identifier)]
+        for libraries in {library.parent for library in own}:
+            keep_apart(libraries, {library.name for library in own})
         if build and has_sources(self.files):
             for identifier in self._identifiers:
                 self._build(folder, identifier)
@@ -137,21 +142,27 @@ def read_fmu(path: Path, here: str) -> LoadedFMU:
         if unpacked > MOST_UNPACKED_BYTES:
             raise SetupError(f"{here}: unpacks to {unpacked} bytes, more than any FMU needs; not opened")
         description = read_model_description(io.BytesIO(data), validate=False)
-        _read_intermediate_update(xml, description)
+        root = ElementTree.fromstring(xml)
+        _read_intermediate_update(root, description)
+        if description.fmiMajorVersion == 1:
+            fmi1_description.complete(description, root)
     except SetupError:
         raise
     except zipfile.BadZipFile:
         raise SetupError(f"{here}: not an FMU (not a zip archive)") from None
     except Exception as error:  # fmpy raises bare exceptions here
         raise SetupError(f"{here}: not a readable FMU: {' '.join(str(error).split())}") from error
-    if description.fmiVersion is None or description.fmiMajorVersion not in (2, 3):
-        raise SetupError(f"{here}: FMI {description.fmiVersion} is not supported; use FMI 2.0 or 3.0")
+    if description.fmiMajorVersion == 1 and fmi1_description.needs_tool(root):
+        raise SetupError(
+            f"{here}: is a connection to a tool, which would have to run beside (CoSimulation_Tool); export it as a "
+            "stand-alone FMU (CoSimulation_StandAlone)"
+        )
     return LoadedFMU(path, hashlib.sha256(data).hexdigest(), description, tuple(info.filename for info in files))
 
 
-def _read_intermediate_update(xml: bytes, description: ModelDescription) -> None:
+def _read_intermediate_update(root: ElementTree.Element, description: ModelDescription) -> None:
     """Which variables can be set during a step: an attribute of FMI 3.0 that fmpy knows but does not read."""
     variables = {v.name: v for v in description.modelVariables}
-    for element in ElementTree.fromstring(xml).iterfind("ModelVariables/*"):
+    for element in root.iterfind("ModelVariables/*"):
         if element.get("intermediateUpdate") in ("true", "1"):
             variables[element.get("name")].intermediateUpdate = True

@@ -1,4 +1,4 @@
-"""One instance of an FMU, of FMI 2.0 or 3.0, behind one face.
+"""One instance of an FMU, of FMI 1.0, 2.0 or 3.0, behind one face.
 
 Values are got and set by way of buffers, see `cosim.fmi.variable_buffer`.
 """
@@ -8,6 +8,7 @@ from __future__ import annotations
 import ctypes
 import itertools
 import os
+import threading
 from collections import deque
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -15,6 +16,7 @@ from pathlib import Path
 from typing import Any
 from weakref import WeakValueDictionary
 
+import fmpy.fmi1 as fmi1
 import fmpy.fmi2 as fmi2
 import fmpy.fmi3 as fmi3
 from fmpy.model_description import ModelDescription
@@ -38,27 +40,39 @@ _STATE_FUNCTIONS = {
     for version, word, serialize in ((2, "state", "Serialize"), (3, "State", "serialize"))
 }
 
+#: Functions that FMI 1.0 has under another name.
+_NAMES_1 = {
+    "fmi1Terminate": "fmi1TerminateSlave",
+    "fmi1Reset": "fmi1ResetSlave",
+    "fmi1FreeInstance": "fmi1FreeSlaveInstance",
+}
+
 _STATUS = ("ok", "warning", "discard", "error", "fatal", "pending")
 
 #: Log messages kept of one instance; the last ones explain a failure.
 _MOST_MESSAGES = 100
 
 
-#: Instances by the number that their FMUs pass to the logger.
+#: Instances by what their FMUs pass to the logger: a number; in FMI 1.0 the address of the instance.
 _instances: WeakValueDictionary[int, Instance] = WeakValueDictionary()
 _numbers = itertools.count(1)
 
 
-def _dispatch_fmi2(environment: int | None, name: bytes, status: int, category: bytes, message: bytes) -> None:
+#: Of each thread, the instance of FMI 1.0 that is being made and has no address yet.
+_making = threading.local()
+
+
+def _dispatch(environment: int | None, name: bytes, status: int, category: bytes, message: bytes) -> None:
     instance = None if environment is None else _instances.get(environment)
+    instance = instance or getattr(_making, "instance", None)
     if instance is None:  # an FMU that other code in this process has instantiated through fmpy
         fmi2.printLogMessage(environment, name, status, category, message)
     else:
         instance.keep(status, message)
 
 
-#: One logger for all FMI 2.0 instances: fmpy's proxy, which formats the printf arguments, knows one per process.
-_LOGGER = fmi2.fmi2CallbackLoggerTYPE(_dispatch_fmi2)
+#: One logger for all instances of FMI 1.0 and 2.0: fmpy's proxy, which formats printf arguments, knows one per process.
+_LOGGER = fmi2.fmi2CallbackLoggerTYPE(_dispatch)
 
 
 class CallFailed(CosimError):
@@ -120,7 +134,7 @@ class Instance:
         self.texts = Texts() if texts is None else texts
         self.version = description.fmiMajorVersion
         self._co_simulation = description.coSimulation
-        self._state_functions = _STATE_FUNCTIONS[self.version]
+        self._state_functions = _STATE_FUNCTIONS.get(self.version, {})
         self._byte: Any = fmi2.fmi2Byte if self.version == 2 else fmi3.fmi3Byte
         self._asks_for_inputs = tuple(asks_for_inputs)
         self._operation = ctypes.c_void_p()  # FMI 3.0: what answers when the FMU asks for its inputs
@@ -132,7 +146,7 @@ class Instance:
             self._library = Library(library_path(folder, self.version, identifier), identifier)
         except LibraryError as error:
             raise CallFailed(str(error)) from error
-        prepared = self._prepared_fmi2 if self.version == 2 else self._prepared_fmi3
+        prepared = {1: self._prepared_fmi1, 2: self._prepared_fmi2, 3: self._prepared_fmi3}[self.version]
         self._instantiate = prepared(description.instantiationToken.encode(), folder.absolute() / "resources")
 
     def instantiate(self) -> None:
@@ -146,6 +160,31 @@ class Instance:
         self._component = self._instantiate()
         if self._component is None:
             raise CallFailed(f"can't be instantiated: {self.log() or 'it does not say why'}")
+
+    def _prepared_fmi1(self, token: bytes, resources: Path) -> Callable[[], int | None]:
+        callbacks = fmi1.fmi1CallbackFunctions()
+        callbacks.logger = ctypes.cast(_LOGGER, fmi1.fmi1CallbackLoggerTYPE)
+        callbacks.allocateMemory = fmi1.defaultCallbacks.allocateMemory
+        callbacks.freeMemory = fmi1.defaultCallbacks.freeMemory
+        fmi1.addLoggerProxy(ctypes.byref(callbacks))
+        self._callbacks = callbacks
+        make = partial(
+            self._function("fmi1InstantiateSlave"),
+            *(self.name.encode(), token, resources.parent.as_uri().encode(), b"application/x-fmu-sharedlibrary", 0.0),
+            *(fmi1.fmi1False, fmi1.fmi1False, callbacks, fmi1.fmi1True),  # invisible; alone; says what is wrong
+        )
+
+        def instantiate() -> int | None:
+            _making.instance = self
+            try:
+                component: int | None = make()
+            finally:
+                _making.instance = None
+            if component is not None:
+                _instances[component] = self
+            return component
+
+        return instantiate
 
     def _prepared_fmi2(self, token: bytes, resources: Path) -> Callable[[], int | None]:
         callbacks = fmi2.fmi2CallbackFunctions()
@@ -222,6 +261,7 @@ class Instance:
         CallFailed
             The FMU lacks it, or its status is worse than a warning.
         """
+        function = _NAMES_1.get(function, function)
         status = self._function(function)(self._component, *arguments)
         if status not in (fmi2.fmi2OK, fmi2.fmi2Warning):
             raise self.failure(function, status)
@@ -235,6 +275,7 @@ class Instance:
     def failure(self, function: str, status: int) -> CallFailed:
         """The error for a status that a function has returned; after a fatal one the instance is left alone."""
         self._corrupted = self._corrupted or status == fmi2.fmi2Fatal
+        function = function.replace("fmi1", "fmi")
         return CallFailed(f"{function} returned {_STATUS[status] if 0 <= status < len(_STATUS) else status}", status)
 
     def set_up(self, start_time: float) -> None:
@@ -243,15 +284,20 @@ class Instance:
             self.call("fmi2SetupExperiment", fmi2.fmi2False, 0.0, start_time, fmi2.fmi2False, 0.0)
 
     def enter_initialization_mode(self, start_time: float) -> None:
-        """Enter the initialisation mode at a start time (s)."""
+        """Enter the initialisation mode at a start time (s); FMI 1.0 has none, see `initialize`."""
         if self.version == 2:
             self.call("fmi2EnterInitializationMode")
-        else:
+        elif self.version == 3:
             self.call("fmi3EnterInitializationMode", False, 0.0, start_time, False, 0.0)
+
+    def initialize(self, start_time: float) -> None:
+        """FMI 1.0: initialise at a start time (s), after inputs have been set and before outputs are read."""
+        self.call("fmi1InitializeSlave", start_time, fmi1.fmi1False, 0.0)
 
     def exit_initialization_mode(self) -> None:
         """Leave the initialisation mode; the instance is then ready to step."""
-        self.call(f"fmi{self.version}ExitInitializationMode")
+        if self.version != 1:
+            self.call(f"fmi{self.version}ExitInitializationMode")
 
     def let_ask_for_inputs(self, operation: Operation) -> None:
         """FMI 3.0: let an operation of the loop (which must outlive the steps) answer when the FMU asks for inputs."""
@@ -334,5 +380,6 @@ class Instance:
 
     def free(self) -> None:
         """Free the instance; its library stays loaded."""
-        self._function(f"fmi{self.version}FreeInstance")(self._component)
+        name = f"fmi{self.version}FreeInstance"
+        self._function(_NAMES_1.get(name, name))(self._component)
         self._component = None

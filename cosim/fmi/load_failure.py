@@ -74,7 +74,12 @@ def why_not_loaded(said: str, path: Path) -> str:
     """
     said = " ".join(said.split())
     where = f"can't be loaded: its library {path.name}"
-    if (name := missing_library(said, path)) is not None:
+    if (name := missing_library(said, path)) is not None and path.with_name(name).is_file():
+        return (
+            f"{where} needs {name}, which lies beside it, but has no name of its own (SONAME) by which the loader "
+            "finds it; ask its maker for an RPATH of $ORIGIN, or set it with patchelf --set-rpath"
+        )
+    if name is not None:
         return f"{where} needs {name}, which is neither beside it nor on this machine; {_how_to_get(name)}"
     if (made_for := system_of(path)) != (here := system_of(Path(sys.executable))):
         return f"{where} is for {made_for}, and this process is {here}; get an FMU with a binary for this machine"

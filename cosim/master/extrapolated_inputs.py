@@ -13,7 +13,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from cosim.errors import SetupError
-from cosim.master.algorithm import AUTO, Algorithm, can_be_extrapolated
+from cosim.master.algorithm import AUTO, Algorithm
 from cosim.system.resolution import ResolvedSystem
 from cosim.system.variables import Element
 
@@ -95,7 +95,7 @@ def _obstacle(system: ResolvedSystem, component: str, element: Element, every: i
         return f"it is of type {element.variable.type}"
     if element.variable.variability not in (None, "continuous"):
         return f"it is {element.variable.variability} and changes at communication points only"
-    if description.fmiMajorVersion == 2 and not description.coSimulation.canInterpolateInputs:
+    if description.fmiMajorVersion < 3 and not description.coSimulation.canInterpolateInputs:
         return "its FMU can't interpolate inputs (canInterpolateInputs)"
     if description.fmiMajorVersion == 3:
         if not description.coSimulation.providesIntermediateUpdate:
@@ -103,6 +103,6 @@ def _obstacle(system: ResolvedSystem, component: str, element: Element, every: i
         if not element.variable.intermediateUpdate:
             return "it can't be set during a step (intermediateUpdate)"
     own = system.components[component].every
-    if not can_be_extrapolated(own, every):
+    if own % every:
         return f"it gets a value every {every} steps only, and its component needs one every {own}"
     return None

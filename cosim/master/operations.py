@@ -114,7 +114,9 @@ class Exchange:
         start_values = [self._get(transfer) for transfer in (*layout.sets, *layout.constants)]
         # around an algebraic loop the start values of the inputs are the first ones
         first = ORDERS["parallel" if system.levels is None else "sequential"]
-        self.at_start = OperationTable([*start_values, *samples, *first.arrange(sets, gets)])
+        # FMI 1.0 lets nothing be read before an instance is initialised, and inputs should be set before that
+        at_start = [*start_values, *samples, *first.arrange(sets, gets)]
+        self.at_start = OperationTable(sorted(at_start, key=self._can_be_read_last))
         self.at_point = OperationTable([*samples, *extrapolated.algorithm.order.arrange(sets, gets)])
         sets_of = _grouped(layout.sets, attrgetter("component"))
         self.at_step = OperationTable(
@@ -127,6 +129,13 @@ class Exchange:
         position = self._layout.positions[component, element.name]
         slots = self.values[position : position + 1]
         return element.type.from_slots(slots, self._instances[component].texts).tolist()[0]
+
+    def _can_be_read_last(self, row: NamedOperation) -> bool:
+        """Whether an operation reads what feeds nothing, from an FMU of FMI 1.0."""
+        if row.operation.kind != Kind.GET or self._instances[row.component].version != 1:
+            return False
+        feeding = self._sources(self._links_from.get(row.component, ()))
+        return not any(0 <= position - row.operation.first < row.operation.n for position in feeding)
 
     def history(self) -> np.ndarray:
         """What extrapolated inputs know of earlier communication points, as numbers (n,)."""
@@ -307,8 +316,8 @@ class Exchange:
         """The extrapolated inputs of a transfer."""
         instance, elements = self._instances[transfer.component], self._layout.extrapolated_elements(transfer)
         n, degree, points = len(elements), self._extrapolation.degree, self._extrapolation.points
-        # FMI 2.0 takes all derivatives of all inputs in one call
-        orders = range(1, degree + 1) if instance.version == 2 else range(1)
+        # FMI 1.0 and 2.0 take all derivatives of all inputs in one call
+        orders = range(1, degree + 1) if instance.version < 3 else range(1)
         references = [v.valueReference for _ in orders for v in variables_of(elements)]
         sources = [self._layout.source_of_derivatives(transfer.component, e) for e in elements]
         by_extrapolation = next((i for i, source in enumerate(sources) if source != EXTRAPOLATED), n)
@@ -320,7 +329,7 @@ class Exchange:
         inputs.weights = self._arena.array(ctypes.c_double, _weights(self._extrapolation))
         inputs.degree, inputs.points = degree, points
         self._extrapolated.append((inputs, n))
-        name = "fmi2SetRealInputDerivatives" if instance.version == 2 else "fmi3SetFloat64"
+        name = f"fmi{instance.version}SetRealInputDerivatives" if instance.version < 3 else "fmi3SetFloat64"
         operation = self._operation(
             Kind.EXTRAPOLATE,
             transfer.component,

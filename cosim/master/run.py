@@ -111,12 +111,41 @@ class Run:
         if self._samples.cover(0, 1, lambda: False) < 1:
             raise self._signal_failure(0)
         self._point_at_samples()
-        at_start = self._exchange.at_start
-        if not loop_library().loop_perform(ctypes.byref(self._loop), at_start.operations, len(at_start), 0):
-            raise self._failure(at_start)
+        self._exchange_at_start()
         for component, instance in self._instances.items():
             with Failing(component, time, instance):
                 instance.exit_initialization_mode()
+
+    def _exchange_at_start(self) -> None:
+        """Exchange values in the initialisation mode.
+
+        FMI 1.0 has no such mode: an FMU is initialised when its inputs have been set and before its first output is
+        read.
+        """
+        table, done, time = self._exchange.at_start, 0, self._grid.start_time
+        waiting = {component for component, instance in self._instances.items() if instance.version == 1}
+        for i, row in enumerate(table.rows if waiting else ()):
+            if row.operation.kind == Kind.GET and row.component in waiting:
+                self._perform_operations(table, done, i, 0)
+                done = i
+                self._initialize_alone(row.component, time)
+                waiting.remove(row.component)
+        self._perform_operations(table, done, len(table), 0)
+        for component in waiting:
+            self._initialize_alone(component, time)
+
+    def _initialize_alone(self, component: str, time: float) -> None:
+        instance = self._instances[component]
+        with Failing(component, time, instance):
+            instance.initialize(time)
+
+    def _perform_operations(self, table: OperationTable, first: int, end: int, point: int) -> None:
+        """Perform the operations first ... end - 1 of a table."""
+        address = ctypes.addressof(table.operations) + first * ctypes.sizeof(Operation)
+        operations = ctypes.cast(address, ctypes.POINTER(Operation))
+        if not loop_library().loop_perform(ctypes.byref(self._loop), operations, end - first, point):
+            self._loop.failed += first
+            raise self._failure(table)
 
     def loop(
         self,
@@ -200,15 +229,10 @@ class Run:
             raise self._signal_failure(point)
         table = self._exchange.at_point
         if components is None:
-            if not loop_library().loop_perform(ctypes.byref(self._loop), table.operations, len(table), point):
-                raise self._failure(table)
+            self._perform_operations(table, 0, len(table), point)
             return
-        size = ctypes.sizeof(Operation)
         for first, n in _reads(table, components):
-            operations = ctypes.cast(ctypes.addressof(table.operations) + first * size, ctypes.POINTER(Operation))
-            if not loop_library().loop_perform(ctypes.byref(self._loop), operations, n, point):
-                self._loop.failed += first
-                raise self._failure(table)
+            self._perform_operations(table, first, first + n, point)
 
     def advance(self, recorder: Recorder, first: int, end: int, record_every: int) -> int:
         """Step from a communication point, where values have been exchanged, to another, and exchange there.

@@ -100,7 +100,7 @@ class System:
         name : str
             Name of the instance; names of variables in results begin with it.
         fmu : path
-            FMU file (FMI 2.0 or 3.0 co-simulation).
+            FMU file (FMI 1.0, 2.0 or 3.0 co-simulation).
         start : mapping, optional
             Start values of parameters and inputs; whole vectors by their common name. An input that has one needs
             no connection.

@@ -104,10 +104,11 @@ def test_an_fmu_that_does_not_say_so_is_refused_in_its_own_words(tmp_path: Path)
 # Further libraries
 
 
-def further(folder: Path, name: str, scale: str, *options: str) -> Path:
+def further(folder: Path, name: str, scale: str, *options: str, soname: bool = True) -> Path:
+    """A library with the function `further`."""
     source = folder / f"{name}.c"
     source.write_text(f"double deeper(void);\ndouble further(void);\ndouble further(void) {{ return {scale}; }}\n")
-    return compile_c(source, folder / name, f"-Wl,-soname,{name}", *options)
+    return compile_c(source, folder / name, *([f"-Wl,-soname,{name}"] if soname else []), *options)
 
 
 @linux
@@ -142,6 +143,16 @@ def test_a_further_library_that_is_nowhere_is_named(tmp_path: Path) -> None:
     assert "can't be loaded: its library tank.so needs libfurther.so.1, which is neither beside it nor on" in message
     assert "package libfurther1" in message
     assert "LD_LIBRARY_PATH" in message
+
+
+@linux
+def test_a_further_library_without_a_name_is_refused(tmp_path: Path) -> None:
+    """The loader takes a library that is there by its name; one without is looked for again."""
+    library = further(tmp_path, "libfurther.so", "3.0", soname=False)
+    beside = {binary("further").replace("further.so", library.name): library}
+    options = [f"-L{tmp_path}", "-lfurther"]
+    message = refusal(tank(tmp_path / "tank.fmu", "FURTHER", options=options, members=beside))
+    assert "needs libfurther.so, which lies beside it, but has no name of its own" in message
 
 
 # What the loader refuses
@@ -382,3 +393,18 @@ def test_fmus_of_pythonfmu_run_where_the_temporary_folder_would_crash_them(
         [sys.executable, "-c", script, str(fmu)], env=environment, capture_output=True, text=True, check=False
     )
     assert (done.returncode, done.stdout.strip()) == (0, "42.0"), done.stderr
+
+
+@linux
+@pytest.mark.parametrize("options", [(), ("-Wl,-rpath,$ORIGIN",)])
+def test_further_libraries_of_one_name_are_those_of_their_fmus(tmp_path: Path, options: tuple[str, ...]) -> None:
+    """The loader takes a library of that name that is there already, also where another one lies beside the FMU's."""
+    fmus = []
+    for scale in (3.0, 5.0):
+        folder = tmp_path / str(scale)
+        folder.mkdir()
+        library = further(folder, "libfurther.so.1", str(scale))
+        beside = {binary("further").replace("further.so", library.name): library}
+        fmus.append(tank(folder / "tank.fmu", "FURTHER", options=[str(library), *options], members=beside))
+        library.unlink()
+    assert levels(*fmus) == [3.0, 10.0]

@@ -28,9 +28,9 @@ def tiny(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def temporary(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def temporary(plain_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A fresh folder for temporary files, which must be empty again after the test."""
-    folder = tmp_path / "temporary"
+    folder = plain_path / "temporary"
     folder.mkdir()
     monkeypatch.setenv("TMPDIR", str(folder))
     monkeypatch.setattr(tempfile, "tempdir", None)
@@ -272,7 +272,7 @@ def child(script: str, tiny: Path, temporary: Path) -> subprocess.Popen:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows can't send SIGINT to one process only")
-def test_ctrl_c_from_outside(tiny, tmp_path):
+def test_ctrl_c_from_outside(tiny, plain_path):
     script = """
 def signal(t):
     if t == 2.0:
@@ -289,7 +289,7 @@ except SimulationInterrupted as error:
     print(json.dumps([error.time, error.results.time.tolist()]))
     sys.exit(3)
 """
-    temporary = tmp_path / "temporary"
+    temporary = plain_path / "temporary"
     temporary.mkdir()
     process = child(script, tiny, temporary)
     assert process.stdout.readline() == "half\n"
@@ -301,7 +301,7 @@ except SimulationInterrupted as error:
     assert list(temporary.iterdir()) == []
 
 
-def test_an_error_that_nobody_catches_leaves_nothing_behind(tiny, tmp_path):
+def test_an_error_that_nobody_catches_leaves_nothing_behind(tiny, plain_path):
     script = """
 system = System()
 system.add("f", tiny / "Fragile.fmu")
@@ -309,7 +309,7 @@ system.add("g", tiny / "Gain.fmu", start={"u": 0})
 system.drive("f.u", lambda t: 1 - t)
 simulate(system, 4.0, 0.25)
 """
-    temporary = tmp_path / "temporary"
+    temporary = plain_path / "temporary"
     temporary.mkdir()
     process = child(script, tiny, temporary)
     _, err = process.communicate(timeout=30)

@@ -350,12 +350,6 @@ def broken(tiny: Path, folder: Path, kind: str) -> Path:
         rewritten(source, target, **{"modelDescription.xml": "<fmiModelDescription"})
     elif kind == "other xml":
         rewritten(source, target, **{"modelDescription.xml": "<html/>"})
-    elif kind == "FMI 1.0":
-        text = (
-            '<fmiModelDescription fmiVersion="1.0" modelName="m" modelIdentifier="m" guid="g" '
-            'numberOfContinuousStates="0" numberOfEventIndicators="0"><ModelVariables/></fmiModelDescription>'
-        )
-        rewritten(source, target, **{"modelDescription.xml": text})
     elif kind == "FMI 4.0":
         rewritten(source, target, description='fmiVersion="2.0" => fmiVersion="4.0"')
     elif kind == "model exchange":
@@ -383,8 +377,7 @@ FILES = [
     ("no description", "modelDescription.xml"),
     ("bad xml", "not a readable FMU"),
     ("other xml", "not a readable FMU"),
-    ("FMI 1.0", "FMI 1.0 is not supported; use FMI 2.0 or 3.0"),
-    ("FMI 4.0", "4.0"),
+    ("FMI 4.0", "not a readable FMU: Unsupported FMI version: 4.0"),
     ("model exchange", "no co-simulation interface; export it for co-simulation"),
     ("no binary", f"has no binary for {fmpy.platform}"),
     ("other library", "can't be loaded"),
