@@ -16,7 +16,7 @@ from fmu_export.native.backend import build_native
 from parallel_robot.fmus import build
 from parallel_robot.models import MODELS
 from tests.support import compilation
-from tests.support.compilation import shared_compilation
+from tests.support.compilation import built_once
 from tests.support.fmi3_gain import build_gain
 from tests.support.native_fmus import DEFAULT_FLAVOUR, FLAVOURS, require_compiler, unpack
 
@@ -77,9 +77,12 @@ def robot_fmus(tmp_path_factory: pytest.TempPathFactory) -> Path:
     Also of the flavour that is the default here: fmi2 where there is a C compiler.
     """
     folder = tmp_path_factory.mktemp("fmus")
-    with shared_compilation():
+
+    def build_both(common: Path) -> None:
         for flavour in {"pythonfmu", DEFAULT_FLAVOUR}:
-            build(folder, flavour)
+            build(common, flavour)
+
+    built_once("robot", build_both, folder)
     return folder
 
 
@@ -94,10 +97,13 @@ def native_fmus(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder of the FMUs in C: <folder>/fmi2/RobotPlant.fmu, <folder>/fmi3/RobotPlant.fmu and so on."""
     require_compiler()
     folder = tmp_path_factory.mktemp("native")
-    with shared_compilation():
+
+    def build_all(common: Path) -> None:
         for flavour in FLAVOURS:
             for model in MODELS.values():
-                build_native(model, folder / flavour, flavour)
+                build_native(model, common / flavour, flavour)
+
+    built_once("native", build_all, folder)
     return folder
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import itertools
 import re
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -25,9 +26,8 @@ from interop.tools.case import ToolRun
 from interop.tools.launch import run_tool, tool
 from interop.validators import Validation
 from interop.verdict import TOLERANCES, Verdict, judge
-from parallel_robot.models import MODELS, closed_loop_model
+from parallel_robot.models import closed_loop_model
 from tests.support.compilation import shared_compilation
-from tests.support.native_fmus import require_compiler
 
 #: Tools that take seconds to start; the others have each kind of exchange and of files.
 SLOW = {"pathsim", "fmu_toolbox_ssp", "ecos_ssp"}
@@ -45,14 +45,12 @@ QUICK = [
 
 
 @pytest.fixture(scope="module")
-def fmus(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def fmus(native_fmus: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder of native FMUs without pages, and of the closed loop for FMI 2.0."""
-    require_compiler()
     folder = tmp_path_factory.mktemp("interop")
+    for flavour in ("fmi2", "fmi3"):
+        shutil.copytree(native_fmus / flavour, folder / flavour)
     with shared_compilation():
-        for model in MODELS.values():
-            build_native(model, folder / "fmi2", "fmi2")
-            build_native(model, folder / "fmi3", "fmi3")
         build_native(closed_loop_model(), folder / "fmi2", "fmi2")
     return folder
 

@@ -1,11 +1,12 @@
-"""Compilation shared by the workers of a test session: the same sources are compiled once."""
+"""What the workers of a test session share: the same sources are compiled once, the same FMUs are built once."""
 
 from __future__ import annotations
 
 import hashlib
 import os
+import shutil
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -44,3 +45,31 @@ def _compile_once(
             file.write(compile_library(sources, name, target, strict=strict))
         Path(part).replace(path)  # whole or not at all: another worker may want it too
     return path.read_bytes()
+
+
+def built_once(name: str, build: Callable[[Path], object], destination: Path) -> None:
+    """Put into a folder what a function builds, which one worker does for all; each has a copy of its own."""
+    assert folder is not None
+    folder.mkdir(exist_ok=True)
+    common = folder / name
+    with _locked(folder / f"{name}.lock"):
+        if not common.exists():
+            part = Path(tempfile.mkdtemp(dir=folder))
+            with shared_compilation():
+                build(part)
+            if not common.exists():
+                part.rename(common)
+    shutil.copytree(common, destination, dirs_exist_ok=True)
+
+
+@contextmanager
+def _locked(path: Path) -> Iterator[None]:
+    """One worker at a time, where the system has such locks; it frees those of a process that dies."""
+    with path.open("w") as file:
+        try:
+            import fcntl
+        except ImportError:  # Windows: two may build, and one of them is taken
+            yield
+        else:
+            fcntl.flock(file, fcntl.LOCK_EX)
+            yield

@@ -13,7 +13,7 @@ function startPlayer(root) {
   const playButton = find(".play");
   const speed = find(".speed");
   const spoken = find("[role=status]");
-  const state = { time: 0, playing: false, frames: 0, last: null };
+  const state = { time: 0, playing: false, frames: 0, last: null, request: 0 };
 
   const runOf = (stage) => RUNS.get(stage.select.value);
   const shownStages = () => stages.filter((stage) => !stage.element.hidden);
@@ -68,7 +68,7 @@ function startPlayer(root) {
     state.time = Math.min(state.time + passed * Number(speed.value), end());
     if (state.time >= end()) play(false);
     draw();
-    if (state.playing) requestAnimationFrame(frame);
+    if (state.playing) state.request = requestAnimationFrame(frame);
   }
 
   function play(on) {
@@ -80,7 +80,9 @@ function startPlayer(root) {
     playButton.querySelector(".word").textContent = on ? "Pause" : "Play";
     playButton.querySelector("path").setAttribute("d", on ? "M4 2h3v12H4zM9 2h3v12H9z" : "M4 2l10 6-10 6z");
     say();
-    if (on) requestAnimationFrame(frame);
+    // a frame that was asked for before a pause would draw on, beside those of the next start
+    if (on) state.request = requestAnimationFrame(frame);
+    else cancelAnimationFrame(state.request);
   }
 
   function seek(time) {
