@@ -14,6 +14,7 @@ import pytest
 
 from cosim.results.results import Results
 from tests.support.native_fmus import require_compiler
+from tests.support.patience import PATIENCE
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples/tanks"
 
@@ -25,7 +26,7 @@ def tank_fmus(tmp_path_factory: pytest.TempPathFactory) -> Path:
     require_compiler()
     folder = tmp_path_factory.mktemp("tanks")
     (folder / "build.py").write_bytes((EXAMPLE / "build.py").read_bytes())
-    subprocess.run([sys.executable, folder / "build.py"], check=True, capture_output=True, timeout=100)
+    subprocess.run([sys.executable, folder / "build.py"], check=True, capture_output=True, timeout=PATIENCE)
     return folder
 
 
@@ -49,7 +50,7 @@ def program(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Program:
 
     def run(*arguments: str) -> subprocess.CompletedProcess[str]:
         command = [sys.executable, "-m", "cosim", *arguments]
-        return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=100, check=False)
+        return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=PATIENCE, check=False)
 
     return run
 

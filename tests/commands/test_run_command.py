@@ -36,6 +36,7 @@ from parallel_robot.fmus import fmu_path
 from parallel_robot.models import MODELS
 from parallel_robot.scenario import FAMILY, load_scenario
 from tests.support.native_fmus import DEFAULT_FLAVOUR
+from tests.support.patience import PATIENCE
 
 FIGURES = ["path.png", "tracking_errors.png", "torques.png", "psi.png", "closure_error.png"]
 #: dm = -5 sin(pi t) kg; the mass matrix loses its definiteness within the first tenth of a second.
@@ -65,7 +66,7 @@ def here(robot_fmus: Path, tmp_path, monkeypatch) -> Path:
 
 def cosim(*arguments: str, **options) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", "cosim", *arguments]
-    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False, **options)
+    return subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=False, **options)
 
 
 def summary_of(folder: str | Path = "results/tracking") -> dict:
@@ -490,7 +491,7 @@ def test_ctrl_c_half_way_keeps_what_was_recorded(here):
             err += os.read(terminal, 4096)  # fails when the child has ended
         process.send_signal(signal.SIGINT)
         rest = read_to_the_end(terminal)
-        out = process.communicate(timeout=60)[0]
+        out = process.communicate(timeout=PATIENCE)[0]
     finally:
         process.kill()
         process.wait()

@@ -13,6 +13,7 @@ from fmpy.model_description import read_model_description
 from cosim import SetupError, System, simulate
 from cosim.fmi.fmu_file import load
 from fmu_export.pythonfmu.binary import mended
+from tests.support import some
 from tests.support.scripts import in_cosim, slave, stock
 
 
@@ -143,7 +144,7 @@ def test_what_is_unpacked_has_an_entry_and_the_mended_binary(pair: list[Path], t
     entry = (resources / "slavemodule.txt").read_text()
     assert entry != "script"
     assert "script = 'script'" in (resources / f"{entry}.py").read_text()
-    for binary in (tmp_path / "unpacked" / "binaries").rglob("*.so"):
+    for binary in some((tmp_path / "unpacked" / "binaries").rglob("*.so")):
         assert mended(binary.read_bytes()) == binary.read_bytes()
 
 

@@ -20,6 +20,7 @@ from fmu_export import DefaultExperiment, Layout, Model, Variable, build_native
 from fmu_export.package.start_values import write_start_values
 from parallel_robot.wiring import CONNECTIONS
 from tests.support.native_fmus import DEFAULT_FLAVOUR
+from tests.support.patience import PATIENCE
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -39,7 +40,7 @@ def python(*arguments: str | Path, expected: int = 0) -> str:
     """Output of a Python process that can't see the checkout's folder."""
     environment = {**os.environ, "MPLBACKEND": "agg"}
     done = subprocess.run(
-        [sys.executable, *arguments], capture_output=True, text=True, check=False, env=environment, timeout=100
+        [sys.executable, *arguments], capture_output=True, text=True, check=False, env=environment, timeout=PATIENCE
     )
     assert done.returncode == expected, done.stderr
     return done.stdout if expected == 0 else done.stderr

@@ -1,5 +1,6 @@
-"""The tests themselves: where they stand, and who imports whom."""
+"""The tests themselves: where they stand, who imports whom, and that their loops loop."""
 
+import ast
 import re
 from pathlib import Path
 
@@ -45,3 +46,29 @@ def test_every_folder_of_tests_is_a_room():
         inner = [p.parent.relative_to(CHECKOUT / package).as_posix() for p in (CHECKOUT / package).rglob("__init__.py")]
         rooms |= {room if package == "cosim" else f"{package}/{room}" for room in inner}
     assert folders - rooms - OTHERS == set()
+
+
+#: What searches, and may find nothing.
+SEARCHES = {"glob", "rglob", "iterdir", "findall", "finditer", "iter", "iterfind", "walk"}
+
+
+def searching_loops(tree: ast.AST) -> list[int]:
+    """Lines of loops over a search that hold assertions."""
+    return [
+        loop.lineno
+        for loop in ast.walk(tree)
+        if isinstance(loop, ast.For)
+        and isinstance(loop.iter, ast.Call)
+        and isinstance(loop.iter.func, ast.Attribute)
+        and loop.iter.func.attr in SEARCHES
+        and any(isinstance(node, ast.Assert) for node in ast.walk(loop))
+    ]
+
+
+def test_a_loop_over_a_search_asserts_that_something_was_found():
+    """By `some` of tests/support, or by a list whose length is asserted."""
+    assert {
+        str(path.relative_to(CHECKOUT)): lines for path in MODULES if (lines := searching_loops(ast.parse(text(path))))
+    } == {}
+    assert searching_loops(ast.parse("for x in p.glob('*'):\n    assert x")) == [1]
+    assert searching_loops(ast.parse("for x in some(p.glob('*')):\n    assert x")) == []

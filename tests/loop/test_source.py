@@ -13,6 +13,7 @@ from cosim.loop.source import SOURCE, source_hash
 from fmu_export.native.toolchain import Target, compile_library, find_compiler, host_target
 from tests.support import CHECKOUT
 from tests.support.native_fmus import require_compiler
+from tests.support.patience import PATIENCE
 from tests.support.small_fmus import build
 from tests.support.tiny_models import GAIN, INTEGRATOR
 
@@ -87,7 +88,7 @@ def sanitised_runs(folder: Path, fmus: Path, source: bytes) -> subprocess.Comple
         env=os.environ | {"LD_PRELOAD": str(library), "ASAN_OPTIONS": "detect_leaks=0", "PYTHONMALLOC": "malloc"},
         capture_output=True,
         text=True,
-        timeout=300,
+        timeout=PATIENCE,
         check=False,
     )
 

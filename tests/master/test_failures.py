@@ -17,6 +17,7 @@ import pytest
 
 from cosim import Results, SetupError, SimulationError, SimulationInterrupted, System, simulate
 from cosim.master.interrupts import DeferredInterrupt
+from tests.support.patience import PATIENCE
 from tests.support.tiny_models import FRAGILE_MESSAGE, GAIN, INTEGRATOR, build
 
 ROOT = Path(__file__).parents[2]
@@ -295,7 +296,7 @@ except SimulationInterrupted as error:
     assert process.stdout.readline() == "half\n"
     assert list(temporary.iterdir()) != []  # so that the emptiness below says something
     process.send_signal(signal.SIGINT)
-    out, err = process.communicate("\n", timeout=30)
+    out, err = process.communicate("\n", timeout=PATIENCE)
     assert (process.returncode, err) == (3, "")
     assert json.loads(out) == [2.25, [0.25 * i for i in range(9)]]
     assert list(temporary.iterdir()) == []
@@ -312,7 +313,7 @@ simulate(system, 4.0, 0.25)
     temporary = plain_path / "temporary"
     temporary.mkdir()
     process = child(script, tiny, temporary)
-    _, err = process.communicate(timeout=30)
+    _, err = process.communicate(timeout=PATIENCE)
     assert process.returncode == 1
     assert "SimulationError: f failed at t = 1 s" in err.splitlines()[-1]
     assert list(temporary.iterdir()) == []
@@ -359,7 +360,7 @@ except SimulationError as error:
     print(error)
 """
     process = child(script, tiny, tmp_path)
-    out, err = process.communicate(timeout=30)
+    out, err = process.communicate(timeout=PATIENCE)
     assert (process.returncode, err) == (0, "")
     assert out.startswith("f failed at t = 1 s")
     assert FRAGILE_MESSAGE in out

@@ -16,6 +16,7 @@ from plant_fmu.dynamics import (
 from plant_fmu.kinematics import constraint_bias, constraint_matrix, inverse_kinematics
 from plant_fmu.model import PARAMETERS
 from plant_fmu.reduced import passive_velocity_map, reduced_form
+from tests.support import some
 from tests.support.closed_states import closed_states
 
 P = PARAMETERS.unpack(PARAMETERS.starts)
@@ -72,7 +73,7 @@ def test_coriolis_matrix_follows_from_the_kinetic_energy() -> None:
 
 
 def test_closure_force_does_no_work_and_energy_grows_by_the_torques() -> None:
-    for theta, omega, tau_a in closed_states():
+    for theta, omega, tau_a in some(closed_states()):
         accelerations, F_c = closed_chain(theta, omega, tau_a, *XYZ, *GEOMETRY, 0.0)
         assert abs(F_c @ omega) < 1e-13
         M_rate = np.imag(mass_matrix(theta + 1e-30j * omega, *XYZ)) / 1e-30
@@ -100,7 +101,7 @@ def test_baumgarte_damps_an_open_closure_at_its_rate() -> None:
 
 def test_reduced_form_agrees_with_the_closed_chain() -> None:
     """(27): M theta_a'' + C theta_a' + F = tau_a, with theta_a'' from the Udwadia-Kalaba equation."""
-    for theta, omega, tau_a in closed_states():
+    for theta, omega, tau_a in some(closed_states()):
         accelerations, F_c = closed_chain(theta, omega, tau_a, *XYZ, *GEOMETRY, 0.0)
         r = reduced_form(theta, omega, F_c, *XYZ, P.l)
         np.testing.assert_allclose(r.M @ accelerations[:3] + r.C @ omega[:3] + r.F, tau_a, atol=1e-11)

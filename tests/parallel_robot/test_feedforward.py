@@ -27,6 +27,7 @@ from plant_fmu.inverse_dynamics import minimum_norm_torque
 from plant_fmu.kinematics import inverse_kinematics, velocity_jacobian_rates, velocity_jacobians
 from plant_fmu.model import PARAMETERS
 from plant_fmu.reduced import reduced_form
+from tests.support import some
 from tests.support.native_fmus import DEFAULT_FLAVOUR
 from trajectory_fmu import model as trajectory
 
@@ -68,7 +69,7 @@ def test_the_torque_gives_the_desired_acceleration() -> None:
 
 def test_the_torque_is_the_least_solution_of_27() -> None:
     """Singular values (numpy) in place of normal equations, and the matrices M, C of (27) in place of M_o, C_o."""
-    for theta, velocity, acceleration in desired_motions():
+    for theta, velocity, acceleration in some(desired_motions()):
         J_a, J_b = velocity_jacobians(theta, P.l)
         omega = np.concatenate([J_a, J_b]) @ velocity
         domega_a = J_a @ acceleration + velocity_jacobian_rates(theta, omega, P.l)[0] @ velocity

@@ -19,6 +19,7 @@ from fmu_export.package.start_values import write_start_values
 from parallel_robot.metrics import metrics, tracking_errors
 from parallel_robot.scenario import load_scenario
 from parallel_robot.sweep import METRICS, RobotStudy, flat, robot_study
+from tests.support import some
 from tests.support.native_fmus import DEFAULT_FLAVOUR
 
 
@@ -122,7 +123,7 @@ def test_rows_have_curves_of_the_errors_where_asked(robot_fmus):
     fine, coarse = (run(made, {"step_size": step}) for step in (1e-3, 2e-3))
     assert tuple(fine) == (*METRICS, *study.curves)
     results = simulate(scenario().system(robot_fmus, DEFAULT_FLAVOUR), 0.3, 1e-3)
-    for name, errors in tracking_errors(results).items():
+    for name, errors in some(tracking_errors(results).items()):
         assert fine[f"tracking.{name}.curve"].tolist() == errors[[0, 100, 200, 300]].tolist()
         # the same times, whatever the step; linear coupling is good to 1e-6 m at 2 ms
         assert coarse[f"tracking.{name}.curve"] == pytest.approx(errors[[0, 100, 200, 300]], abs=1e-5)

@@ -12,6 +12,7 @@ import numpy as np
 
 from fmu_export.modelling.functions import rk4_step
 from fmu_export.modelling.model import Model
+from tests.support.patience import PATIENCE
 
 HOST = '''
 import ctypes, importlib.util, json, os, sys, tempfile, zipfile
@@ -226,7 +227,9 @@ def fresh(root: Path, script: str, /, **arguments):
     work.mkdir(parents=True)
     command = [sys.executable, "-I", "-X", "faulthandler", "-c", HOST + script]
     texts = {k: str(v) if isinstance(v, Path) else v for k, v in arguments.items()}
-    process = subprocess.run(command, input=json.dumps(texts), cwd=work, capture_output=True, text=True, timeout=120)
+    process = subprocess.run(
+        command, input=json.dumps(texts), cwd=work, capture_output=True, text=True, timeout=PATIENCE
+    )
     said = f"exit code {process.returncode}\n{process.stdout[-2000:]}\n{process.stderr[-4000:]}"
     assert process.returncode == 0, said
     assert "Exception ignored" not in process.stderr, said  # raised in a callback or a destructor

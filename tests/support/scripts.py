@@ -9,6 +9,7 @@ from pathlib import Path
 from textwrap import dedent
 
 from fmu_export import build_script
+from tests.support.patience import PATIENCE
 
 #: A slave with Real outputs, as `<name> = ...` in what a test gives as the body of `do_step`.
 _SLAVE = """
@@ -101,7 +102,7 @@ def in_cosim(folder: Path, *fmus: Path, script: str = _COSIM, **environment: str
         capture_output=True,
         text=True,
         check=False,
-        timeout=120,
+        timeout=PATIENCE,
         env={**os.environ, **environment},
     )
     assert done.returncode == 0, f"exit code {done.returncode}\n{done.stdout}\n{done.stderr}"

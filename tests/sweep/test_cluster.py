@@ -8,7 +8,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -25,7 +24,9 @@ from cosim.sweep.store import read
 from cosim.versions import versions
 from parallel_robot.scenario import load_scenario
 from parallel_robot.sweep import METRICS, robot_study
+from tests.support import some
 from tests.support.native_fmus import DEFAULT_FLAVOUR
+from tests.support.patience import PATIENCE, wait_for
 from tests.support.sweep_study import CounterStudy, arrivals, build_counter, process, sha256
 
 ROOT = Path(__file__).parents[2]
@@ -73,15 +74,6 @@ class Cluster:
         for started in self.processes:
             started.kill()
             started.wait()
-
-
-def wait_for(condition):
-    """Wait until something has happened; only a machine that hangs needs so long."""
-    end = time.monotonic() + 300.0
-    while not (found := condition()):
-        assert time.monotonic() < end, "nothing has happened"
-        time.sleep(0.02)
-    return found
 
 
 @pytest.fixture
@@ -153,14 +145,14 @@ def test_a_worker_is_killed_half_way_and_all_rows_are_those_of_a_plain_loop(clus
             assert {n: row[n] for n in METRICS[:-1]} == {n: expected[n] for n in METRICS[:-1]}
 
     wait_for(lambda: len(cluster.ask(process)) == 2)
-    for counts in cluster.ask(arrivals).values():
+    for counts in some(cluster.ask(arrivals).values()):
         assert set(counts) >= set(files)
         assert len(counts) == len(files) + 1  # and the study
         assert set(counts.values()) == {1}
     held = dataclasses.replace(scenario, extrapolation="hold")
     other, _ = robot_study({"tracking": held}, robot_fmus, [DEFAULT_FLAVOUR])
     sweep(other, files, design("sobol", factors, 2), tmp_path / "other", scheduler=cluster.address)
-    for counts in cluster.ask(arrivals).values():
+    for counts in some(cluster.ask(arrivals).values()):
         assert len(counts) == len(files) + 2
         assert set(counts.values()) == {1}
 
@@ -241,7 +233,7 @@ def test_a_scheduler_that_does_not_answer_has_no_workers_or_dies_is_one_line(clu
 
     cluster.worker()
     with Client(cluster.address, set_as_default=False) as client:
-        client.wait_for_workers(1, timeout=300)
+        client.wait_for_workers(1, timeout=PATIENCE)
 
     def kill(done: int, workers: int) -> None:
         if done >= 3:

@@ -8,7 +8,6 @@ import re
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -17,6 +16,7 @@ from cosim.__main__ import main
 from cosim.commands.sweep import sweep_progress
 from cosim.sweep.store import read
 from tests.support.native_fmus import DEFAULT_FLAVOUR
+from tests.support.patience import PATIENCE, wait_for
 
 ROOT = Path(__file__).parents[2]
 
@@ -41,7 +41,7 @@ def sweep(*arguments: str, **options) -> subprocess.Popen[str]:
 
 def test_a_sweep_with_failing_runs_says_so_and_is_a_success(here):
     started = sweep("--vary", "controller.alpha=0.5,1", "--vary", "plant.X=-1,1", "--seeds", "1:2", "--stop", "0.1")
-    out, err = started.communicate(timeout=6000)
+    out, err = started.communicate(timeout=PATIENCE)
     assert (started.returncode, err) == (0, "")
     lines = dict(line.split(maxsplit=1) for line in out.splitlines())
     assert list(lines) == ["runs", "failed", "rate", "results"]
@@ -59,7 +59,7 @@ def test_a_sweep_with_failing_runs_says_so_and_is_a_success(here):
 
 def test_steps_are_varied_and_errors_over_time_kept(here):
     started = sweep("--step", "0.001,0.002", "--curves", "0.01", "--stop", "0.1", "--workers", "1")
-    assert started.wait(timeout=6000) == 0
+    assert started.wait(timeout=PATIENCE) == 0
     started.communicate()
     table = read(Path("results/sweep-tracking"))
     assert table["step_size"].to_pylist() == [0.001, 0.002]
@@ -69,13 +69,10 @@ def test_steps_are_varied_and_errors_over_time_kept(here):
 def test_ctrl_c_in_a_terminal_ends_it_in_one_line_and_the_same_command_goes_on(here):
     command = ("--vary", "controller.alpha=0.5:3:160", "--stop", STOP_TIME, "--workers", "2", "--out", "out")
     started = sweep(*command, start_new_session=True)
-    end = time.monotonic() + 600
-    while not list(Path("out/results").glob("part-*")):
-        assert started.poll() is None
-        assert time.monotonic() < end
-        time.sleep(0.05)
+    wait_for(lambda: started.poll() is not None or list(Path("out/results").glob("part-*")))
+    assert started.poll() is None
     os.killpg(started.pid, signal.SIGINT)  # as a terminal does: all processes get it
-    out, err = started.communicate(timeout=600)
+    out, err = started.communicate(timeout=PATIENCE)
     assert started.returncode == 130
     assert err == "cosim: interrupted; the same command goes on where it stopped\n"
     done = read(Path("out")).num_rows
@@ -83,7 +80,7 @@ def test_ctrl_c_in_a_terminal_ends_it_in_one_line_and_the_same_command_goes_on(h
     assert out.startswith(f"runs      {done} of 160, {done} of them now\n")
 
     started = sweep(*command)
-    out, err = started.communicate(timeout=6000)
+    out, err = started.communicate(timeout=PATIENCE)
     assert (started.returncode, err) == (0, "")
     assert out.startswith(f"runs      160 of 160, {160 - done} of them now\n")
     assert read(Path("out"))["index"].to_pylist() == list(range(160))
@@ -133,7 +130,7 @@ def test_what_makes_no_sense_is_one_line_before_anything_starts(here, capsys, ar
 
 def test_the_folder_of_another_sweep_is_refused(here, capsys):
     started = sweep("--vary", "controller.alpha=0.5", "--stop", "0.01", "--workers", "1", "--out", "out")
-    assert started.wait(timeout=600) == 0
+    assert started.wait(timeout=PATIENCE) == 0
     started.communicate()
     assert main(["sweep", "--vary", "controller.alpha=0.6", "--stop", "0.01", "--out", "out"]) == 1
     assert "out holds another sweep (other points_sha256)" in capsys.readouterr().err

@@ -14,6 +14,7 @@ import fmpy
 import pytest
 
 from cosim import CosimError, SetupError, SimulationError, System, simulate
+from tests.support import some
 from tests.support.changed_fmus import rewritten
 from tests.support.tiny_models import build
 
@@ -51,7 +52,7 @@ def test_the_system_of_these_tests_runs(system):
 
 
 def test_the_fmus_of_these_tests_are_valid(tiny):
-    for path in tiny.glob("*.fmu"):
+    for path in some(tiny.glob("*.fmu")):
         assert fmpy.validation.validate_fmu(str(path)) == []
 
 

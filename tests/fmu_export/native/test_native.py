@@ -47,6 +47,7 @@ from tests.support.native_fmus import (
     unpack,
 )
 from tests.support.native_misuse import CASES, MISSING, TORQUE, Misuse, advance, good_run, prepared
+from tests.support.patience import PATIENCE
 
 CHECKOUT = Path(__file__).resolve().parents[3]
 NAMES = [model.name for model in MODELS.values()]
@@ -506,7 +507,7 @@ def child(script: str, *arguments: str) -> Any:
         env=environment,
         capture_output=True,
         text=True,
-        timeout=300,
+        timeout=PATIENCE,
         check=False,
     )
     assert done.returncode == 0, (done.returncode, done.stderr[-3000:])

@@ -25,6 +25,7 @@ from fmu_export.package.start_values import start_values_text
 from fmu_export.trace.trace import trace
 from plant_fmu.model import MODEL as PLANT
 from tests.support import SUPPORT
+from tests.support.patience import PATIENCE
 from trajectory_fmu.model import MODEL as TRAJECTORY
 
 pytestmark = [
@@ -48,7 +49,7 @@ def run(command: list[str], folder: Path, **environment: str) -> subprocess.Comp
         capture_output=True,
         text=True,
         errors="replace",
-        timeout=120,
+        timeout=PATIENCE,
         check=False,
     )
 

@@ -32,6 +32,7 @@ from parallel_robot.models import MODELS
 from tests.support import SUPPORT
 from tests.support.binaries import kind_and_exports, text_at
 from tests.support.native_fmus import FLAVOURS, Host, require_compiler, unpack
+from tests.support.patience import PATIENCE
 
 #: Each FMU is compiled for five platforms, in minutes; tests of the toolchain compile a small library for each.
 pytestmark = pytest.mark.slow
@@ -372,7 +373,7 @@ def wine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..., str
         # files, since Wine's server outlives the program and would keep pipes open
         with TemporaryFile() as output, TemporaryFile() as messages:
             done = subprocess.run(
-                [program, *command], env=environment, stdout=output, stderr=messages, timeout=300, check=False
+                [program, *command], env=environment, stdout=output, stderr=messages, timeout=PATIENCE, check=False
             )
             for file in (output, messages):
                 file.seek(0)

@@ -21,7 +21,9 @@ from fmu_export.package.interface import interface_of
 from fmu_export.pythonfmu.backend import build_pythonfmu
 from fmu_export.trace.trace import trace
 from plant_fmu.model import MODEL as PLANT
+from tests.support import some
 from tests.support.bare_host import fresh
+from tests.support.patience import PATIENCE
 from trajectory_fmu.model import MODEL as TRAJECTORY
 
 CHECKOUT = Path(__file__).resolve().parents[3]
@@ -161,7 +163,7 @@ def test_identifiers(fmus, name):
 @ALL
 def test_variability_and_initial_of_each_causality(fmus, name):
     tunable = TUNABLE[name].split()
-    for v in variables(fmus / f"{name}.fmu").values():
+    for v in some(variables(fmus / f"{name}.fmu").values()):
         expected = {
             "parameter": ("tunable" if v.get("name").partition("[")[0] in tunable else "fixed", "exact"),
             "input": ("continuous", None),
@@ -180,7 +182,7 @@ def test_value_references_are_positions(fmus, name):
 @ALL
 def test_every_float_of_the_description_round_trips(fmus, name):
     found = 0
-    for element in root_of(fmus / f"{name}.fmu").iter():
+    for element in some(root_of(fmus / f"{name}.fmu").iter()):
         for key in ("start", "min", "max", "factor", "startTime", "stopTime", "stepSize"):
             text = element.get(key)
             if text is not None:
@@ -236,7 +238,7 @@ def test_minima_maxima_are_those_of_the_model_and_hold_for_the_start_values(fmus
     if model.states:
         expected["max_step"] = ("1e-09", None)
     assert found == expected
-    for n, text in text_starts(fmus / f"{name}.fmu").items():
+    for n, text in some(text_starts(fmus / f"{name}.fmu").items()):
         lower, upper = found[n]
         assert float(lower or -math.inf) <= float(text) <= float(upper or math.inf)
 
@@ -270,7 +272,7 @@ def test_units_have_the_right_dimensions_and_display_units(fmus, name):
     # FMI 2.0, section 2.2.2: display value = factor * value
     one = {"mm": 1000.0, "deg": math.degrees(1.0), "deg/s": math.degrees(1.0)}
     assert shown == {d: one[d] for d in shown}
-    for v in root.iter("ScalarVariable"):
+    for v in some(root.iter("ScalarVariable")):
         real = v.find("Real")
         expected = {"m": "mm", "rad": "deg", "rad/s": "deg/s"}.get(real.get("unit"))
         assert real.get("displayUnit") == expected
@@ -438,7 +440,7 @@ def build_elsewhere(folder: Path, checkout: Path, seed: str) -> Path:
         cwd=work,
         env=environment,
         check=True,
-        timeout=120,
+        timeout=PATIENCE,
     )
     return work / "fmus"
 
@@ -463,7 +465,7 @@ def test_archive_holds_no_times_and_no_paths_of_the_building_machine(fmus, tmp_p
         assert len(set(archive.namelist())) == len(archive.namelist())
     environment = Path(sys.prefix)
     for forbidden in (str(CHECKOUT), str(fmus), str(environment), "site-packages"):
-        for member, data in members(fmu).items():
+        for member, data in some(members(fmu).items()):
             assert forbidden.encode() not in data, (forbidden, member)
             assert not member.endswith((".pyc", "~"))
 

@@ -18,6 +18,7 @@ from fmu_export.pythonfmu import backend as pythonfmu_backend
 from fmu_export.pythonfmu import slave as pythonfmu_slave
 from fmu_export.trace.trace import trace
 from plant_fmu.model import MODEL as PLANT
+from tests.support import some
 from tests.support.bare_host import close, fresh, oracle, plant_torques
 from trajectory_fmu.model import MODEL as TRAJECTORY
 
@@ -348,8 +349,8 @@ for name, variable, good in (("RobotPlant", "tau_d[2]", 0.1), ("RobotController"
     assert same(host.get(), other.get())
 report(texts)
 """)
-    for text, (variable, value) in zip(
-        said, [(v, b) for v in ("tau_d[2]", "theta_a[1]") for b in ("nan", "inf", "-inf")], strict=True
+    for text, (variable, value) in some(
+        zip(said, [(v, b) for v in ("tau_d[2]", "theta_a[1]") for b in ("nan", "inf", "-inf")], strict=True)
     ):
         assert f"'{variable}' is {value}" in text
         assert "set a finite number" in text

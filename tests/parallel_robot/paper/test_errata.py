@@ -15,6 +15,7 @@ from parallel_robot.paper.reproduce.content import Erratum
 from parallel_robot.paper.reproduce.errata import ERRATA, find_errata
 from parallel_robot.paper.reproduce.material import Material
 from parallel_robot.paper.reproduce.theorem import check, constants, motion
+from tests.support import some
 
 
 @pytest.fixture(scope="module")
@@ -155,7 +156,7 @@ def test_factored_derivative_is_right_with_2(material: Material) -> None:
 
 def test_V_falls_as_printed_by_its_integral(material: Material) -> None:
     """Without differentiating: V gains no more over each tenth of a second than -lambda |Z|^2 + h sums up to."""
-    for found in material.theorem1:
+    for found in some(material.theorem1):
         m, psi_bar = material.motions[found.controller], np.array(found.psi_bar)
         V, Z = m.V(psi_bar), m.Z(psi_bar)
         allowed = np.concatenate([[0], np.cumsum((found.h_printed - found.lambda_hat * Z[:-1] ** 2) * np.diff(m.time))])
@@ -166,7 +167,7 @@ def test_V_falls_as_printed_by_its_integral(material: Material) -> None:
 
 
 def test_radii_hold_and_are_far_off(material: Material) -> None:
-    for found in material.theorem1:
+    for found in some(material.theorem1):
         assert found.Z_max <= found.d_chi
         assert 20 < found.chi_min / found.Z_steady < 60
 

@@ -31,6 +31,7 @@ from parallel_robot.paper.reproduce.content import (
     TheoremCheck,
 )
 from parallel_robot.scenario import load_scenario
+from tests.support import some
 from tests.support.html import Elements
 from tests.support.native_fmus import DEFAULT_FLAVOUR
 
@@ -140,7 +141,7 @@ def embedded(html: str) -> dict:
 
 
 def test_closure_forces_add_up_to_zero_and_do_the_work_of_F_c(results):
-    for run in results.values():
+    for run in some(results.values()):
         f = chain_forces(run)
         largest = np.abs(f).max()
         assert np.abs(f.sum(axis=1)).max() < 1e-9 * largest
@@ -180,7 +181,7 @@ def test_data_of_the_page_are_those_of_the_runs(html, content, results):
 
 def test_views_hold_all_that_moves(html, content):
     left, bottom, right, top = embedded(html)["views"]["whole"]
-    for s in all_series(content.runs):
+    for s in some(all_series(content.runs)):
         for i in (1, 2, 3):
             robot = s.geometry()
             x = robot["x_A"][i - 1] + robot["l"] * np.cos(s.columns[f"a{i}"])
@@ -288,7 +289,7 @@ def test_texts_stay_texts(html, elements):
 
 
 def test_every_claim_erratum_and_figure_is_there(html, content):
-    for c in content.claims:
+    for c in some(content.claims):
         assert f'id="claim-{c.id}" data-verdict="{c.verdict}"' in html
     assert 'aria-label="Verdicts on 6 claims"' in html
     assert 'id="erratum-a1"' in html
@@ -298,7 +299,7 @@ def test_every_claim_erratum_and_figure_is_there(html, content):
 
 
 def test_versions_and_hashes_are_there_and_no_paths(html, content):
-    for fmu in content.runs.open_loop.info["fmus"].values():
+    for fmu in some(content.runs.open_loop.info["fmus"].values()):
         assert fmu["sha256"] in html
         assert fmu["path"] not in html
     assert "closed-chain-cosim 1.2.3" in html
@@ -321,7 +322,7 @@ def test_the_animation_of_the_readme(robot_fmus, tmp_path):
     assert len(text) < 200_000
     assert Elements(text).open == []
     assert "http" not in text.replace("http://www.w3.org/2000/svg", "")
-    for values in re.findall(r'values="([^"]*)"', text):
+    for values in some(re.findall(r'values="([^"]*)"', text)):
         assert len(values.split(";")) == script["FRAMES"] + 1
         assert "nan" not in values
 

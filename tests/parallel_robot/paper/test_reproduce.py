@@ -25,6 +25,7 @@ from parallel_robot.paper.reproduce.content import CONDITIONS, PaperFigure, Repr
 from parallel_robot.paper.reproduce.figures import style
 from parallel_robot.paper.reproduce.material import Material
 from parallel_robot.paper.reproduce.runs import Plan
+from tests.support import some
 from tests.support.reproduction import WHOLE, needs_whole
 
 #: One figure of each kind: they are drawn with few runs, all figures with all runs.
@@ -90,7 +91,7 @@ def test_pd_is_the_control_without_its_robust_part(runs: Runs) -> None:
 
 def test_accumulated_errors_of_the_scenario_s_torque_are_those_of_its_run(material: Material) -> None:
     found = material.runs.accumulated["1", material.runs.info["seed"], 0.01]
-    for name, value in found.items():
+    for name, value in some(found.items()):
         assert value == material.metric("1", name, "accumulated")
 
 
@@ -161,7 +162,7 @@ def test_every_figure_is_there_as_vectors_and_pixels(
 
 
 def test_every_figure_says_what_it_shows_in_words(content: tuple[Reproduction, Path]) -> None:
-    for figure in content[0].figures:
+    for figure in some(content[0].figures):
         for text in (figure.title, figure.caption, figure.alt):
             assert text
             assert not any(sign in text for sign in "$\\{}")
@@ -179,14 +180,14 @@ def test_no_text_is_cut_and_every_axis_has_its_unit(drawings: list[style.Drawing
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    for drawing in drawings:
+    for drawing in some(drawings):
         with mpl_style.context(style.STYLE):
             figure = Figure(figsize=drawing.size, layout="constrained")
             drawing.draw(figure)
             canvas = FigureCanvasAgg(figure)
             canvas.draw()
             page = figure.bbox
-            for axes in figure.axes:
+            for axes in some(figure.axes):
                 box = axes.get_tightbbox(canvas.get_renderer())
                 assert box is not None
                 assert box.x0 > -2, drawing.number
@@ -277,7 +278,7 @@ def test_the_command_writes_one_folder(
 def test_a_figure_has_the_same_bytes_each_time(
     content: tuple[Reproduction, Path], drawings: list[style.Drawing], tmp_path: Path
 ) -> None:
-    for path in style.save(drawings[0], tmp_path):
+    for path in some(style.save(drawings[0], tmp_path)):
         assert path.read_bytes() == (content[1] / "figures" / path.name).read_bytes()
 
 

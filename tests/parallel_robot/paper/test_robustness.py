@@ -8,7 +8,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import matplotlib.image
@@ -41,8 +40,10 @@ from parallel_robot.paper.robustness.study import (
 )
 from parallel_robot.paper.robustness.text import findings
 from parallel_robot.scenario import load_scenario
+from tests.support import some
 from tests.support.html import Elements
 from tests.support.native_fmus import DEFAULT_FLAVOUR
+from tests.support.patience import PATIENCE, wait_for
 
 ROOT = Path(__file__).parents[3]
 
@@ -137,7 +138,7 @@ def gain_study(cost_of_one: tuple[float, float]) -> Rows:
     ],
 )
 def test_places_of_controllers(error, effort, place, dominated_by):
-    for front in fronts(gain_study((error, effort))):
+    for front in some(fronts(gain_study((error, effort)))):
         one = next(p for p in front.placed if p.controller == "1")
         assert (one.place, one.dominated_by) == (place, dominated_by)
         assert (one.error, one.effort) == (error, effort)
@@ -259,13 +260,11 @@ def test_the_paper_s_case_is_that_of_a_run_alone(finished, study, robot_fmus):
 def test_a_killed_study_goes_on_and_comes_to_the_same(finished, robot_fmus, tmp_path, capsys, monkeypatch):
     command = [sys.executable, "-m", "cosim", *arguments(robot_fmus, tmp_path / "out")]
     started = subprocess.Popen(command, env={**os.environ, "PYTHONPATH": str(ROOT)}, start_new_session=True)
-    end = time.monotonic() + 60
-    while not list((tmp_path / "out" / "monte-carlo" / "results").glob("part-*")):
-        assert started.poll() is None
-        assert time.monotonic() < end
-        time.sleep(0.02)
+    results = tmp_path / "out" / "monte-carlo" / "results"
+    wait_for(lambda: started.poll() is not None or list(results.glob("part-*")))
+    assert started.poll() is None
     os.killpg(started.pid, signal.SIGKILL)  # all at once: the study, its scheduler and its workers
-    started.wait(timeout=60)
+    started.wait(timeout=PATIENCE)
     done = read(tmp_path / "out" / "monte-carlo").num_rows
     assert 1 <= done < 20
     assert not (tmp_path / "out" / "robustness.json").exists()
@@ -281,7 +280,7 @@ def test_a_killed_study_goes_on_and_comes_to_the_same(finished, robot_fmus, tmp_
 
 
 def test_figures_are_there_and_no_text_is_cut(finished, study):
-    for figure in study.figures:
+    for figure in some(study.figures):
         picture = matplotlib.image.imread(finished / "figures" / f"{figure.name}.png")
         edge = np.concatenate([picture[[0, -1]].reshape(-1, 4), picture[:, [0, -1]].reshape(-1, 4)])
         assert (edge[:, :3] == 1.0).all(), figure.name
