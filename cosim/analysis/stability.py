@@ -22,7 +22,7 @@ import numpy as np
 
 from cosim.analysis.linear import LinearComponent, LinearSystem, Node
 from cosim.errors import ArgumentError, SetupError
-from cosim.master.algorithm import AUTO, Algorithm, algorithm
+from cosim.master.algorithm import AUTO, Algorithm, algorithm, can_be_extrapolated
 
 #: Between which steps (s) the largest stable one is searched by default.
 SHORTEST, LONGEST = 1e-4, 1.0
@@ -313,7 +313,7 @@ class _Interpreter:
     def _is_extrapolated(self, node: Node) -> bool:
         """Whether an input is, as the master decides: one that gets a value too seldom is held."""
         own, source = self._every[node[0]], self._every[self._system.sources[node][0]]
-        return self._extrapolation.degree > 0 and own % source == 0
+        return self._extrapolation.degree > 0 and can_be_extrapolated(own, source)
 
     @property
     def period(self) -> float:

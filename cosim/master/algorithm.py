@@ -152,6 +152,17 @@ register(
 )
 
 
+def can_be_extrapolated(own: int, source: int) -> bool:
+    """Whether an input has a new value at each communication point of its component; else it is held.
+
+    Parameters
+    ----------
+    own, source : int
+        Every how many communication steps its component, and what feeds it, have a communication point.
+    """
+    return own % source == 0
+
+
 @dataclass(frozen=True)
 class Algorithm:
     """An order of exchange and an extrapolation; see `algorithm`.

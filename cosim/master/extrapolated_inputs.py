@@ -13,7 +13,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from cosim.errors import SetupError
-from cosim.master.algorithm import AUTO, Algorithm
+from cosim.master.algorithm import AUTO, Algorithm, can_be_extrapolated
 from cosim.system.resolution import ResolvedSystem
 from cosim.system.variables import Element
 
@@ -103,6 +103,6 @@ def _obstacle(system: ResolvedSystem, component: str, element: Element, every: i
         if not element.variable.intermediateUpdate:
             return "it can't be set during a step (intermediateUpdate)"
     own = system.components[component].every
-    if own % every:
+    if not can_be_extrapolated(own, every):
         return f"it gets a value every {every} steps only, and its component needs one every {own}"
     return None

@@ -17,7 +17,7 @@ from cosim.osp.functions import Function, read_function
 from cosim.osp.groups import Group, found_in, pairs, read_groups
 from cosim.osp.parsing import attribute, children, local_name, number, parse
 from cosim.ssp.package import Folder
-from cosim.system.read import Findings, ReadSystem, unfed_inputs
+from cosim.system.read import Findings, ReadSystem
 from cosim.system.system import System, Units
 from cosim.system.units import UnitsDiffer, conversion
 from cosim.system.variables import Element, Ports
@@ -319,13 +319,9 @@ class _Reader:
         for function in self.functions.values():
             with self.findings.collecting():
                 self._wires += function.add_to(system, f"{self.file}", self.findings)
-        fed: dict[str, set[str]] = {name: set() for name in self.simulators}
-        for _, target, _, _ in self._wires:
-            fed.get(target.partition(".")[0], set()).add(target.partition(".")[2])
         for name, simulator in self.simulators.items():
-            start = {**unfed_inputs(simulator.ports, fed[name] | set(simulator.start)), **simulator.start}
             with self.findings.collecting():
-                system.add(name, simulator.fmu, start=start, every=simulator.every)
+                system.add(name, simulator.fmu, start=simulator.start, every=simulator.every)
         for source, target, factor, offset in self._wires:
             self._note_units(source, target, (factor, offset) == (1.0, 0.0))
             system.connect(source, target, factor=factor, offset=offset, units=self.units)

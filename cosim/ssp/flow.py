@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from fmpy.model_description import Unit
@@ -103,7 +103,7 @@ class Feed:
             unit = hop.target_unit or (unit if hop.convert else None)
         return factor, offset
 
-    def handed_on(self, value: Value, name: str, items: Mapping[str, float], *, relative: bool) -> list[float] | str:
+    def handed_on(self, value: Value, name: str, items: Mapping[str, float], *, relative: bool) -> list[Any] | str:
         """A value of the source as it comes to the input.
 
         Parameters
@@ -126,26 +126,27 @@ class Feed:
             data = value.fit(name, self.unit, items, relative=relative)
             if (factor, offset) == (1.0, 0.0):
                 return data
-            if isinstance(data, str):
+            if not value.has_numbers and not value.item:
                 raise SSPError(
                     f"{value.origin}: '{value.name}' is a text and can't be transformed on its way to '{name}'"
                 )
-            return [factor * number + offset for number in data]
+            numbers: Any = data
+            return [factor * number + offset for number in numbers]
         if (factor, offset) != (1.0, 0.0):
             raise SSPError(f"{self.hops[0].here}: '{name}' is both mapped and transformed linearly; do one of them")
-        text: Any = value.data
-        numbers: list[Any] | None = None if value.item else list(value.data)
+        texts = [value.data] if isinstance(value.data, str) else list(value.data)
+        mapped: list[Any] | None = None if value.item else texts
         for hop in self.tables:
             assert hop.table is not None
             if hop.table.kind == "EnumerationMappingTransformation":
-                if numbers is not None:
+                if mapped is not None:
                     raise SSPError(f"{hop.here}: maps names of items, but '{value.name}' is no enumeration")
-                text = hop.table.entries.get(text, text)
+                texts = [hop.table.entries.get(text, text) for text in texts]
                 continue
-            if numbers is None:
-                numbers = [replace(value, data=text).number(name, items)]
-            numbers = [hop.table.entries.get(number, number) for number in numbers]
-        return numbers if numbers is not None else [replace(value, data=text).number(name, items)]
+            if mapped is None:
+                mapped = [value.number(text, name, items) for text in texts]
+            mapped = [hop.table.entries.get(number, number) for number in mapped]
+        return mapped if mapped is not None else [value.number(text, name, items) for text in texts]
 
 
 @dataclass

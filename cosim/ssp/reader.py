@@ -18,7 +18,7 @@ from cosim.ssp.parameters import ParameterFiles
 from cosim.ssp.schema import child, children
 from cosim.ssp.structure import SEPARATOR, Part, read_structure, variable_nodes
 from cosim.ssp.values import Value, values_of
-from cosim.system.read import Findings, ReadSystem, unfed_inputs
+from cosim.system.read import Findings, ReadSystem
 from cosim.system.system import System
 from cosim.system.variables import Element
 
@@ -162,7 +162,6 @@ def _system(root: Part, flow: Flow, values: Mapping[Node, Value], findings: Find
         assert part.ports is not None
         assert part.fmu is not None
         start: dict[str, Any] = {}
-        fed = set()
         for name, elements in part.variables.items():
             if (part.path, name) in values:
                 with findings.collecting():
@@ -178,7 +177,6 @@ def _system(root: Part, flow: Flow, values: Mapping[Node, Value], findings: Find
                 relative = part.ports.is_relative(element)
                 target = f"{part.path}.{element.name}"
                 if source_part in paths:
-                    fed.add(element.name)
                     if feed.tables:
                         mapped.append((feed, part, element))
                         continue
@@ -187,7 +185,6 @@ def _system(root: Part, flow: Flow, values: Mapping[Node, Value], findings: Find
                 elif feed.source in values:
                     value = values[feed.source]
                     start[element.name] = _plain(feed.handed_on(value, target, element.items, relative=relative))
-        start |= unfed_inputs(part.ports, fed | set(start))
         system.add(part.path, part.fmu, start=start)
     for feed, part, element in mapped:
         with findings.collecting():
@@ -216,7 +213,7 @@ def _settable(value: Value, part: Part, element: Element, findings: Findings) ->
     return False
 
 
-def _fit(value: Value, part: Part, elements: list[Element]) -> list[float] | str:
+def _fit(value: Value, part: Part, elements: list[Element]) -> list[Any] | str:
     """A value for a variable of a component."""
     assert part.ports is not None
     name = f"{part.path}.{value.name}"
@@ -225,7 +222,7 @@ def _fit(value: Value, part: Part, elements: list[Element]) -> list[float] | str
     return value.fit(name, unit, elements[0].items, relative=relative, findings=part.document.findings)
 
 
-def _plain(value: list[float] | str) -> Any:
+def _plain(value: list[Any] | str) -> Any:
     return value[0] if len(value) == 1 and not isinstance(value, str) else value
 
 

@@ -32,7 +32,7 @@ class Value:
     name : str
         Where it goes, relative to the element that it is bound to.
     data : sequence or str
-        Numbers, more than one for an array; or a text.
+        Numbers, texts or bytes, more than one for an array; or one text.
     unit : Unit, optional
         Of the numbers, if known.
     item : bool
@@ -48,7 +48,7 @@ class Value:
     """
 
     name: str
-    data: Sequence[float] | str
+    data: Sequence[Any] | str
     unit: Unit | None
     item: bool
     convert: bool
@@ -80,8 +80,8 @@ class Value:
         *,
         relative: bool,
         findings: Findings | None = None,
-    ) -> list[float] | str:
-        """The numbers, or the text, for a variable.
+    ) -> list[Any] | str:
+        """The numbers, or texts, for a variable.
 
         Parameters
         ----------
@@ -102,15 +102,24 @@ class Value:
             The units don't match, or the enumeration has no such item.
         """
         if self.item:
-            return [self.number(target, items)]
+            texts = [self.data] if isinstance(self.data, str) else self.data
+            return [self.number(text, target, items) for text in texts]
         if isinstance(self.data, str):
             return self.data
+        if not self.has_numbers:
+            return list(self.data)
         factor, offset = self._conversion(target, unit, relative, findings)
         if (factor, offset, self.factor, self.offset) == (1.0, 0.0, 1.0, 0.0):
             return list(self.data)
-        return [self.factor * (factor * number + offset) + self.offset for number in self.data]
+        numbers: Any = self.data
+        return [self.factor * (factor * number + offset) + self.offset for number in numbers]
 
-    def number(self, target: str, items: Mapping[str, float]) -> float:
+    @property
+    def has_numbers(self) -> bool:
+        """Whether it is of numbers or truth values."""
+        return not isinstance(self.data, str) and not any(isinstance(v, (str, bytes)) for v in self.data)
+
+    def number(self, text: str, target: str, items: Mapping[str, float]) -> float:
         """The number of an item of an enumeration: as the FMU has it, else as the file has that defines it.
 
         Raises
@@ -118,7 +127,6 @@ class Value:
         SSPError
             Neither has such an item.
         """
-        text = str(self.data)
         if text in items:
             return items[text]
         if text in self.items and (not items or self.items[text] in items.values()):
@@ -275,19 +283,18 @@ def _content(
 
 def _value(parameter: DataElement, prefix: str, definitions: Definitions, here: str, document: Document) -> Value:
     name = prefix + parameter.attrib["name"]
-    typed = next((t for t in parameter if "value" in t.attrib), None)
+    typed = next((t for t in parameter if "value" in t.attrib or child(t, "Value") is not None), None)
     if typed is None:
         raise SSPError(f"{here}: parameter '{name}' has no value; give it one")
-    kind, raw = local_name(typed), typed.attrib["value"]
-    if kind == "Binary":
-        raise SSPError(f"{here}: '{name}' is binary, which is not supported")
+    kind = local_name(typed)
     if typed.attrib.get("unit") == "":
         document.findings.note(f"{here}: units that are empty are taken for none")
     unit = None if document.ignore_units else document.unit(typed.attrib.get("unit"), definitions)
-    data: Any = raw if kind in ("String", "Enumeration") else raw if isinstance(raw, list) else [raw]
-    if isinstance(data, list) and kind in ("String", "Enumeration"):  # SSP 2.0 has arrays of them
-        if len(data) != 1:
-            raise SSPError(f"{here}: '{name}' is an array of texts, which is not supported")
+    raw = typed.attrib["value"] if "value" in typed.attrib else [v.attrib["value"] for v in children(typed, "Value")]
+    data: Any = raw if isinstance(raw, list) else [raw]
+    if kind == "Binary":
+        data = [bytes.fromhex(str(digits)) for digits in data]
+    elif kind in ("String", "Enumeration") and len(data) == 1:  # SSP 2.0 has arrays of them
         data = data[0]
     items = definitions.enumerations.get(typed.attrib.get("name") or "", {}) if kind == "Enumeration" else {}
     return Value(name, data, unit, kind == "Enumeration", True, 1.0, 0.0, here, items)
@@ -298,15 +305,16 @@ def _mapped(value: Value, entry: DataElement, here: str) -> Value:
     data, factor, offset = value.data, 1.0, 0.0
     transformation = transformation_of(entry)
     if transformation is not None and local_name(transformation) == "LinearTransformation":
-        if isinstance(data, str) or any(isinstance(number, bool) for number in data):
+        if not value.has_numbers or any(isinstance(number, bool) for number in data):
             raise SSPError(f"{here}: '{value.name}' is not a number and can't be transformed linearly")
         factor, offset = transformation.attrib["factor"], transformation.attrib["offset"]
     elif transformation is not None:
         if value.item and local_name(transformation) == "IntegerMappingTransformation":
-            value = replace(value, data=[value.number(value.name, {})], item=False)
+            texts = [data] if isinstance(data, str) else data
+            value = replace(value, data=[value.number(text, value.name, {}) for text in texts], item=False)
         data = _replaced(value.data, table_of(transformation, here))
     return replace(value, name=entry.attrib["target"], data=data, convert=convert, factor=factor, offset=offset)
 
 
-def _replaced(data: Sequence[float] | str, table: Mapping[Any, Any]) -> Sequence[float] | str:
+def _replaced(data: Sequence[Any] | str, table: Mapping[Any, Any]) -> Sequence[Any] | str:
     return table.get(data, data) if isinstance(data, str) else [table.get(number, number) for number in data]

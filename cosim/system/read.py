@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Set
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import Any
 
 from cosim.errors import CosimError
 from cosim.system.system import System
-from cosim.system.variables import Element, Ports
 
 #: Of one kind of notes this many are shown; a description with a thousand connectors may have a thousand of them.
 _MOST_NOTES = 3
@@ -108,24 +106,3 @@ class Findings:
             if more:
                 found[-1] += f" (and {more} more of this kind)"
         return tuple(found)
-
-
-def unfed_inputs(ports: Ports, given: Set[str]) -> dict[str, Any]:
-    """Start values, as the FMU has them, of the inputs that nothing feeds and no one has given a value.
-
-    Parameters
-    ----------
-    ports : Ports
-    given : set of str
-        Names of variables or elements that are fed or have a value.
-    """
-    return {e.name: _start_value(e) for e in ports.of_causality("input") if not {e.name, e.variable.name} & given}
-
-
-def _start_value(element: Element) -> Any:
-    text = element.variable.start
-    if element.kind == "String":
-        return text or ""
-    parts = str(text).split() if text is not None else ["0"]
-    part = parts[element.offset] if len(parts) > 1 else parts[0]
-    return {"true": 1.0, "false": 0.0}[part] if part in ("true", "false") else float(part)

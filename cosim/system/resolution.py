@@ -149,12 +149,17 @@ def split(path: str, ports: Mapping[str, Ports]) -> tuple[Ports, str]:
     return ports[component], name
 
 
+#: What else a connection can begin at: values that an FMU computes, though they are no outputs.
+_COMPUTED = ("local", "calculatedParameter")
+
+
 def _find(path: str, ports: Mapping[str, Ports], causality: str, role: str) -> tuple[str, list[Element]]:
     port, name = split(path, ports)
     elements = port.find(name)
     for element in elements:
         actual = element.variable.causality
-        if actual != causality and not (causality == "input" and element.is_tunable):
+        allowed = element.is_tunable if causality == "input" else actual in _COMPUTED
+        if actual != causality and not allowed:
             article = "an" if actual[0] in "aeiou" else "a"
             raise SetupError(f"'{path}' is {article} {actual} and can't be the {role}, which must be an {causality}")
         if not element.is_exchanged:
@@ -357,11 +362,21 @@ def _check_added(drives: Iterable[Drive], connected: Set[Node]) -> None:
 
 
 def _feedthrough(port: Ports, links: Iterable[Link], drives: Iterable[Drive]) -> dict[str, Set[str]]:
-    """For each output what it depends on directly; each may depend on a parameter that something feeds."""
+    """For each output what it depends on directly; each may depend on a parameter that something feeds.
+
+    FMUs say nothing of their local variables: where something is connected to one, it may depend on all inputs.
+    """
     fed = {k.target.variable for k in links if k.target_component == port.component}
     fed |= {e.variable for d in drives if d.component == port.component for e in d.targets}
     parameters = {variable.name for variable in fed if variable.causality == "parameter"}
-    return {output: depends_on | parameters for output, depends_on in port.feedthrough.items()}
+    found: dict[str, Set[str]] = {output: names | parameters for output, names in port.feedthrough.items()}
+    inputs = {element.variable.name for element in port.of_causality("input")}
+    for link in links:
+        variable = link.source.variable
+        if link.source_component == port.component and variable.name not in found:
+            changes = variable.causality == "local" and variable.variability not in ("constant", "fixed")
+            found[variable.name] = inputs | parameters if changes else set()
+    return found
 
 
 def _levels(

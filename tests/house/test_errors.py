@@ -8,6 +8,8 @@ from importlib import import_module
 
 import pytest
 
+import cosim.errors
+import fmu_export.errors
 from cosim.errors import CosimError
 from fmu_export.errors import ModelError
 from tests.support import some
@@ -49,6 +51,15 @@ def test_every_error_has_a_root() -> None:
     names = [kind.__name__ for kind in classes.values()]
     twice = {name for name in names if names.count(name) > 1}
     assert twice == {"ArgumentError", "MissingExtra"}  # one for each root
+
+
+def test_a_missing_extra_is_told_alike_by_both_roots() -> None:
+    told = []
+    for errors in (cosim.errors, fmu_export.errors):
+        with pytest.raises(errors.MissingExtra) as caught, errors.needs("plot"):
+            import_module("no_such_package.of_this_name")
+        told.append((str(caught.value), caught.value.extra, caught.value.name))
+    assert told[0] == told[1]
 
 
 def raised(source: str) -> list[str]:

@@ -81,11 +81,13 @@ def sanitised_runs(folder: Path, fmus: Path, source: bytes) -> subprocess.Comple
         (folder / name).write_bytes(content)
     options = ["-std=c99", "-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
     subprocess.run([*compiler, *options, "-shared", "-fPIC", "loop.c", "-o", "loop.so"], cwd=folder, check=True)
+    # the sanitiser reserves terabytes of addresses, which a limit on them (ulimit -v) forbids
+    unlimited = ["sh", "-c", 'ulimit -S -v "$(ulimit -H -v)"; exec "$@"', "sh"]
     return subprocess.run(
-        [sys.executable, "-c", RUNS, str(folder / "loop.so"), str(fmus)],
+        [*unlimited, "env", f"LD_PRELOAD={library}", sys.executable, "-c", RUNS, str(folder / "loop.so"), str(fmus)],
         cwd=CHECKOUT,
         # Python itself keeps memory to its end; its allocator would hide what is read past an array
-        env=os.environ | {"LD_PRELOAD": str(library), "ASAN_OPTIONS": "detect_leaks=0", "PYTHONMALLOC": "malloc"},
+        env=os.environ | {"ASAN_OPTIONS": "detect_leaks=0", "PYTHONMALLOC": "malloc"},
         capture_output=True,
         text=True,
         timeout=PATIENCE,

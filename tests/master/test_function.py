@@ -287,6 +287,14 @@ def test_without_direct_feedthrough_its_inputs_are_those_of_the_point_before(ord
     assert results["delay.u0"].tolist() == [-5.0, -5.0, 0.0, 0.0, 20 * H, 20 * H, 40 * H]
 
 
+@pytest.mark.parametrize("order", ORDERS)
+def test_without_direct_feedthrough_a_signal_too_is_that_of_the_point_before(order: str) -> None:
+    system = System()
+    system.add_function("delay", lambda t, v: v, inputs=["v"], outputs=["y"], direct_feedthrough=False)
+    system.drive("delay.v", lambda t: t + 1.0)
+    assert simulate(system, 3 * H, H, order=order)["delay.y"].tolist() == [0.0, 1.0, 1.0 + H, 1.0 + 2 * H]
+
+
 def test_a_chain_of_functions_has_no_delay_in_sequential_order_and_one_each_in_parallel_order() -> None:
     system = System()
     system.add_function("c", lambda t, u: u + 1.0, inputs=["u"], outputs=["y"])
@@ -809,6 +817,32 @@ def test_what_is_set_by_hand_calls_it_again_from_the_state_of_before(make: type[
                 assert run["c.x"] == 2.0 * n
                 run["a.u"] = float(n + 1)
     assert run.results["c.u"].tolist() == [-4.0, -10.0, -18.0, -28.0]
+
+
+@pytest.mark.parametrize("changed", [True, False])
+def test_what_is_set_in_a_restored_run_calls_it_again_from_the_state_of_before(changed: bool) -> None:
+    with Simulation(driven(Full())) as simulation, simulation.start(H) as run:
+        run["a.u"] = 3.0
+        run.step(2)
+        state = run.save()
+    law = Full()
+    with Simulation(driven(law)) as simulation, simulation.start(H) as run:
+        run.restore(state)
+        run["a.u"] = 5.0 if changed else 3.0
+        assert law.sum == 18.0  # of three calls
+        assert run["c.u"] == (-10.0 - 22.0 if changed else -6.0 - 18.0)
+        assert law.sum == (22.0 if changed else 18.0)
+
+
+def test_a_restored_run_has_outputs_that_nothing_reads() -> None:
+    with Simulation(driven(Full()), record=["a.u"]) as simulation, simulation.start(H) as run:
+        run.step()
+        state, expected = run.save(), run["c.u"]
+        assert expected == -6.0
+        run.step()
+        assert run["c.u"] == -8.0
+        run.restore(state)
+        assert run["c.u"] == expected
 
 
 def test_a_state_that_can_not_go_back_is_not_called_twice() -> None:

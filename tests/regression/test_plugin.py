@@ -145,6 +145,10 @@ def test_an_fmu_that_was_named_must_have_a_reference(session, pytester):
     done = session("--fmu", "fmus/Ball.fmu", "--fmu-reference", "nowhere")
     done.assert_outcomes(failed=1)
     done.stdout.fnmatch_lines(["--fmu-reference nowhere: there is no such folder"])
+    pytester.mkdir("elsewhere")
+    done = session("--fmu", "fmus/Ball.fmu", "--fmu-reference", "elsewhere")
+    done.assert_outcomes(failed=1)
+    done.stdout.fnmatch_lines(["Ball.fmu: no reference of it in elsewhere; make one with --fmu-rebaseline Ball"])
 
 
 def test_the_fixture_runs_an_fmu_in_a_test_of_ones_own(session, pytester):

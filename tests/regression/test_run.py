@@ -14,6 +14,8 @@ from cosim.regression.inputs import input_function
 from cosim.regression.run import run
 from cosim.results.results import Results
 from tests.support.regression_fmus import DAHLQUIST, VAN_DER_POL, built_fmus, make_case
+from tests.support.small_fmus import build
+from tests.support.tiny_models import FRAGILE, FRAGILE_MESSAGE
 
 INTERFACES = ("co_simulation", "model_exchange")
 TIGHT = "StartTime, 0\nStopTime, {stop}\nStepSize, {step}\nRelTol, 1e-10\n"
@@ -140,3 +142,11 @@ def test_a_reference_gives_the_times_where_there_are_no_options(fmus, tmp_path):
     case.options_path.write_text(options.replace("0.01", "0.03"))
     with pytest.raises(CosimError, match=r"rows 0\.04 s apart are no whole number of steps of 0\.03 s"):
         run(case, fmus / "Dahlquist.fmu", "co_simulation")
+
+
+@pytest.mark.parametrize("flavour", ["fmi2", "fmi3"])
+def test_what_an_fmu_logs_says_why_its_model_exchange_failed(tmp_path, flavour):
+    fmu = build(tmp_path, flavour, FRAGILE) / "Fragile.fmu"
+    case = make_case(tmp_path, "Fragile", toml="start.u = -1.0")
+    with pytest.raises(CosimError, match=f"model exchange with CVode failed: .*{FRAGILE_MESSAGE}"):
+        run(case, fmu, "model_exchange")

@@ -15,7 +15,7 @@ from cosim import CosimError, System, simulate
 from cosim.__main__ import main
 from cosim.ssp import SSPError, read_ssp
 from tests.support.changed_fmus import in_millimetres
-from tests.support.small_fmus import compiled
+from tests.support.small_fmus import compiled, redescribed
 from tests.support.ssp_files import (
     EXPERIMENT,
     SPACES,
@@ -310,6 +310,31 @@ def test_connectors_that_are_not_declared_are_the_variables(fmus: dict[str, Path
     assert all("declares no connector" in note for note in found.notes)
     assert found.notes[-1].endswith("(and 1 more of this kind)")
     assert_equal_runs(found.system, loop_by_hand(fmus))
+
+
+def test_local_variables_give_values(fmus: dict[str, Path], tmp_path: Path) -> None:
+    """As SSP 2.0 has it; an FMU doesn't say what they depend on, so it may be all inputs."""
+    described = redescribed(fmus["m"], tmp_path / "plain.fmu", {})
+    with zipfile.ZipFile(described) as packed:
+        text = packed.read("modelDescription.xml").decode()
+    line = next(part for part in re.findall(r"<ScalarVariable[^>]*>", text) if 'name="place"' in part)
+    local = {line: line.replace('causality="output"', 'causality="local"')}
+    outputs, unknowns = re.findall(r"<Unknown [^>]*>", text), re.findall(r'<Unknown index="4"[^>]*>', text)
+    assert unknowns
+    assert len(outputs) > len(unknowns)
+    own = {**fmus, "local": redescribed(described, tmp_path / "local.fmu", {**local, unknowns[0]: ""})}
+    system = elements(
+        component("a", "local", "local place", bindings=bindings(binding("length Real 2.0"))),
+        component("b", "mm", "input length", "output place"),
+    ) + connections(connection("a.place", "b.length"))
+    found = read(archive(tmp_path / "l.ssp", description(system, version="2.0"), own)).system
+    results = simulate(found, 1.0, 0.5)
+    assert results["b.length"].tolist() == [pytest.approx(2000.0)] * 3  # also at the start: in order
+    by_hand = System()
+    by_hand.add("a", fmus["m"], start={"length": 2.0})
+    by_hand.add("b", fmus["mm"])
+    by_hand.connect("a.place", "b.length", units="convert")
+    assert results["b.place"].tolist() == simulate(by_hand, 1.0, 0.5)["b.place"].tolist()
 
 
 def test_kinds_that_the_other_end_settles(fmus: dict[str, Path], tmp_path: Path) -> None:

@@ -92,7 +92,7 @@ def test_the_same_fmu_twice_is_unpacked_once(fmus: dict[str, Path], tmp_path: Pa
     system = read(path).system
     assert set(system.components) == {"a", "b/c"}
     assert len({c.fmu for c in system.components.values()}) == 1
-    assert system.components["b/c"].start == {"u[1]": 0.0, "u[2]": 0.0}  # inputs keep the value of the FMU
+    assert system.components["b/c"].start == {}  # inputs keep the value of the FMU
 
 
 # Units and transformations
@@ -171,7 +171,7 @@ def test_values_are_converted_and_mapped(fmus: dict[str, Path], tmp_path: Path) 
     values = ("a Real 5.0", "b Real 250.0 mm", "K Real 8.0")
     high = bindings(binding(*values, more=' prefix="s."', mapped=entries))
     found = start(parametrized(tmp_path, fmus, high))
-    assert found == {"g.u[1]": 11.0, "g.u[2]": 5.0, "l.torque": 0.0, "l.length": 3 * 0.25 + 0.5}
+    assert found == {"g.u[1]": 11.0, "g.u[2]": 5.0, "l.length": 3 * 0.25 + 0.5}
     # by files, without conversion
     entries = mapping(entry("b", "length", linear(3, 0.5), ' suppressUnitConversion="true"'))
     mapped = '<ssd:ParameterMapping source="resources/m.ssm"/>'
@@ -200,7 +200,7 @@ def test_a_connector_of_a_system_hands_its_value_down(fmus: dict[str, Path], tmp
     assert (found["sub/l.length"], found["t.x_start"]) == (6.0, 70.0)
     # no value there: the component's own holds
     bare = description(outer.replace(bindings(binding("x Real 3000.0", "x0 Real 7.0")), ""))
-    assert start(archive(tmp_path / "d.ssp", bare, fmus)) == {"sub/l.torque": 0.0, "sub/l.length": 9.0, "t.u": 0.0}
+    assert start(archive(tmp_path / "d.ssp", bare, fmus)) == {"sub/l.length": 9.0}
 
 
 def test_parameters_that_match_nothing_are_ignored_with_a_note(fmus: dict[str, Path], tmp_path: Path) -> None:
@@ -237,7 +237,7 @@ def test_values_of_all_types(tmp_path: Path) -> None:
     bound = bindings(binding(*values, mapped=entries), binding("status Integer 2"))
     system = elements(component("p", "probe", bindings=bound))
     path = archive(tmp_path / "t.ssp", description(system), probe)
-    assert start(path) == {"p.u": 0.0, "p.n": 4, "p.e": 2.0, "p.b": True, "p.status": 2, "p.journal": journal}
+    assert start(path) == {"p.n": 4, "p.e": 2.0, "p.b": True, "p.status": 2, "p.journal": journal}
     results = simulate(read(path).system, 1.0, 0.5)
     assert [results[f"p.{n}_out"][-1] for n in "neb"] == [4.0, 2.0, 1.0]
     wrong = system.replace('target="on"', 'target="broken"')

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from cosim import CosimError
+from cosim import CosimError, simulate
 from cosim.ssp.errors import SSPError
 from cosim.ssp.values import Value
 from tests.support.small_fmus import compiled, redescribed
@@ -260,7 +260,8 @@ def test_a_prefix_is_that_of_what_a_mapping_names(fmus: dict[str, Path], tmp_pat
     source = "p.t" if where == "set" else "t"
     bound = binding("t Real 4.0", more=' prefix="p."', mapped=mapping(entry(source, "length")))
     system = description(elements(component("c", "absolute", bindings=bindings(bound))))
-    assert start(archive(tmp_path / "p.ssp", system, fmus))["c.length"] == (4.0 if where == "set" else 0.0)
+    found = start(archive(tmp_path / "p.ssp", system, fmus))
+    assert found == ({"c.length": 4.0} if where == "set" else {})
 
 
 @pytest.mark.parametrize(
@@ -293,10 +294,29 @@ def test_a_system_has_no_files_of_a_component(fmus: dict[str, Path], tmp_path: P
         start(archive(tmp_path / "s.ssp", system, fmus))
 
 
-def test_binary_values_are_refused(fmus: dict[str, Path], tmp_path: Path) -> None:
-    text = parameter_set("length Real 1.0").replace("<ssv:Real value=", "<ssv:Binary value=").replace('1.0"/>', '00"/>')
-    with pytest.raises(SSPError, match=r"v\.ssp: resources/v\.ssv: 'length' is binary, which is not supported$"):
-        given(tmp_path, fmus, "absolute", binding(more=' source="resources/v.ssv"'), v_ssv=text)
+def test_texts_and_binary_values_of_arrays(tmp_path: Path) -> None:
+    """Of FMI 3.0 and SSP 2.0: one value, or an element for each."""
+    types = {"types": compiled(tmp_path, "fmi3_types")}
+    values = (
+        '<ssv:Parameter name="words"><ssv:String><ssv:Value value="one"/><ssv:Value value="two 2"/></ssv:String>'
+        '<ssc:Dimension size="2"/></ssv:Parameter>'
+        '<ssv:Parameter name="String"><ssv:String value="text"/></ssv:Parameter>'
+        '<ssv:Parameter name="Binary"><ssv:Binary value="0aFF"/></ssv:Parameter>'
+    )
+    text = parameter_set(version="2.0").replace("<ssv:Parameters>", f"<ssv:Parameters>{values}")
+    names = ("words", "String", "Binary")
+    system = elements(
+        component("c", "types", bindings=bindings(binding(more=' source="resources/t.ssv"'))), component("d", "types")
+    ) + connections(*[connection(f"c.{name}_out", f"d.{name}") for name in names])
+    path = archive(tmp_path / "b.ssp", description(system, version="2.0"), types, t_ssv=text)
+    found = start(path)
+    assert (found["c.words"], found["c.String"], found["c.Binary"]) == (["one", "two 2"], "text", b"\x0a\xff")
+    results = simulate(read(path).system, 1.0, 0.5)
+    for component_ in "cd":  # also by way of connections
+        assert results[f"{component_}.words_out[1]"].tolist() == ["one"] * 3
+        assert results[f"{component_}.words_out[2]"].tolist() == ["two 2"] * 3
+        assert results[f"{component_}.String_out"].tolist() == ["text"] * 3
+        assert results[f"{component_}.Binary_out"].tolist() == [b"\x0a\xff"] * 3
 
 
 # Connectors of systems
@@ -346,24 +366,3 @@ def test_texts_go_through_connectors_of_systems_as_they_are(probe: dict[str, Pat
     assert start(archive(tmp_path / "s.ssp", system(""), probe))["p.journal"] == "text"
     with pytest.raises(SSPError, match=r"'in' is a text and can't be transformed on its way to 'p\.journal'$"):
         start(archive(tmp_path / "t.ssp", system(linear(2)), probe))
-
-
-# What nothing feeds
-
-
-def test_inputs_keep_the_start_values_of_the_fmu(tmp_path: Path) -> None:
-    """Of arrays each element its own, or all the same; Booleans are true where they are."""
-    types = compiled(tmp_path, "fmi3_types")
-    own = {
-        'causality="input" start="0 0"><Dimension start="2"/></Float64>': 'causality="input" start="1.5 -2.5">'
-        '<Dimension start="2"/></Float64>',
-        'causality="input" start="0 0"><Dimension start="2"/></Float32>': 'causality="input" start="0.5">'
-        '<Dimension start="2"/></Float32>',
-        'start="false false"': 'start="true false"',
-    }
-    changed = {"types": redescribed(types, tmp_path / "own.fmu", own)}
-    found = start(archive(tmp_path / "s.ssp", description(elements(component("c", "types"))), changed))
-    assert [found[f"c.Float64[{i}]"] for i in (1, 2)] == [1.5, -2.5]
-    assert [found[f"c.Float32[{i}]"] for i in (1, 2)] == [0.5, 0.5]
-    assert [found[f"c.Boolean[{i}]"] for i in (1, 2)] == [1.0, 0.0]
-    assert [found[f"c.Int8[{i}]"] for i in (1, 2)] == [0.0, 0.0]
