@@ -62,10 +62,10 @@ def _read(path: Path, standard: Standard, unpacked: Path, args: argparse.Namespa
         from cosim.osp.reader import read_osp
 
         refuse({"--ssv": args.ssv}, "is for SSPs; an OSP configuration takes start values by --set")
-        return read_osp(path, units=args.units or "ignore")
+        return read_osp(path, units=args.units or "ignore", step_size=args.step)
     from cosim.ssp.reader import read_ssp
 
-    return read_ssp(path, unpacked, parameter_sets=args.ssv, units=args.units or "convert")
+    return read_ssp(path, unpacked, parameter_sets=args.ssv, units=args.units or "convert", step_size=args.step)
 
 
 def _plan(found: ReadSystem, path: Path, args: argparse.Namespace) -> Plan:

@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING, Any
 
 from tqdm import tqdm
 
-from cosim.commands.options import add_algorithm_options
+from cosim.commands.options import Standard, add_algorithm_options, standard_of
 from cosim.errors import CosimError
-from cosim.scenario.family import ScenarioFamily, default_scenario, families, family_name
+from cosim.scenario.family import ScenarioFamily, default_scenario, families, family_name, named
 from cosim.scenario.scenario import Scenario, ScenarioComponent
 from cosim.sweep.errors import SweepError
 from cosim.sweep.points import DESIGNS, Factor, Levels, Range, advice, design, parse_factor, parse_whole_numbers
@@ -182,8 +182,10 @@ def _read(args: argparse.Namespace, steps: Levels | None, unpacked: Path) -> _Sy
     scenarios: dict[str, Scenario] = {}
     of: dict[str, ScenarioFamily] = {}
     for number, text in enumerate(args.scenario):
-        if Path(text).suffix.lower() == ".ssp":
-            scenarios[text], of[text] = _of_ssp(Path(text), unpacked / f"{number}", args, steps), ScenarioFamily()
+        standard = standard_of(text) if named(text) is None else None
+        if standard is not None:
+            folder = unpacked / f"{number}"
+            scenarios[text], of[text] = _of_description(Path(text), standard, folder, args, steps), ScenarioFamily()
         elif Path(text).suffix.lower() == ".fmu":
             raise SweepError(f"{text} is a single FMU; write a TOML scenario with it as its component, and sweep that")
         else:
@@ -201,12 +203,21 @@ def _read(args: argparse.Namespace, steps: Levels | None, unpacked: Path) -> _Sy
     return _System({text: _with_options(s, args, steps, metrics) for text, s in scenarios.items()}, family)
 
 
-def _of_ssp(path: Path, unpacked: Path, args: argparse.Namespace, steps: Levels | None) -> Scenario:
-    """The system of an SSP and its default experiment."""
-    from cosim.ssp.reader import read_ssp  # takes a while to import
+def _of_description(
+    path: Path, standard: Standard, unpacked: Path, args: argparse.Namespace, steps: Levels | None
+) -> Scenario:
+    """The system of an SSP or an OSP configuration, and its default experiment."""
+    if standard == "osp":
+        from cosim.osp.reader import read_osp  # takes a while to import
 
-    unpacked.mkdir()
-    found = read_ssp(path, unpacked)
+        found = read_osp(path)
+    else:
+        from cosim.ssp.reader import read_ssp
+
+        unpacked.mkdir()
+        found = read_ssp(path, unpacked)
+    if functions := [name for name, component in found.system.components.items() if component.fmu is None]:
+        raise SweepError(f"{path}: '{functions[0]}' maps or sums values, which sweeps can't have yet; use cosim run")
     for note in found.notes:
         print(f"note: {note}")
     if found.stop_time is None and args.stop is None:

@@ -17,7 +17,7 @@ from cosim.osp.functions import Function, read_function
 from cosim.osp.groups import Group, found_in, pairs, read_groups
 from cosim.osp.parsing import attribute, children, local_name, number, parse
 from cosim.ssp.package import Folder
-from cosim.system.read import Findings, ReadSystem
+from cosim.system.read import Findings, ReadSystem, multiple_of_step
 from cosim.system.system import System, Units
 from cosim.system.units import UnitsDiffer, conversion
 from cosim.system.variables import Element, Ports
@@ -39,7 +39,9 @@ _PARSERS: Mapping[str, Callable[[str], Any]] = {
 }
 
 
-def read_osp(path: Path, *, units: Literal["convert", "ignore"] = "ignore") -> ReadSystem:
+def read_osp(
+    path: Path, *, units: Literal["convert", "ignore"] = "ignore", step_size: float | None = None
+) -> ReadSystem:
     """Read an OSP configuration.
 
     Parameters
@@ -48,6 +50,8 @@ def read_osp(path: Path, *, units: Literal["convert", "ignore"] = "ignore") -> R
         Of the file, or of a folder with `OspSystemStructure.xml`.
     units : {"convert", "ignore"}
         Take all numbers as they are, as libcosim does, or convert them where both ends have a unit.
+    step_size : float, optional
+        Communication step (s) in place of the base step; simulators that have steps of their own keep them.
 
     Returns
     -------
@@ -59,7 +63,7 @@ def read_osp(path: Path, *, units: Literal["convert", "ignore"] = "ignore") -> R
         The configuration is malformed, or has what can't be run; the message names all of it.
     """
     file = path / FILE if path.is_dir() else path
-    reader = _Reader(file, parse(file, "OspSystemStructure"), units)
+    reader = _Reader(file, parse(file, "OspSystemStructure"), units, step_size)
     system = reader.system()
     start, stop = reader.time("StartTime"), reader.time("EndTime")
     reader.findings.raise_problems(f"{file}")
@@ -91,12 +95,12 @@ class _Simulator:
 
 
 class _Reader:
-    def __init__(self, file: Path, root: ElementTree.Element, units: Literal["convert", "ignore"]) -> None:
+    def __init__(self, file: Path, root: ElementTree.Element, units: Units, step_size: float | None) -> None:
         self.file = file
         self.root = root
-        self.units: Units = units
+        self.units = units
         self.findings = Findings(OSPError)
-        self.step = self._step()
+        self.step = self._step() if step_size is None else step_size
         self._algorithm()
         self.simulators: dict[str, _Simulator] = {}
         self.functions: dict[str, Function] = {}
@@ -184,16 +188,7 @@ class _Reader:
         text = element.get("stepSize")
         if text is None:
             return 1
-        step = number(text, f"{here}: stepSize")
-        if not (math.isfinite(step) and step >= 0):
-            raise OSPError(f"{here}: stepSize is {text}; it must be a positive number of seconds")
-        every = max(1, round(step / self.step)) if self.step > 0 else 1
-        if step > 0 and not math.isclose(every * self.step, step, rel_tol=1e-9):
-            self.findings.note(
-                f"{here}: stepSize {step!r} s is no multiple of {self.step!r} s; {every * self.step:g} s is taken, "
-                "as libcosim does"
-            )
-        return every
+        return multiple_of_step(number(text, f"{here}: stepSize"), self.step, f"{here}: stepSize", self.findings)
 
     def _initial_value(self, element: ElementTree.Element, simulator: _Simulator, here: str) -> None:
         name = attribute(element, "variable", here)

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
 from cosim.errors import nearest
-from cosim.ssp.document import Document, open_document
+from cosim.ssp.document import open_document
 from cosim.ssp.errors import SSPError
+from cosim.ssp.experiment import step_size_of, steps_of
 from cosim.ssp.flow import Feed, Flow, Node
 from cosim.ssp.mappings import add_mapping
 from cosim.ssp.package import DESCRIPTION, Package, open_package
@@ -24,9 +24,6 @@ from cosim.system.variables import Element
 
 __all__ = ["DESCRIPTION", "ReadSystem", "read_ssp"]
 
-#: Attributes by which other tools note the communication step, in annotations: libcosim, OMSimulator.
-_STEP_SIZES = {"FixedStepAlgorithm": "baseStepSize", "FixedStepMaster": "stepSize"}
-
 
 def read_ssp(
     path: Path,
@@ -34,6 +31,7 @@ def read_ssp(
     *,
     parameter_sets: Sequence[str] = (),
     units: Literal["convert", "ignore"] = "convert",
+    step_size: float | None = None,
 ) -> ReadSystem:
     """Read an SSP.
 
@@ -49,6 +47,8 @@ def read_ssp(
         that is bound already. A file that does not exist is looked for in the archive.
     units : {"convert", "ignore"}
         Convert values where both ends have a unit, or take all numbers as they are.
+    step_size : float, optional
+        Communication step (s) in place of that of the SSP; components that have steps of their own keep them.
 
     Returns
     -------
@@ -66,21 +66,21 @@ def read_ssp(
         files = ParameterFiles(parameter_sets, document)
         root = read_structure(document)
         flow = Flow(root)
-        findings.raise_problems(_file(package, name))
+        findings.raise_problems(_file(package, name), f"{package.path}")
         values = _Values(files)
         values.bind(root)
         values.add_files(root)
-        system = _system(root, flow, values.found, findings)
-        findings.raise_problems(_file(package, name))
+        step = step_size_of(document, root) if step_size is None else step_size
+        system = _system(root, flow, values.found, step, findings)
+        findings.raise_problems(_file(package, name), f"{package.path}")
     experiment = child(document.content, "DefaultExperiment")
     times = {} if experiment is None else experiment.attrib
-    step_size = _step_size(document, root)
     return ReadSystem(
         document.content.attrib["name"],
         system,
         float(times.get("startTime", 0.0)),
         times.get("stopTime"),
-        step_size,
+        step,
         findings.notes(),
     )
 
@@ -152,7 +152,7 @@ def _hierarchical_names(part: Part) -> list[str]:
     return names
 
 
-def _system(root: Part, flow: Flow, values: Mapping[Node, Value], findings: Findings) -> System:
+def _system(root: Part, flow: Flow, values: Mapping[Node, Value], step: float | None, findings: Findings) -> System:
     system = System()
     components = [part for part in root.all_parts() if part.ports is not None]
     paths = {part.path: part for part in components}
@@ -185,7 +185,7 @@ def _system(root: Part, flow: Flow, values: Mapping[Node, Value], findings: Find
                 elif feed.source in values:
                     value = values[feed.source]
                     start[element.name] = _plain(feed.handed_on(value, target, element.items, relative=relative))
-        system.add(part.path, part.fmu, start=start)
+        system.add(part.path, part.fmu, start=start, every=steps_of(part, step))
     for feed, part, element in mapped:
         with findings.collecting():
             source_part, source_name = feed.source
@@ -224,23 +224,3 @@ def _fit(value: Value, part: Part, elements: list[Element]) -> list[Any] | str:
 
 def _plain(value: list[Any] | str) -> Any:
     return value[0] if len(value) == 1 and not isinstance(value, str) else value
-
-
-def _step_size(document: Document, root: Part) -> float | None:
-    """The communication step: from annotations, else the smallest that an FMU asks for."""
-    description = document.content
-    for holder in (child(description, "DefaultExperiment"), root.element, description):
-        for annotation in children(holder, "Annotations", "Annotation"):
-            for element in annotation.iter():
-                text = element.attrib.get(_STEP_SIZES.get(str(element.tag).rpartition("}")[2], ""))
-                if text is None:
-                    continue
-                try:
-                    return float(text)
-                except ValueError:
-                    raise SSPError(
-                        f"{document.where}: the step size '{text}' in an annotation is not a number"
-                    ) from None
-    experiments = [p.ports.description.defaultExperiment for p in root.all_parts() if p.ports is not None]
-    steps = [float(e.stepSize) for e in experiments if e is not None and e.stepSize is not None]
-    return min((s for s in steps if s > 0 and math.isfinite(s)), default=None)

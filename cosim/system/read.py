@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -79,19 +80,21 @@ class Findings:
         except CosimError as error:
             self.problem(str(error))
 
-    def raise_problems(self, where: str) -> None:
+    def raise_problems(self, where: str, *others: str) -> None:
         """End with all problems in one line, if there are any.
 
         Parameters
         ----------
-        where : str
-            Name of the file; messages that begin with it need not repeat it.
+        where, *others : str
+            Names of the file and of what it is in; messages that begin with them need not repeat them.
         """
         if not self._problems:
             return
         if len(self._problems) == 1:
             raise self.error(self._problems[0])
-        shown = [text.removeprefix(f"{where}: ") for text in self._problems[:_MOST_PROBLEMS]]
+        shown = self._problems[:_MOST_PROBLEMS]
+        for known in (where, *others):
+            shown = [text.removeprefix(f"{known}: ") for text in shown]
         listed = "; ".join(f"({k}) {text}" for k, text in enumerate(shown, 1))
         more = len(self._problems) - len(shown)
         rest = f"; and {more} more" if more else ""
@@ -106,3 +109,28 @@ class Findings:
             if more:
                 found[-1] += f" (and {more} more of this kind)"
         return tuple(found)
+
+
+def multiple_of_step(step: float, communication_step: float | None, what: str, findings: Findings) -> int:
+    """Of how many communication steps a step of a component is made; another one is rounded, with a note.
+
+    Parameters
+    ----------
+    step, communication_step : float
+        In s; a step of 0 is that of all.
+    what : str
+        What says so, for messages.
+    findings : Findings
+    """
+    if not (math.isfinite(step) and step >= 0):
+        findings.problem(f"{what} is {step!r}; it must be a positive number of seconds")
+        return 1
+    if communication_step is None or not communication_step > 0:
+        return 1
+    every = max(1, round(step / communication_step))
+    if step > 0 and not math.isclose(every * communication_step, step, rel_tol=1e-9):
+        findings.note(
+            f"{what} {step!r} s is no multiple of {communication_step!r} s; {every * communication_step:g} s is taken, "
+            "as libcosim does"
+        )
+    return every

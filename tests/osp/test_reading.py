@@ -149,6 +149,12 @@ def test_steps_of_simulators(fmus: Path, tmp_path: Path) -> None:
     assert note.endswith("stepSize 0.51 s is no multiple of 0.25 s; 0.5 s is taken, as libcosim does")
 
 
+def test_a_step_in_place_of_the_base_step(fmus: Path, tmp_path: Path) -> None:
+    text = SIMULATORS.replace('source="Integrator.fmu"', 'source="Integrator.fmu" stepSize="0.5"')
+    found = read_osp(configuration(tmp_path / "s", fmus, text, LOOP), step_size=0.1)
+    assert (found.step_size, found.system.components["tank"].every, found.notes) == (0.1, 5, ())
+
+
 def test_times_that_are_not_said(fmus: Path, tmp_path: Path) -> None:
     found = read_osp(configuration(tmp_path / "t", fmus, SIMULATORS, LOOP, times="<Algorithm>ecco</Algorithm>"))
     assert (found.start_time, found.stop_time, found.step_size) == (0.0, None, 0.1)
@@ -368,6 +374,19 @@ def test_from_the_command_line(
     assert main(["run", "loop/OspSystemStructure.xml", "--stop", "0.5"]) == 0
     assert main(["run", "loop", "--ssv", "x.ssv"]) == 1
     assert "--ssv is for SSPs; an OSP configuration takes start values by --set" in capsys.readouterr().err
+
+
+def test_configurations_are_swept(
+    fmus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    configuration(Path("loop"), fmus, SIMULATORS, LOOP)
+    options = ["--vary", "gain.K=-1,-0.5", "--metric", "end=final:tank.x", "--workers", "1"]
+    assert main(["sweep", "loop", *options]) == 0, capsys.readouterr().err
+    ways = signal("s.in[0]", "gain.y[1]") + signal("s.in[1]", "gain.y[2]") + signal("s.out", "tank.u")
+    configuration(Path("sum"), fmus, SIMULATORS, ways, '<Sum name="s" inputCount="2"/>')
+    assert main(["sweep", "sum", *options]) == 1
+    assert "sum: 's' maps or sums values, which sweeps can't have yet" in capsys.readouterr().err
 
 
 # libcosim

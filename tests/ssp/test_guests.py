@@ -675,3 +675,40 @@ def test_a_linear_transformation_goes_on_as_before(fmus: dict[str, Path], tmp_pa
     by_hand.connect("gain.y[1]", "tank.u", factor=2, offset=1)
     by_hand.connect("tank.x", "gain.u[1]")
     assert_equal_runs(read(archive(tmp_path / "l.ssp", description(system), fmus)).system, by_hand)
+
+
+def hinted(hint: str) -> str:
+    """The loop, with a step of its own for the tank, as libcosim notes it."""
+    annotation = (
+        '<ssd:Annotations><ssc:Annotation type="com.opensimulationplatform">'
+        f'<osp:StepSizeHint xmlns:osp="http://opensimulationplatform.com/SSP/OSPAnnotations" value="{hint}"/>'
+        "</ssc:Annotation></ssd:Annotations>"
+    )
+    first, tank, rest = LOOP.partition('<ssd:Component name="tank"')
+    return first + tank + rest.replace("</ssd:Component>", f"{annotation}</ssd:Component>", 1)
+
+
+@pytest.mark.parametrize(
+    ("hint", "step", "every", "noted"),
+    [("0.4", None, 4, 0), ("0.4", 0.2, 2, 0), ("0.25", None, 2, 1), ("0", None, 1, 0)],
+)
+def test_components_with_steps_of_their_own(
+    fmus: dict[str, Path], tmp_path: Path, hint: str, step: float | None, every: int, noted: int
+) -> None:
+    path = archive(tmp_path / "h.ssp", description(hinted(hint)), fmus)
+    found = read_ssp(path, tmp_path / "unpacked", step_size=step)
+    assert (found.step_size, found.system.components["tank"].every) == (step or 0.1, every)
+    assert found.system.components["gain"].every == 1
+    assert len(found.notes) == noted
+
+
+def test_steps_that_omsimulator_controls_are_noted(fmus: dict[str, Path], tmp_path: Path) -> None:
+    master = (
+        '<o:SimulationInformation xmlns:o="x"><o:VariableStepMaster initialStepSize="1"/></o:SimulationInformation>'
+    )
+    annotation = f'<ssc:Annotation type="org.openmodelica">{master}</ssc:Annotation>'
+    text = description(LOOP + f"<ssd:Annotations>{annotation}</ssd:Annotations>")
+    found = read(archive(tmp_path / "v.ssp", text, fmus))
+    (note,) = found.notes
+    assert note.endswith("its steps are controlled by OMSimulator; here the step is fixed")
+    assert found.step_size == 0.1  # of the FMUs

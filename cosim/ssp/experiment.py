@@ -1,0 +1,67 @@
+"""The communication step of an SSP, and steps of components: other tools note them in annotations."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from cosim.ssp.document import Document
+from cosim.ssp.errors import SSPError
+from cosim.ssp.schema import child, children
+from cosim.ssp.structure import Part
+from cosim.system.read import multiple_of_step
+
+if TYPE_CHECKING:
+    from xmlschema import DataElement
+
+#: Attributes by which other tools note the communication step: libcosim, OMSimulator.
+_STEP_SIZES = {"FixedStepAlgorithm": "baseStepSize", "FixedStepMaster": "stepSize"}
+
+#: How libcosim notes the step of a component.
+_STEP_OF_COMPONENT = {"StepSizeHint": "value"}
+
+
+def step_size_of(document: Document, root: Part) -> float | None:
+    """The communication step (s): from annotations, else the smallest that an FMU asks for.
+
+    Raises
+    ------
+    SSPError
+        An annotation is malformed.
+    """
+    description = document.content
+    for holder in (child(description, "DefaultExperiment"), root.element, description):
+        for step in _numbers(holder, _STEP_SIZES, document):
+            return step
+    for annotation in children(root.element, "Annotations", "Annotation"):
+        if any(_name(element) == "VariableStepMaster" for element in annotation.iter()):
+            document.findings.note(f"{document.where}: its steps are controlled by OMSimulator; here the step is fixed")
+    experiments = [p.ports.description.defaultExperiment for p in root.all_parts() if p.ports is not None]
+    steps = [float(e.stepSize) for e in experiments if e is not None and e.stepSize is not None]
+    return min((s for s in steps if s > 0 and math.isfinite(s)), default=None)
+
+
+def steps_of(part: Part, step_size: float | None) -> int:
+    """Of how many communication steps (s) a step of a component is made."""
+    for step in _numbers(part.element, _STEP_OF_COMPONENT, part.document):
+        here = f"{part.document.where}: component '{part.path}'"
+        return multiple_of_step(step, step_size, f"{here}: StepSizeHint", part.document.findings)
+    return 1
+
+
+def _numbers(holder: DataElement | None, attributes: dict[str, str], document: Document) -> Iterator[float]:
+    """Numbers that annotations of an element have."""
+    for annotation in children(holder, "Annotations", "Annotation"):
+        for element in annotation.iter():
+            text = element.attrib.get(attributes.get(_name(element), ""))
+            if text is None:
+                continue
+            try:
+                yield float(text)
+            except ValueError:
+                raise SSPError(f"{document.where}: the step size '{text}' in an annotation is not a number") from None
+
+
+def _name(element: DataElement) -> str:
+    return str(element.tag).rpartition("}")[2]
