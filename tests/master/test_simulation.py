@@ -465,7 +465,7 @@ def test_later_changes_of_the_systems_signals_do_not_reach_an_open_simulation(fm
 
 
 @requires_proc
-@pytest.mark.parametrize("flavour", FLAVOURS)
+@pytest.mark.parametrize("flavour", ["fmi2", "fmi3", pytest.param("pythonfmu", marks=pytest.mark.slow)])
 def test_memory_and_files_do_not_grow_over_1000_runs(fmus: Path, temporary: Path, flavour: str) -> None:
     def resident() -> int:
         gc.collect()
