@@ -213,7 +213,7 @@ def test_parameters_that_match_nothing_are_ignored_with_a_note(fmus: dict[str, P
     assert "g.K" not in {f"g.{n}" for n in found.system.components["g"].start}
 
 
-def test_values_of_all_types(tmp_path: Path) -> None:
+def test_values_of_all_types(tmp_path: Path, plain_path: Path) -> None:
     probe = {"probe": compiled(tmp_path, "fmi2_probe")}
     table = "".join(f'<ssc:MapEntry source="{a}" target="{b}"/>' for a, b in ((3, 4), (5, 6)))
     entries = mapping(
@@ -232,7 +232,7 @@ def test_values_of_all_types(tmp_path: Path) -> None:
         ),
         entry("journal", "journal"),
     )
-    journal = str(tmp_path / "x.txt")  # the FMU writes it
+    journal = str(plain_path / "x.txt")  # the FMU writes it
     values = ("n Integer 3", "b Boolean false", "e Enumeration an", f"journal String {journal}")
     bound = bindings(binding(*values, mapped=entries), binding("status Integer 2"))
     system = elements(component("p", "probe", bindings=bound))

@@ -4,12 +4,14 @@
 """
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 
+from cosim.fmi.unpacking import folder_for_fmus, is_plain
 from fmu_export.modelling.functions import rk4_step
 from fmu_export.modelling.model import Model
 from tests.support.patience import PATIENCE
@@ -221,14 +223,25 @@ def measurements(t):
 def fresh(root: Path, script: str, /, **arguments):
     """Run a script behind `HOST` in a new process, in an empty folder, and return what it reported.
 
-    The process must end by itself with exit code 0: a crash at the exit of the interpreter counts as well.
+    The process must end by itself with exit code 0: a crash at the exit of the interpreter counts as well. The folder
+    is below `root`, or elsewhere where the path has what a URI escapes: other hosts can't run pythonfmu FMUs there.
     """
+    if not is_plain(root):
+        with folder_for_fmus() as elsewhere:
+            return fresh(Path(elsewhere), script, **arguments)
     work = root / f"process_{len(list(root.glob('process_*')))}"
     work.mkdir(parents=True)
+    environment = {**os.environ, "TMPDIR": str(work)}
     command = [sys.executable, "-I", "-X", "faulthandler", "-c", HOST + script]
     texts = {k: str(v) if isinstance(v, Path) else v for k, v in arguments.items()}
     process = subprocess.run(
-        command, input=json.dumps(texts), cwd=work, capture_output=True, text=True, timeout=PATIENCE
+        command,
+        input=json.dumps(texts),
+        cwd=work,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
     )
     said = f"exit code {process.returncode}\n{process.stdout[-2000:]}\n{process.stderr[-4000:]}"
     assert process.returncode == 0, said
