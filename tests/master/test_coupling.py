@@ -16,7 +16,11 @@ from numpy.polynomial import Polynomial
 import cosim.master.run
 import cosim.master.sampling
 from cosim import Results, SetupError, Signal, Simulation, System, simulate
-from cosim.master.algorithm import EXTRAPOLATIONS, Extrapolation
+from cosim.fmi.fmu_file import read_fmu
+from cosim.master.algorithm import EXTRAPOLATIONS, Extrapolation, algorithm
+from cosim.master.extrapolated_inputs import extrapolated_inputs
+from cosim.system.resolution import resolve
+from cosim.system.variables import Ports
 from tests.support.fmi3_gain import DESCRIPTION, HELD, zipped
 from tests.support.small_fmus import TANK, build, redescribed
 from tests.support.tiny_models import GAIN, INTEGRATOR, TWO_LEVELS
@@ -190,6 +194,38 @@ def test_linear_and_held_inputs_stand_beside_each_other(fmus: Path) -> None:
     assert coupled(system, "auto") == {"mode": "auto", "linear": ["a.u", "c.u"], "hold": ["b.u"]}
     with pytest.raises(SetupError, match=r"input 'b\.u' can only be held"):
         Simulation(system, extrapolation="linear")
+
+
+def test_an_input_to_which_a_signal_is_added_is_held(fmus: Path) -> None:
+    """The sum is formed at communication points; what it does between them is known of neither as of the other."""
+    system = System()
+    system.add("g", fmus / "fmi2" / "Gain.fmu", start={"K": 1.0, "u[2]": 0.0})
+    system.add("i", fmus / "fmi2" / "Integrator.fmu")
+    system.drive("g.u[1]", lambda t: 1.0 * t, vectorized=True)
+    system.connect("g.y[1]", "i.u")
+    system.disturb("i.u", lambda t: 2.0 * t, vectorized=True)
+    h = 0.1
+    r = simulate(system, 1.0, h)
+    assert r.info["extrapolation"] == {"mode": "auto", "linear": ["g.u[1]"], "hold": ["i.u"]}
+    assert r["i.x"] == pytest.approx(1.5 * r.time * (r.time - h), abs=1e-14)
+    message = r"input 'i\.u' can only be held, for a sampled signal is added to it; use 'auto'$"
+    with pytest.raises(SetupError, match=message):
+        Simulation(system, extrapolation="linear")
+
+
+def test_an_array_is_extrapolated_whole_where_only_one_of_its_elements_is_fed(gain3c: Path, tmp_path: Path) -> None:
+    """FMI 3.0 sets arrays whole: the elements that nothing feeds go along, at their start values."""
+    description = DESCRIPTION.replace("<CoSimulation ", '<CoSimulation providesIntermediateUpdate="true" ').replace(
+        'causality="input"', 'causality="input" intermediateUpdate="true"'
+    )
+    fmu = zipped(tmp_path / "gain.fmu", gain3c.with_suffix(fmpy.sharedLibraryExtension), description)
+    system = System()
+    system.add("c", fmu, start={"u[2]": 1.0})
+    system.drive("c.u[3]", lambda t: t)
+    port = Ports("c", read_fmu(fmu, "c").description)
+    chosen = extrapolated_inputs(resolve(system, {"c": port}, needs_levels=True), algorithm())
+    assert chosen.moving == {("c", "u[3]")}
+    assert [e.name for e in chosen.elements["c"]] == ["u[1]", "u[2]", "u[3]"]
 
 
 @pytest.mark.parametrize("name", ["linaer", "", None])

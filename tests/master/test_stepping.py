@@ -105,7 +105,9 @@ def test_in_parallel_order_it_reaches_others_one_step_later(tiny: Path) -> None:
         run["a.u[1]"] = 3.0
         assert run["a.y[1]"] == 3.0 * gain
         assert run["b.y[1]"] == gain**2
-        run.step(2)
+        run.step()  # here b is given what a now has, and b's output is that of before
+        assert run["b.y[1]"] == gain**2
+        run.step()
         assert run["b.y[1]"] == 3.0 * gain**2
 
 
@@ -157,6 +159,16 @@ def test_steps_that_make_no_sense_are_refused(tiny: Path, act, message: str) -> 
             act(run)
         run.advance_to(3 * STEP)
         run.advance_to(run.time)
+
+
+def test_a_time_may_be_rounded_by_a_millionth_for_each_step(tiny: Path) -> None:
+    system = System()
+    system.add("a", tiny / "Gain.fmu", start={"u": 1.0})
+    with Simulation(system) as simulation, simulation.start(step_size=1 / 3) as run:
+        run.advance_to(33.33333)
+        assert run.time == pytest.approx(100 / 3, rel=1e-15)
+        with pytest.raises(SetupError, match="no communication point"):
+            run.advance_to(66.666)
 
 
 def test_a_run_that_has_ended_or_goes_on_elsewhere_is_refused(tiny: Path) -> None:
