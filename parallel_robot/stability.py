@@ -134,7 +134,9 @@ def largest_stable_step(
 
     Stable means here: a deviation decays over the path, and grows nowhere to more than three times as much as in the
     continuous loop (`cosim.analysis.largest_stable_step_along`). Runs of `tracking-undisturbed` diverge from 1.04 to
-    1.15 times this step on with the gains of Table 1, row (1, 1), and others near it; keep some distance.
+    1.2 times this step on with the gains of Table 1, row (1, 1), and others near it. With little damping (beta of 0.8
+    and less) and long steps they may diverge from 0.8 times it on: they leave the continuous solution, along which the
+    loop is linearised, too far. Keep some distance.
 
     Parameters
     ----------

@@ -104,6 +104,28 @@ def test_what_was_set_by_hand_is_part_of_the_state(tiny: Path) -> None:
         assert run["i.x"] == first == pytest.approx(0.6, rel=1e-12)
 
 
+@pytest.mark.parametrize("version", [0, 2])
+def test_a_file_of_another_version_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, version: int) -> None:
+    nothing = np.zeros(0)
+    with monkeypatch.context() as patch:
+        patch.setattr("cosim.master.state._FORMAT", version)
+        RunState({}, 0, {}, nothing, nothing, np.zeros((0, 0))).write(tmp_path / "state")
+    with pytest.raises(SetupError, match="state of another version of this program; run again from the start"):
+        RunState.read(tmp_path / "state")
+
+
+def test_a_state_at_the_end_of_a_run_is_restored(tiny: Path) -> None:
+    system = System()
+    system.add("i", tiny / "Integrator.fmu", start={"u": 1.0})
+    with Simulation(system) as simulation:
+        with simulation.start(step_size=0.1, stop_time=0.5) as run:
+            run.step(5)
+            state, x = run.save(), run["i.x"]
+        with simulation.start(step_size=0.1, stop_time=0.5) as run:
+            run.restore(state)
+            assert (run.time, run["i.x"]) == (0.5, x)
+
+
 @pytest.mark.parametrize("capability", ["canGetAndSetFMUstate", "canSerializeFMUstate"])
 def test_an_fmu_that_can_not_save_its_state_is_named(tiny: Path, tmp_path: Path, capability: str) -> None:
     path = without_capability(tiny / "Integrator.fmu", tmp_path / "Poor.fmu", capability)

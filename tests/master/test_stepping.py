@@ -12,6 +12,7 @@ from cosim import SetupError, Simulation, SimulationError, SimulationInterrupted
 from cosim.master import run as run_module
 from cosim.master import sampling
 from parallel_robot.scenario import load_scenario
+from tests.support.fmi3_gain import HELD
 from tests.support.native_fmus import DEFAULT_FLAVOUR
 from tests.support.tiny_models import FRAGILE, FRAGILE_MESSAGE, GAIN, INTEGRATOR, build
 
@@ -159,6 +160,24 @@ def test_steps_that_make_no_sense_are_refused(tiny: Path, act, message: str) -> 
             act(run)
         run.advance_to(3 * STEP)
         run.advance_to(run.time)
+
+
+def test_a_time_just_before_this_point_by_rounding_is_this_point(tiny: Path) -> None:
+    system = System()
+    system.add("a", tiny / "Gain.fmu", start={"u": 1.0})
+    with Simulation(system) as simulation, simulation.start(step_size=0.1) as run:
+        run.step(3)
+        assert run.time > 0.3
+        run.advance_to(0.3)
+        assert run.time == 3 * 0.1
+
+
+def test_an_element_of_an_array_is_set_and_the_others_stay(gain3c: Path) -> None:
+    system = System()
+    system.add("c", gain3c, start=HELD)
+    with Simulation(system) as simulation, simulation.start(step_size=STEP) as run:
+        run["c.u[2]"] = 20.0
+        assert run["c.u"].tolist() == [1.0, 20.0, 100.0]
 
 
 def test_a_time_may_be_rounded_by_a_millionth_for_each_step(tiny: Path) -> None:
