@@ -52,11 +52,12 @@ class Plan:
     extrapolation: str = "auto"
     record: Sequence[str] | None = None
     record_every: int = 1
+    tolerance: float | None = None
 
     @classmethod
     def from_options(cls, args: argparse.Namespace, stop_time: float, step_size: float, start_time: float) -> Self:
         """The plan of a system that itself says no more than these times (s)."""
-        given = {key: getattr(args, key) for key in ("order", "extrapolation", "record", "record_every")}
+        given = {key: getattr(args, key) for key in ("order", "extrapolation", "record", "record_every", "tolerance")}
         return cls(stop_time, step_size, start_time, **{key: v for key, v in given.items() if v is not None})
 
 
@@ -197,6 +198,7 @@ def execute(
             plan.step_size,
             start_time=plan.start_time,
             record_every=plan.record_every,
+            tolerance=plan.tolerance,
             realtime=realtime,
             progress=progress,
             checkpoint=checkpoint,

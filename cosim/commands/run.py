@@ -47,6 +47,12 @@ def register(subparsers: Any) -> None:
     parser.add_argument("--step", type=float, metavar="H", help="communication step in s")
     parser.add_argument("--start", type=float, metavar="T", help="start time in s")
     parser.add_argument("--stop", type=float, metavar="T", help="stop time in s")
+    parser.add_argument(
+        "--tolerance",
+        type=float,
+        metavar="T",
+        help="relative tolerance that the FMUs are told (default: that of each one's default experiment)",
+    )
     add_algorithm_options(parser)
     parser.add_argument("--record", action="append", metavar="NAME", help="record this variable only; may be repeated")
     parser.add_argument("--record-every", type=int, metavar="N", help="record at every N-th communication point")

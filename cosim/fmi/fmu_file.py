@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import io
+import math
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -25,12 +26,26 @@ MOST_UNPACKED_BYTES = 4 * 1024**3
 
 @dataclass(frozen=True)
 class LoadedFMU:
-    """An FMU file, its model description, and the names of the files in it."""
+    """An FMU file, its model description, and the names of the files in it.
+
+    `resets_completely` is what the FMU says of itself in an annotation: after a reset an instance is as a new one.
+    """
 
     path: Path
     sha256: str
     description: ModelDescription
     files: tuple[str, ...]
+    resets_completely: bool = False
+
+    @property
+    def tolerance(self) -> float | None:
+        """Relative tolerance of its default experiment, if it has a usable one."""
+        experiment = self.description.defaultExperiment
+        try:
+            tolerance = float(getattr(experiment, "tolerance", None) or "nan")
+        except ValueError:
+            return None
+        return tolerance if math.isfinite(tolerance) and tolerance > 0.0 else None
 
     def check_binary(self, *, build: bool = False) -> None:
         """Whether there is a library for this machine; with `build`, also sources for one.
@@ -157,7 +172,23 @@ def read_fmu(path: Path, here: str) -> LoadedFMU:
             f"{here}: is a connection to a tool, which would have to run beside (CoSimulation_Tool); export it as a "
             "stand-alone FMU (CoSimulation_StandAlone)"
         )
-    return LoadedFMU(path, hashlib.sha256(data).hexdigest(), description, tuple(info.filename for info in files))
+    return LoadedFMU(
+        path,
+        hashlib.sha256(data).hexdigest(),
+        description,
+        tuple(info.filename for info in files),
+        _says_reset_is_complete(root),
+    )
+
+
+def _says_reset_is_complete(root: ElementTree.Element) -> bool:
+    """Whether the annotation is there that the exporter of this project writes; see `fmu_export.package`."""
+    annotations = (*root.iterfind("VendorAnnotations/Tool"), *root.iterfind("Annotations/Annotation"))
+    return any(
+        a.get("name", a.get("type")) == "closed-chain-cosim" and element.get("resetIsComplete") == "true"
+        for a in annotations
+        for element in a.iterfind("Instance")
+    )
 
 
 def _read_intermediate_update(root: ElementTree.Element, description: ModelDescription) -> None:

@@ -7,10 +7,13 @@ from __future__ import annotations
 
 import ctypes
 import itertools
+import math
 import os
 import threading
 from collections import deque
 from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -48,6 +51,12 @@ _NAMES_1 = {
 }
 
 _STATUS = ("ok", "warning", "discard", "error", "fatal", "pending")
+
+#: Statuses of all versions.
+_WARNING, _DISCARD, _PENDING = 1, 2, 5
+
+#: fmi2StatusKind
+_STEP_STATUS, _LAST_SUCCESSFUL_TIME, _TERMINATED = 0, 2, 3
 
 #: Log messages kept of one instance; the last ones explain a failure.
 _MOST_MESSAGES = 100
@@ -87,6 +96,50 @@ class CallFailed(CosimError):
     def __init__(self, message: str, status: int = fmi2.fmi2Error) -> None:
         super().__init__(message)
         self.status = status
+
+
+@dataclass(frozen=True)
+class StepStatus:
+    """How a call of a step ended: the status, whether the FMU ended the simulation, and the time (s) it has reached."""
+
+    code: int
+    has_ended: bool
+    reached: float
+    returned_early: bool = False
+
+    @property
+    def is_done(self) -> bool:
+        """Whether the step is computed whole."""
+        return self.code <= _WARNING and not self.has_ended and not self.returned_early
+
+    @property
+    def is_discarded(self) -> bool:
+        """Whether a part of the step, or all, has not been computed, and may be tried again."""
+        return self.code == _DISCARD or self.returned_early
+
+    @property
+    def is_pending(self) -> bool:
+        """Whether the FMU is still computing."""
+        return self.code == _PENDING
+
+
+@dataclass(frozen=True)
+class ExperimentSetup:
+    """What an FMU is told of a run: start time, stop time if there is one (s), relative tolerance if one is wanted."""
+
+    start_time: float
+    stop_time: float | None = None
+    tolerance: float | None = None
+
+
+def _arguments_of(experiment: ExperimentSetup) -> tuple[bool, float, float, bool, float]:
+    """Arguments of fmi2SetupExperiment and fmi3EnterInitializationMode."""
+    tolerance, stop_time = experiment.tolerance, experiment.stop_time
+    return (
+        *(tolerance is not None, 0.0 if tolerance is None else tolerance),
+        experiment.start_time,
+        *(stop_time is not None, 0.0 if stop_time is None else stop_time),
+    )
 
 
 def function_address(function: Any) -> int:
@@ -278,21 +331,23 @@ class Instance:
         function = function.replace("fmi1", "fmi")
         return CallFailed(f"{function} returned {_STATUS[status] if 0 <= status < len(_STATUS) else status}", status)
 
-    def set_up(self, start_time: float) -> None:
-        """Tell the start time (s), before start values are set: some FMUs of FMI 2.0 forget them here."""
+    def set_up(self, experiment: ExperimentSetup) -> None:
+        """Tell an FMU of FMI 2.0 of the run, before start values are set: some forget them here."""
         if self.version == 2:
-            self.call("fmi2SetupExperiment", fmi2.fmi2False, 0.0, start_time, fmi2.fmi2False, 0.0)
+            self.call("fmi2SetupExperiment", *_arguments_of(experiment))
 
-    def enter_initialization_mode(self, start_time: float) -> None:
-        """Enter the initialisation mode at a start time (s); FMI 1.0 has none, see `initialize`."""
+    def enter_initialization_mode(self, experiment: ExperimentSetup) -> None:
+        """Enter the initialisation mode of a run; FMI 1.0 has none, see `initialize`."""
         if self.version == 2:
             self.call("fmi2EnterInitializationMode")
         elif self.version == 3:
-            self.call("fmi3EnterInitializationMode", False, 0.0, start_time, False, 0.0)
+            self.call("fmi3EnterInitializationMode", *_arguments_of(experiment))
 
-    def initialize(self, start_time: float) -> None:
-        """FMI 1.0: initialise at a start time (s), after inputs have been set and before outputs are read."""
-        self.call("fmi1InitializeSlave", start_time, fmi1.fmi1False, 0.0)
+    def initialize(self, experiment: ExperimentSetup) -> None:
+        """FMI 1.0: initialise for a run, after inputs have been set and before outputs are read."""
+        stop_time = experiment.stop_time
+        has_end = fmi1.fmi1False if stop_time is None else fmi1.fmi1True
+        self.call("fmi1InitializeSlave", experiment.start_time, has_end, stop_time or 0.0)
 
     def exit_initialization_mode(self) -> None:
         """Leave the initialisation mode; the instance is then ready to step."""
@@ -349,6 +404,54 @@ class Instance:
         for capability in ("canGetAndSetFMUstate", "canSerializeFMUstate"):  # fmpy's words, for FMI 3.0 too
             if not getattr(self._co_simulation, capability):
                 raise CallFailed(f"can't save its state ({capability} is not set in its model description)")
+
+    # Steps
+
+    @property
+    def step_function(self) -> str:
+        """Name of the function that computes a step."""
+        return f"fmi{self.version}DoStep"
+
+    @property
+    def takes_any_step(self) -> bool:
+        """Whether the length of its communication step may change."""
+        return bool(self._co_simulation.canHandleVariableCommunicationStepSize)
+
+    def do_step(self, time: float, step: float) -> StepStatus:
+        """Compute a step (s) from a time (s) on."""
+        if self.version < 3:
+            return self.status_of_step(self._function(self.step_function)(self._component, time, step, True), time)
+        event, ended, early = ctypes.c_bool(), ctypes.c_bool(), ctypes.c_bool()
+        reached = ctypes.c_double(time)
+        told = (ctypes.byref(event), ctypes.byref(ended), ctypes.byref(early), ctypes.byref(reached))
+        code = self._function(self.step_function)(self._component, time, step, True, *told)
+        return StepStatus(code, ended.value, reached.value, early.value)
+
+    def status_of_step(self, code: int, time: float) -> StepStatus:
+        """What lies behind a status that a step from a time (s) on returned, for FMI 1.0 and 2.0."""
+        if code != _DISCARD:
+            return StepStatus(code, has_ended=False, reached=time)
+        has_ended, reached = ctypes.c_int(), ctypes.c_double(time)
+        # FMUs that don't say have not ended, and have computed nothing
+        if self.version == 2:  # FMI 1.0 does not know this
+            self._ask("fmi2GetBooleanStatus", _TERMINATED, has_ended)
+        self._ask(f"fmi{self.version}GetRealStatus", _LAST_SUCCESSFUL_TIME, reached)
+        return StepStatus(code, bool(has_ended.value), reached.value)
+
+    def step_status(self) -> StepStatus:
+        """Status of a step that the FMU computes by itself."""
+        code = ctypes.c_int(fmi2.fmi2Error)
+        self._ask(f"fmi{self.version}GetStatus", _STEP_STATUS, code)
+        return self.status_of_step(code.value, math.nan)
+
+    def cancel_step(self) -> None:
+        """Tell the FMU to compute no further."""
+        with suppress(CallFailed):
+            self.call(f"fmi{self.version}CancelStep")
+
+    def _ask(self, function: str, kind: int, answer: Any) -> None:
+        with suppress(CallFailed):
+            self.call(function, kind, ctypes.byref(answer))
 
     def terminate(self) -> None:
         """Tell the FMU that the run is over."""

@@ -198,6 +198,7 @@ FMI_TYPES: Mapping[str, FmiType] = {
 #: Kinds of values that a connection may convert, as far as each value is exact: from -> to.
 CONVERSIONS = {
     ("integer", "real"),
+    ("boolean", "real"),
     ("boolean", "integer"),
     ("integer", "boolean"),
     ("integer", "enumeration"),

@@ -230,7 +230,7 @@ class CheckpointedRun:
         try:
             if progress is not None:
                 progress(run.time)
-            while run.point < grid.last_point and not stopped:
+            while run.point < grid.last_point and not stopped and not run.has_ended:
                 if pacer is not None:
                     pacer.wait(run.time - first_time, lambda: run.is_interrupted)
                     chunk = 1

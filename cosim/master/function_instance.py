@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from cosim.errors import SetupError
-from cosim.fmi.instance import CallFailed, Instance, function_address
+from cosim.fmi.instance import CallFailed, ExperimentSetup, Instance, function_address
 from cosim.fmi.types import FMI_TYPES, Texts
 from cosim.loop.binding import Called, Cell, loop_library
 from cosim.master.interrupts import DeferredInterrupt
@@ -200,8 +200,8 @@ class FunctionInstance(Instance):
         elif "Set" in function:
             loop_library().cells_set(self.address, *arguments)
 
-    def set_up(self, start_time: float) -> None:
-        """Begin a run at a start time (s).
+    def set_up(self, experiment: ExperimentSetup) -> None:
+        """Begin a run.
 
         Raises
         ------
@@ -210,7 +210,7 @@ class FunctionInstance(Instance):
         CallFailed
             It fails in doing so.
         """
-        self._start_time, self._time = start_time, None
+        self._start_time, self._time = experiment.start_time, None
         self.is_stepped = False
         self._run = self._asking("reset" if self.function.can_reset else "restore", self.function.begin)
 

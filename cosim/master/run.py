@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import dataclasses
 import math
 import time as clock
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
@@ -11,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from cosim.fmi.instance import CallFailed, Instance
+from cosim.fmi.instance import CallFailed, ExperimentSetup, Instance, StepStatus
 from cosim.fmi.types import Texts
 from cosim.fmi.variable_buffer import VariableBuffer
 from cosim.loop.binding import (
@@ -31,6 +32,7 @@ from cosim.master.operations import Exchange, NamedOperation, OperationTable
 from cosim.master.pacing import Pacer
 from cosim.master.recording import PassedOn, RecordedColumns, Recorder
 from cosim.master.sampling import Samples
+from cosim.master.unfinished_steps import EndedBy, UnfinishedSteps
 from cosim.results.results import Results
 from cosim.system.resolution import StartValue
 from cosim.system.variables import variables_of
@@ -40,6 +42,9 @@ CHUNK_TIME = 0.05
 _FIRST_CHUNK, _LARGEST_GROWTH, _LARGEST_CHUNK = 64, 16, 1 << 16
 #: A run that is stepped by hand samples its signals for so many points ahead.
 _AHEAD = 1000
+
+#: An FMU that ends the simulation this near (in steps) to a communication point has reached it, for rounding.
+_SAME_TIME = 1e-6
 
 SHORTEST_TIME = 1e-6  # clocks have a resolution
 
@@ -95,55 +100,57 @@ class Run:
             n_at_step=len(exchange.at_step),
         )
 
+        self._unfinished = UnfinishedSteps(instances, self._stop)
+        self.ended_by: EndedBy | None = None
+        self._end_point = 0
+        self._not_terminated: dict[str, str] = {}
         self._sampled_from = self._sampled_end = 0
         self._records: np.ndarray | None = None  # that the loop points at
 
-    def initialize(self, starts: Sequence[StartValue]) -> None:
-        """Set start values and run all FMUs through their initialisation mode."""
+    def initialize(self, starts: Sequence[StartValue], experiments: Mapping[str, ExperimentSetup]) -> None:
+        """Set start values and run all FMUs, each for its experiment, through their initialisation mode."""
         time = self._grid.start_time
         for component, instance in self._instances.items():
             own = [s for s in starts if s.component == component]
             with Failing(component, time, instance):
-                instance.set_up(time)
+                instance.set_up(experiments[component])
                 _set_start_values(instance, own)
-                instance.enter_initialization_mode(time)
+                instance.enter_initialization_mode(experiments[component])
                 _set_start_elements(instance, own)
         if self._samples.cover(0, 1, lambda: False) < 1:
             raise self._signal_failure(0)
         self._point_at_samples()
-        self._exchange_at_start()
+        self._exchange_at_start(experiments)
         for component, instance in self._instances.items():
             with Failing(component, time, instance):
                 instance.exit_initialization_mode()
 
-    def _exchange_at_start(self) -> None:
+    def _exchange_at_start(self, experiments: Mapping[str, ExperimentSetup]) -> None:
         """Exchange values in the initialisation mode.
 
         FMI 1.0 has no such mode: an FMU is initialised when its inputs have been set and before its first output is
         read.
         """
-        table, done, time = self._exchange.at_start, 0, self._grid.start_time
+        table, done = self._exchange.at_start, 0
         waiting = {component for component, instance in self._instances.items() if instance.version == 1}
         for i, row in enumerate(table.rows if waiting else ()):
             if row.operation.kind == Kind.GET and row.component in waiting:
                 self._perform_operations(table, done, i, 0)
                 done = i
-                self._initialize_alone(row.component, time)
+                self._initialize_alone(row.component, experiments[row.component])
                 waiting.remove(row.component)
         self._perform_operations(table, done, len(table), 0)
         for component in waiting:
-            self._initialize_alone(component, time)
+            self._initialize_alone(component, experiments[component])
 
-    def _initialize_alone(self, component: str, time: float) -> None:
+    def _initialize_alone(self, component: str, experiment: ExperimentSetup) -> None:
         instance = self._instances[component]
-        with Failing(component, time, instance):
-            instance.initialize(time)
+        with Failing(component, experiment.start_time, instance):
+            instance.initialize(experiment)
 
     def _perform_operations(self, table: OperationTable, first: int, end: int, point: int) -> None:
         """Perform the operations first ... end - 1 of a table."""
-        address = ctypes.addressof(table.operations) + first * ctypes.sizeof(Operation)
-        operations = ctypes.cast(address, ctypes.POINTER(Operation))
-        if not loop_library().loop_perform(ctypes.byref(self._loop), operations, end - first, point):
+        if not loop_library().loop_perform(ctypes.byref(self._loop), _from(table, first), end - first, point):
             self._loop.failed += first
             raise self._failure(table)
 
@@ -189,7 +196,9 @@ class Run:
                     progress(grid.time(max(0, point - 1)))
                 rate = (point - first) / max(loop_ended - began, SHORTEST_TIME)
                 chunk = max(1, min(round(rate * CHUNK_TIME), _LARGEST_GROWTH * chunk, largest))
-            self._terminate(grid.time(grid.last_point))
+                if self.ended_by is not None:
+                    break
+            self._terminate(grid.time(min(point, grid.last_point)))
         except SimulationError as error:
             error.results = finish("failed")
             raise
@@ -205,10 +214,20 @@ class Run:
         """Texts and binary values that slots have the numbers of."""
         return self._columns.texts
 
+    def _say(self, results: Results) -> None:
+        """Have results say what was out of the ordinary."""
+        if self.ended_by is not None:
+            results.info["ended_by"] = dataclasses.asdict(self.ended_by)
+        if self._unfinished.repeated:
+            results.info["steps_repeated"] = dict(self._unfinished.repeated)
+        if self._not_terminated:
+            results.info["not_terminated"] = dict(self._not_terminated)
+
     def hand_over(self, times: np.ndarray, slots: np.ndarray, results: Results) -> None:
         """Give results what was recorded: times (n,) and slots (n, columns)."""
         results.time, results.typed = times, self._columns.typed(slots)
         results.values = self._columns.numbers(slots, results.typed)
+        self._say(results)
 
     # By hand
 
@@ -252,6 +271,8 @@ class Run:
             if reached <= point:
                 raise self._signal_failure(point)
             self._perform(recorder, point, reached, record_every, exchanged=point == first)
+            if self.ended_by is not None:
+                return self._end_point
             point = reached
         self.exchange(point)
         return point
@@ -318,12 +339,55 @@ class Run:
         rows, self._loop.first_record = recorder.room(_rows(first, record_every), _rows(end, record_every))
         if rows is not self._records:
             self._records, self._loop.records = rows, _pointer(rows, ctypes.c_double)
-        if loop_library().loop_run(ctypes.byref(self._loop), first, end, exchanged):
-            recorder.recorded(_rows(end, record_every))
-            return
-        stepping = bool(self._loop.failed_at_step)
-        recorder.recorded(_rows(self._loop.point + stepping, record_every))
-        raise self._failure(self._exchange.at_step if stepping else self._exchange.at_point)
+        while first < end and not loop_library().loop_run(ctypes.byref(self._loop), first, end, exchanged):
+            stepping, point = bool(self._loop.failed_at_step), self._loop.point
+            recorder.recorded(_rows(point + stepping, record_every))
+            if not stepping:
+                raise self._failure(self._exchange.at_point)
+            self._finish_step(point)
+            first, exchanged = point + 1, False
+            if self.ended_by is not None:
+                self._end_at(recorder, first, record_every)
+                return
+        recorder.recorded(_rows(end, record_every))
+
+    def _finish_step(self, point: int) -> None:
+        """Finish the step from a communication point on, in which the loop got stuck at an operation."""
+        table, loop = self._exchange.at_step, self._loop
+        k = loop.failed
+        while True:
+            row, operation = table.rows[k], table.operations[k]
+            if operation.kind != Kind.STEP:
+                raise self._failure(table)
+            time, step = self._grid.time(point), operation.every * self._grid.step_size
+            inputs = [
+                o for o in table.operations[:k] if o.kind == Kind.EXTRAPOLATE and o.instance == operation.instance
+            ]
+            with Failing(row.component, time, self._instances[row.component]):
+                status = self._status_of_step(row, operation, loop.status, time)
+                ended_by = self._unfinished.finish(row.component, status, time, step, inputs)
+            self.ended_by = self.ended_by or ended_by
+            rest = len(table) - k - 1
+            if loop_library().loop_perform(ctypes.byref(loop), _from(table, k + 1), rest, point):
+                return
+            k += 1 + loop.failed
+
+    def _status_of_step(self, row: NamedOperation, operation: Operation, status: int, time: float) -> StepStatus:
+        if operation.version < 3:
+            return self._instances[row.component].status_of_step(status, time)
+        reached = ctypes.c_double.from_address(operation.data).value
+        if status in (WANTS_TO_END, RETURNED_EARLY):
+            return StepStatus(0, status == WANTS_TO_END, reached, returned_early=status == RETURNED_EARLY)
+        return StepStatus(status, has_ended=False, reached=reached)
+
+    def _end_at(self, recorder: Recorder, point: int, record_every: int) -> None:
+        """Record a communication point, if the FMU that ended the simulation has reached it."""
+        assert self.ended_by is not None
+        self._end_point = point - 1
+        if abs(self.ended_by.time - self._grid.time(point)) <= _SAME_TIME * self._grid.step_size:
+            self._end_point = point
+            self.exchange(point)
+            self.record(recorder, point, record_every)
 
     def _stop(self) -> bool:
         return self._interrupt.requested
@@ -334,9 +398,13 @@ class Run:
         loop.first_sample, loop.n_rows = samples.first, samples.end - samples.first
 
     def _terminate(self, time: float) -> None:
+        """Tell all FMUs that the run is over; what they have computed is as good when one fails in that."""
         for component, instance in self._instances.items():
-            with Failing(component, time, instance):
-                instance.terminate()
+            try:
+                with Failing(component, time, instance):
+                    instance.terminate()
+            except SimulationError as error:
+                self._not_terminated[component] = str(error)
 
     # Failures
 
@@ -353,21 +421,16 @@ class Run:
         instance = self._instances[row.component]
         if isinstance(instance, FunctionInstance) and row.operation.kind == Kind.CALL:
             return _failure_of_call(row.component, time, instance.raised())
-        operation = table.operations[self._loop.failed]
-        what = self._reason(row, operation, self._loop.status, instance)
+        what = self._reason(row, self._loop.status, instance)
         return SimulationError(row.component, time, what, instance.log())
 
-    def _reason(self, row: NamedOperation, operation: Operation, status: int, instance: Instance) -> str:
+    def _reason(self, row: NamedOperation, status: int, instance: Instance) -> str:
         if status == NOT_FINITE:
             values = self._exchange.values
             wrong = [f"'{name}'" for name, position in row.finite if not math.isfinite(values[position])]
             return f"{len(wrong)} outputs are not finite, the first is {wrong[0]}"
         if status == DOES_NOT_FIT:
             return self._misfit(row)
-        if status == WANTS_TO_END:
-            return f"{row.function} asked to end the simulation"
-        if status == RETURNED_EARLY:
-            return f"{row.function} returned early, at t = {ctypes.c_double.from_address(operation.data).value!r} s"
         return str(instance.failure(row.function, status))
 
     def _misfit(self, row: NamedOperation) -> str:
@@ -393,6 +456,12 @@ def _failure_of_call(component: str, time: float, raised: BaseException) -> Base
     error = SimulationError(component, time, what, "")
     error.__cause__ = raised
     return error
+
+
+def _from(table: OperationTable, first: int) -> Any:
+    """The operations of a table from one on, as the loop takes them."""
+    address = ctypes.addressof(table.operations) + first * ctypes.sizeof(Operation)
+    return ctypes.cast(address, ctypes.POINTER(Operation))
 
 
 def _reads(table: OperationTable, components: Collection[str]) -> Iterator[tuple[int, int]]:

@@ -17,7 +17,7 @@ import numpy as np
 
 from cosim.errors import SetupError, nearest
 from cosim.fmi.fmu_file import load
-from cosim.fmi.instance import CallFailed, Instance
+from cosim.fmi.instance import CallFailed, ExperimentSetup, Instance
 from cosim.fmi.types import Texts
 from cosim.fmi.unpacking import folder_for_fmus
 from cosim.fmi.variable_buffer import VariableBuffer
@@ -25,7 +25,7 @@ from cosim.loop.binding import loop_library
 from cosim.master.algorithm import AUTO, algorithm
 from cosim.master.checkpoint import Checkpoint, CheckpointedRun
 from cosim.master.extrapolated_inputs import extrapolated_inputs
-from cosim.master.failures import Failing, InterruptedInCall, SimulationInterrupted
+from cosim.master.failures import Failing, InterruptedInCall, SimulationError, SimulationInterrupted
 from cosim.master.function_instance import FunctionInstance
 from cosim.master.interrupts import DeferredInterrupt
 from cosim.master.operations import Exchange
@@ -49,6 +49,9 @@ _MOST_STEPS = 1e10
 #: A signal of a run with checkpoints is known again by so many of its values; by fewer, if it gives one at a time.
 _FINGERPRINTED = 20_000
 
+#: Relative tolerance that an FMU is told which fails when it is told none.
+_ASSUMED_TOLERANCE = 1e-6
+
 #: Communication points of a run without an end.
 _MOST_POINTS = int(_MOST_STEPS)
 
@@ -56,8 +59,9 @@ _MOST_POINTS = int(_MOST_STEPS)
 class Simulation:
     """A system with its FMUs loaded, to be run as often as needed.
 
-    Instances are made once; between two runs they are reset (or made anew, where an FMU can't be reset), so that every
-    run is what a first run would be, bit for bit.
+    Every run is what a first run would be, bit for bit. An instance of an FMU whose annotation says that its reset is
+    complete, as that of this project's FMUs does, is reset between two runs, and any other is made anew; the results
+    say which (`info["fmus"]`).
 
     Parameters
     ----------
@@ -130,6 +134,7 @@ class Simulation:
         self._instances: dict[str, Instance] = {}
         self._exchange: Exchange | None = None
         self._used = False
+        self._reset: set[str] = set()
         self._occupied_by = ""
         self._samples: tuple[Any, Samples] | None = None
 
@@ -214,20 +219,40 @@ class Simulation:
         self._instances.clear()
         self._exchange = None
         self._used = False
+        self._reset = set()
+
+    def _renew(self) -> None:
+        """Bring all instances back to where they were, or make new ones: many FMUs keep more than their reset resets.
+
+        New ones are made once all old ones are gone: then libraries are loaded again, with fresh global variables.
+        """
+        self._reset = {name for name in self._resolved.components if self._is_reset(name)}
+        anew = [name for name in self._resolved.components if name not in self._reset]
+        try:
+            for name in reversed(anew):
+                self._instances.pop(name).close()
+            for name in anew:
+                self._load(name)
+            for name in anew:
+                self._instantiate(name)
+        except SetupError:
+            self.close()
+            raise
+
+    def _is_reset(self, name: str) -> bool:
+        """Reset an instance, if that is known to bring it back completely; whether it was."""
+        if name in self._fmus and not self._fmus[name].resets_completely:
+            return False
+        try:
+            self._instances[name].reset()
+        except CallFailed:
+            return False
+        return True
 
     def _fresh_exchange(self) -> Exchange:
         """Instances as they are after their instantiation, and the table of operations for them."""
-        for name in self._resolved.components if self._used else ():
-            try:
-                self._instances[name].reset()
-            except CallFailed:  # not every FMU can
-                self._instances.pop(name).close()
-                try:
-                    self._load(name)
-                    self._instantiate(name)
-                except SetupError:
-                    self.close()
-                    raise
+        if self._used:
+            self._renew()
         self._used = True
         self._instances = {name: self._instances[name] for name in self._resolved.components}
         if self._exchange is None:
@@ -248,6 +273,7 @@ class Simulation:
         start_time: float = 0.0,
         start: Mapping[str, Any] | None = None,
         signals: Sequence[Signal] = (),
+        tolerance: float | None = None,
         record_every: int = 1,
         sink: Sink | None = None,
         realtime: float | None = None,
@@ -266,6 +292,8 @@ class Simulation:
             Start values `component.variable` of this run, besides those of the system.
         signals : sequence of Signal
             Signals of this run, in place of those that feed the same targets in the system.
+        tolerance : float, optional
+            Relative tolerance that the FMUs are told; that of the default experiment of each by default.
         record_every : int
             Record at every so many communication points, the first included.
         sink : callable, optional
@@ -295,20 +323,20 @@ class Simulation:
         began = clock.perf_counter()
         grid = Grid(start_time, step_size, number_of_steps(start_time, stop_time, step_size))
         samples, starts = self._prepared(grid, start or {}, signals, record_every)
+        experiments = self._experiments(grid, stop_time, tolerance)
         pacer = None if realtime is None else Pacer(realtime)
         if checkpoint is not None:
             self._check_states()
             times, growing = self._times(grid, record_every), self._growing(grid, record_every)
             known = partial(_fingerprints, self._drives(signals), grid)
             slots = None if sink is None else self._slot_sink(sink)
-            with self._stepping(grid, samples, starts, record_every, stop_time, growing) as (run, results):
+            with self._stepping(grid, samples, starts, record_every, experiments, growing) as (run, results):
                 return CheckpointedRun(
                     run, growing, grid, record_every, results, times, known, checkpoint, slots
                 ).to_end(progress, pacer)
         recorder = self._recorder(grid, record_every, sink)
         with self._occupied("a run of this simulation is going on") as interrupt:
-            loop = Run(self._instances, self._fresh_exchange(), samples, grid, interrupt, self._columns)
-            results = self._initialized(loop, starts, grid, record_every, stop_time)
+            loop, results = self._begun(samples, starts, grid, record_every, experiments, interrupt)
             with _timed(results, began):
                 return loop.loop(recorder, record_every, results, progress, pacer)
 
@@ -321,6 +349,7 @@ class Simulation:
         stop_time: float | None = None,
         start: Mapping[str, Any] | None = None,
         signals: Sequence[Signal] = (),
+        tolerance: float | None = None,
         record_every: int = 1,
     ) -> Iterator[SteppedRun]:
         """A run that is stepped by hand, as a context; the FMUs are terminated at its end.
@@ -331,7 +360,7 @@ class Simulation:
             In s.
         stop_time : float, optional
             Time (s) beyond which the run can't be stepped; without an end by default.
-        start, signals, record_every
+        start, signals, tolerance, record_every
             As in `run`.
 
         Yields
@@ -358,8 +387,9 @@ class Simulation:
             number_of_steps(start_time, start_time + step_size, step_size)  # a step that makes sense
         grid = Grid(start_time, step_size, last)
         samples, starts = self._prepared(grid, start or {}, signals, record_every)
+        experiments = self._experiments(grid, stop_time, tolerance)
         growing = self._growing(grid, record_every)
-        with self._stepping(grid, samples, starts, record_every, stop_time, growing) as (run, _):
+        with self._stepping(grid, samples, starts, record_every, experiments, growing) as (run, _):
             yield run
             run.end()
 
@@ -370,13 +400,12 @@ class Simulation:
         samples: Samples,
         starts: Sequence[StartValue],
         record_every: int,
-        stop_time: float | None,
+        experiments: dict[str, ExperimentSetup],
         recorder: Growing,
     ) -> Iterator[tuple[SteppedRun, Results]]:
         """A run to be stepped, and results without rows."""
         with self._occupied("a run of this simulation is being stepped") as interrupt:
-            loop = Run(self._instances, self._fresh_exchange(), samples, grid, interrupt, self._columns)
-            results = self._initialized(loop, starts, grid, record_every, stop_time)
+            loop, results = self._begun(samples, starts, grid, record_every, experiments, interrupt)
             run = SteppedRun(
                 loop,
                 self._resolved,
@@ -450,32 +479,85 @@ class Simulation:
         starts = [s for s in self._resolved.starts if not {(s.component, e.name) for e in s.elements} <= given]
         return self._samples_of(self._drives(signals), grid), [*starts, *extra]
 
-    def _initialized(
-        self, run: Run, starts: Sequence[StartValue], grid: Grid, record_every: int, stop_time: float | None
-    ) -> Results:
-        """Results without rows of a run, whose FMUs have been initialised."""
-        try:
-            run.initialize(starts)
-        except InterruptedInCall as stop:
-            results = self._nothing_yet(grid, record_every, stop_time)
-            results.info["status"] = "interrupted"
-            raise SimulationInterrupted(stop.time, results) from None
-        return self._nothing_yet(grid, record_every, stop_time)
+    def _experiments(self, grid: Grid, stop_time: float | None, tolerance: float | None) -> dict[str, ExperimentSetup]:
+        """What the FMU of each component is told of a run.
 
-    def _nothing_yet(self, grid: Grid, record_every: int, stop_time: float | None) -> Results:
+        Raises
+        ------
+        SetupError
+            The tolerance makes no sense.
+        """
+        if tolerance is not None and not (math.isfinite(tolerance) and tolerance > 0.0):
+            raise SetupError(f"tolerance {tolerance!r} must be a positive number; it is the relative one of the FMUs")
+        return {
+            name: ExperimentSetup(
+                grid.start_time,
+                stop_time,
+                self._fmus[name].tolerance if tolerance is None and name in self._fmus else tolerance,
+            )
+            for name in self._ports
+        }
+
+    def _begun(
+        self,
+        samples: Samples,
+        starts: Sequence[StartValue],
+        grid: Grid,
+        record_every: int,
+        experiments: dict[str, ExperimentSetup],
+        interrupt: DeferredInterrupt,
+    ) -> tuple[Run, Results]:
+        """A run whose FMUs have been initialised, and its results without rows.
+
+        An FMU that fails without a tolerance is told one: some need it without saying so in their description.
+        """
+        first: SimulationError | None = None
+        assumed: list[str] = []
+        while True:
+            run = Run(self._instances, self._fresh_exchange(), samples, grid, interrupt, self._columns)
+            try:
+                run.initialize(starts, experiments)
+            except InterruptedInCall as stop:
+                results = self._nothing_yet(grid, record_every, experiments, assumed)
+                results.info["status"] = "interrupted"
+                raise SimulationInterrupted(stop.time, results) from None
+            except SimulationError as error:
+                first = first or error
+                setup = experiments.get(error.component)
+                by_fmu = isinstance(error.__cause__, CallFailed) and error.component in self._fmus
+                if setup is None or setup.tolerance is not None or not by_fmu:
+                    raise first from None
+                experiments[error.component] = dataclasses.replace(setup, tolerance=_ASSUMED_TOLERANCE)
+                assumed.append(error.component)
+            else:
+                return run, self._nothing_yet(grid, record_every, experiments, assumed)
+
+    def _nothing_yet(
+        self, grid: Grid, record_every: int, experiments: Mapping[str, ExperimentSetup], assumed: Sequence[str]
+    ) -> Results:
         """Results without rows, that say how the run is made."""
         info = {
             "step_size": grid.step_size,
-            "stop_time": stop_time,
+            "stop_time": next(iter(experiments.values())).stop_time,
             "start_time": grid.start_time,
             "order": self._order,
             "extrapolation": self._extrapolated.summary(),
             "inputs_kept": list(self._resolved.kept),
             "record_every": record_every,
             "units": dict(self._units),
-            "fmus": {name: {"path": str(f.path), "sha256": f.sha256} for name, f in self._fmus.items()},
+            "fmus": {
+                name: {
+                    "path": str(f.path),
+                    "sha256": f.sha256,
+                    "instance": "reset" if name in self._reset else "new",
+                    "tolerance": experiments[name].tolerance,
+                }
+                for name, f in self._fmus.items()
+            },
             "parameters": self._parameters(grid.start_time),
         }
+        if assumed:
+            info["tolerance_assumed"] = list(assumed)
         if self._functions:
             info["functions"] = {name: function.qualified_name for name, function in self._functions.items()}
         return Results(np.empty(0), list(self._names), np.empty((0, len(self._names))), info)
@@ -568,6 +650,7 @@ def simulate(
     extrapolation: str = AUTO,
     record: Sequence[str] | None = None,
     strict_inputs: bool = False,
+    tolerance: float | None = None,
     record_every: int = 1,
     sink: Sink | None = None,
     realtime: float | None = None,
@@ -586,6 +669,7 @@ def simulate(
             stop_time,
             step_size,
             start_time=start_time,
+            tolerance=tolerance,
             record_every=record_every,
             sink=sink,
             realtime=realtime,

@@ -22,6 +22,7 @@ _FORMAT = 1
 #: How messages call what a run was made with, in part.
 _WORDS = {
     "fmus": "FMU file of",
+    "tolerances": "tolerance of",
     "components": "interval of",
     "start_values": "start value of",
     "connections": "source of",

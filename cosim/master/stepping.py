@@ -231,6 +231,9 @@ class SteppedRun:
             self._point = self._run.advance(self._recorder, self._point, end, self._record_every)
         except (SimulationError, InterruptedInCall) as error:
             raise self._ended_by(error) from error.__cause__
+        if self._run.ended_by is not None:
+            self._ended = True
+            self._run.terminate(self.time)
         if self._interrupt.requested:
             raise SimulationInterrupted(self.time, self._all_recorded("interrupted"))
 
@@ -314,6 +317,7 @@ class SteppedRun:
         return {
             **self._described,
             "fmus": {name: fmu["sha256"] for name, fmu in info["fmus"].items()},
+            "tolerances": {name: fmu["tolerance"] for name, fmu in info["fmus"].items()},
             "functions": info.get("functions", {}),
             "order": info["order"],
             "extrapolation": info["extrapolation"],
@@ -336,7 +340,9 @@ class SteppedRun:
 
     def _check_running(self) -> None:
         if self._ended:
-            raise SetupError("the run has ended; start another one")
+            by = self._run.ended_by
+            why = "" if by is None else f": the FMU of '{by.component}' ended the simulation at t = {by.time:.9g} s"
+            raise SetupError(f"the run has ended{why}; start another one")
         if self._interrupt.at_once:
             raise SetupError("the run is in the middle of a step; a function that is called there has its inputs only")
 

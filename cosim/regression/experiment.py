@@ -19,13 +19,17 @@ _SOLVER_TOLERANCE = 1e-6
 
 @dataclass(frozen=True)
 class Experiment:
-    """Start, stop and communication step (s), every how many-th step makes a row, and the solver's tolerance."""
+    """Start, stop and communication step (s), every how many-th step makes a row, and the relative tolerance.
+
+    `tolerance` is that of the case, None where it says none and the FMU's own holds.
+    """
 
     start_time: float
     stop_time: float
     step_size: float
     every: int
     solver_tolerance: float
+    tolerance: float | None = None
 
     @property
     def interval(self) -> float:
@@ -74,7 +78,8 @@ def experiment_of(case: Case, description: ModelDescription) -> Experiment:
             f"case '{case.name}': rows {rows:.9g} s apart are no whole number of steps of {step:.9g} s; "
             f"change StepSize in {case.options_path}"
         )
-    return Experiment(start, stop, step, every, tolerance or _SOLVER_TOLERANCE)
+    own = options.relative_tolerance if options is not None and options.relative_tolerance else None
+    return Experiment(start, stop, step, every, tolerance or _SOLVER_TOLERANCE, own)
 
 
 def _spacing(times: np.ndarray) -> float | None:

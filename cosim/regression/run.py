@@ -98,5 +98,6 @@ def _co_simulation(
             experiment.step_size,
             start_time=experiment.start_time,
             record_every=experiment.every,
+            tolerance=experiment.tolerance,
         )
     return results.time, results.values

@@ -37,6 +37,7 @@ _RUN: dict[str, Any] = {
     "step_size": float,
     "order": str,
     "extrapolation": str,
+    "tolerance": float,
     "seed": int,
     "record": list,
     "record_every": int,

@@ -59,6 +59,8 @@ class Scenario:
         Gauss-Seidel or Jacobi.
     extrapolation : {"auto", "hold", "linear"}
         What inputs do between communication points.
+    tolerance : float, optional
+        Relative tolerance that the FMUs are told; that of the default experiment of each by default.
     seed : int
         Seed of all random signals.
     record : tuple of str, optional
@@ -84,6 +86,7 @@ class Scenario:
     start_time: float = 0.0
     order: str = "sequential"
     extrapolation: str = "auto"
+    tolerance: float | None = None
     seed: int = 1
     record: tuple[str, ...] | None = None
     record_every: int = 1

@@ -142,6 +142,7 @@ class ScenarioStudy:
             signals=self._signals_of(label, int(point.get(SEED, scenario.seed)), changes),
             start_time=scenario.start_time,
             record_every=scenario.record_every,
+            tolerance=scenario.tolerance,
         )
 
     def is_setting(self, factor: str) -> bool:

@@ -34,6 +34,8 @@ class PlannedRun:
         In s.
     record_every : int
         Record at every so many communication points.
+    tolerance : float, optional
+        Relative tolerance that the FMUs are told.
     """
 
     variant: Hashable
@@ -43,6 +45,7 @@ class PlannedRun:
     signals: Sequence[Signal] = ()
     start_time: float = 0.0
     record_every: int = 1
+    tolerance: float | None = None
 
 
 class Study(Protocol):

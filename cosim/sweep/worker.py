@@ -117,6 +117,7 @@ def _row(key: str, study: Study, index: int, point: Mapping[str, Value], timer: 
                 start=planned.start,
                 signals=planned.signals,
                 record_every=planned.record_every,
+                tolerance=planned.tolerance,
             )
             return Row(index, study.row(planned, results), None)
     except WorkerTrouble:

@@ -51,6 +51,11 @@ def add_default_experiment(root: ET.Element, model: Model) -> None:
     )
 
 
+def reset_annotation() -> ET.Element:
+    """Says that an instance is after a reset what a new one is, so that a master may use it again."""
+    return ET.Element("Instance", resetIsComplete="true")
+
+
 def type_attributes(v: ScalarVariable) -> dict[str, str]:
     """Unit, display unit, min, max and start of a variable; floats are written so that they read back bit for bit."""
     attributes = {"unit": v.unit}

@@ -12,6 +12,7 @@ from fmu_export.package.description_common import (
     add_log_categories,
     add_units,
     package_version,
+    reset_annotation,
     to_bytes,
     type_attributes,
 )
@@ -70,6 +71,8 @@ def model_description(
     add_units(root, [*(v.unit for v in interface.variables), *(d.unit for d in derivatives)])
     add_log_categories(root)
     add_default_experiment(root, model)
+    tool_annotation = ET.SubElement(ET.SubElement(root, "VendorAnnotations"), "Tool", name=DISTRIBUTION)
+    tool_annotation.append(reset_annotation())
     variables = ET.SubElement(root, "ModelVariables")
     for reference, v in enumerate(interface.variables):
         _scalar_variable(variables, v, reference)

@@ -16,6 +16,7 @@ from fmu_export.package.description_common import (
     add_log_categories,
     add_units,
     package_version,
+    reset_annotation,
     to_bytes,
     type_attributes,
 )
@@ -94,6 +95,8 @@ def model_description(
         unit="s",
     )
     _model_structure(root, interface)
+    annotation = ET.SubElement(ET.SubElement(root, "Annotations"), "Annotation", type=DISTRIBUTION)
+    annotation.append(reset_annotation())
     return to_bytes(root)
 
 

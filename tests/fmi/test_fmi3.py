@@ -118,7 +118,6 @@ def test_integers_and_booleans_pass_exactly(gain3c):
     ("source", "target", "message"),
     [
         ("a.x", "b.n", "real and integer"),
-        ("a.b_out", "b.v", "boolean and real"),
         ("a.x", "b.b", "real and boolean"),
         ("a.y", "b.v", "3 values can't feed 1"),
         ("a.x", "b.u", "1 values can't feed 3"),

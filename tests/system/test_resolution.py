@@ -113,6 +113,7 @@ def test_only_real_values_are_transformed(kind: str, connection: dict[str, float
 ENUMERATION = "Enumeration declaredType=Mode"
 CONVERTED = [
     ("Integer", "Real"),
+    ("Boolean", "Real"),
     ("Boolean", "Integer"),
     ("Integer", "Boolean"),
     ("Integer", ENUMERATION),

@@ -1,0 +1,192 @@
+"""What a master does for FMUs that need to be told more, reset badly, or don't finish a step at once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cosim import Results, SetupError, Simulation, SimulationError, System, simulate
+from tests.support.native_fmus import FLAVOURS
+from tests.support.quirks import Quirk, quirky
+from tests.support.small_fmus import build
+from tests.support.tiny_models import INTEGRATOR
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("quirks")
+
+
+def one(fmu: Path, **start: float) -> System:
+    """One FMU whose input rises with time."""
+    system = System()
+    system.add("m", fmu, start=start)
+    system.drive("m.u", lambda t: t)
+    return system
+
+
+def y(results: Results) -> list[float]:
+    return [float(value) for value in results["m.y"]]
+
+
+PARABOLA = [0.0, 0.125, 0.5, 1.125, 2.0]  # the integral of t at 0, 0.5, ... 2 s
+
+
+# Runs after the first one
+
+
+@pytest.mark.parametrize(
+    "quirks",
+    [Quirk.NONE, Quirk.KEEPS_STATE, Quirk.REFUSES_RESET, Quirk.KEEPS_GLOBALS, Quirk.KEEPS_STATE | Quirk.REFUSES_RESET],
+)
+def test_each_run_is_as_the_first_one_whatever_a_reset_resets(folder: Path, quirks: Quirk) -> None:
+    system = one(quirky(folder, quirks))
+    system.add("again", quirky(folder, quirks), start={"u": 1.0})
+    with Simulation(system) as simulation:
+        for _ in range(3):
+            results = simulation.run(2.0, 0.5)
+            assert y(results) == PARABOLA
+            assert results["again.y"].tolist() == [0.0, 0.5, 1.0, 1.5, 2.0]
+            assert [fmu["instance"] for fmu in results.info["fmus"].values()] == ["new", "new"]
+        with simulation.start(step_size=0.5) as run:
+            run.step(4)
+            assert y(run.results) == PARABOLA
+
+
+@pytest.mark.parametrize("flavour", FLAVOURS)
+def test_fmus_of_this_project_say_that_their_reset_is_complete_and_are_reused(tmp_path: Path, flavour: str) -> None:
+    build(tmp_path, flavour, INTEGRATOR)
+    system = System()
+    system.add("i", tmp_path / "Integrator.fmu", start={"x_start": 3.0})
+    system.drive("i.u", lambda t: t)
+    with Simulation(system) as simulation:
+        first = simulation.run(1.0, 0.1)
+        again = simulation.run(1.0, 0.1, start={"i.x_start": 3.0})
+    assert (first.info["fmus"]["i"]["instance"], again.info["fmus"]["i"]["instance"]) == ("new", "reset")
+    assert first.values.tobytes() == again.values.tobytes()
+
+
+# What FMUs are told
+
+
+def told(results: Results) -> tuple[float, float]:
+    return results["m.stop_time"][-1], results["m.tolerance"][-1]
+
+
+def test_fmus_are_told_the_stop_time_of_the_run_and_the_tolerance_of_their_experiment(folder: Path) -> None:
+    fmu = quirky(folder, experiment='startTime="0" stopTime="7" tolerance="1e-5" stepSize="0.1"')
+    with Simulation(one(fmu)) as simulation:
+        results = simulation.run(2.0, 0.5)
+        assert told(results) == (2.0, 1e-5)
+        assert results.info["fmus"]["m"]["tolerance"] == 1e-5
+        assert told(simulation.run(1.0, 0.5, tolerance=1e-3)) == (1.0, 1e-3)
+        with simulation.start(step_size=0.5) as run:
+            assert (run["m.stop_time"], run["m.tolerance"]) == (-1.0, 1e-5)
+        with simulation.start(step_size=0.5, stop_time=3.0, tolerance=0.1) as run:
+            assert (run["m.stop_time"], run["m.tolerance"]) == (3.0, 0.1)
+        for wrong in (0.0, -1e-6, float("nan"), float("inf")):
+            with pytest.raises(SetupError, match=r"^tolerance .* must be a positive number"):
+                simulation.run(1.0, 0.5, tolerance=wrong)
+    assert told(simulate(one(quirky(folder)), 1.0, 0.5)) == (1.0, -1.0)
+
+
+def test_fmus_that_need_a_stop_time_or_a_tolerance_get_one(folder: Path) -> None:
+    assert told(simulate(one(quirky(folder, Quirk.NEEDS_STOP_TIME)), 1.0, 0.5)) == (1.0, -1.0)
+    system = one(quirky(folder, Quirk.NEEDS_TOLERANCE))
+    system.add("other", quirky(folder, Quirk.NEEDS_TOLERANCE), start={"u": 0.0})
+    results = simulate(system, 2.0, 0.5)
+    assert told(results) == (2.0, 1e-6)
+    assert results.info["tolerance_assumed"] == ["m", "other"]
+    assert y(results) == PARABOLA
+    with (
+        Simulation(one(quirky(folder, Quirk.NEEDS_STOP_TIME))) as simulation,
+        pytest.raises(SimulationError, match="fmi2EnterInitializationMode returned error"),
+        simulation.start(step_size=0.5),
+    ):
+        pass
+
+
+# Ends
+
+
+def ends(results: Results) -> tuple[int, float, Any]:
+    return len(results.time), results.time[-1], results.info["ended_by"]
+
+
+@pytest.mark.parametrize("n_others", [0, 2])
+def test_an_fmu_that_ends_the_simulation_ends_it_well(folder: Path, n_others: int) -> None:
+    system = System()
+    for i in range(n_others // 2):
+        system.add(f"before{i}", quirky(folder), start={"u": 1.0})
+    system.add("m", quirky(folder), start={"end": 1.5})
+    system.drive("m.u", lambda t: t)
+    for i in range(n_others // 2):
+        system.add(f"after{i}", quirky(folder), start={"u": 1.0})
+    with Simulation(system) as simulation:
+        results = simulation.run(5.0, 0.5)
+        assert ends(results) == (4, 1.5, {"component": "m", "time": 1.5})
+        assert results.info["status"] == "completed"
+        assert y(results) == PARABOLA[:4]
+        with simulation.start(step_size=0.5) as run:
+            run.step(9)
+            assert run.time == 1.5
+            assert ends(run.results) == (4, 1.5, {"component": "m", "time": 1.5})
+            with pytest.raises(SetupError, match=r"ended: the FMU of 'm' ended the simulation at t = 1\.5 s"):
+                run.step()
+        assert y(simulation.run(1.0, 0.5)) == PARABOLA[:3]
+
+
+def test_an_error_at_the_end_is_a_warning_and_costs_no_results(folder: Path) -> None:
+    with Simulation(one(quirky(folder, Quirk.FAILS_TO_TERMINATE))) as simulation:
+        results = simulation.run(2.0, 0.5)
+        assert y(results) == PARABOLA
+        assert results.info["status"] == "completed"
+        assert results.info["not_terminated"] == {"m": "m failed at t = 2 s: fmi2Terminate returned error"}
+        with simulation.start(step_size=0.5) as run:
+            run.step(4)
+        assert "not_terminated" in run.results.info
+
+
+# Steps that are not finished at once
+
+
+@pytest.mark.parametrize("quirks", [Quirk.NONE, Quirk.COMPUTES_IN_PART])
+@pytest.mark.parametrize("longest", [0.3, 0.125, 0.5])
+def test_a_discarded_step_is_repeated_in_shorter_ones_with_the_inputs_of_their_times(
+    folder: Path, quirks: Quirk, longest: float
+) -> None:
+    results = simulate(one(quirky(folder, quirks), longest=longest), 2.0, 0.5)
+    assert y(results) == pytest.approx(PARABOLA, rel=1e-14)
+    assert results.info.get("steps_repeated", {}) == ({"m": 4} if longest < 0.5 else {})
+
+
+def test_others_go_on_after_a_repeated_step(folder: Path) -> None:
+    system = System()
+    system.add("first", quirky(folder), start={"u": 1.0, "longest": 0.25})
+    system.add("second", quirky(folder, interpolates=False))
+    system.connect("first.y", "second.u")
+    results = simulate(system, 2.0, 0.5)
+    assert results["first.y"].tolist() == [0.0, 0.5, 1.0, 1.5, 2.0]
+    assert results["second.y"].tolist() == np.cumsum([0.0, 0.0, 0.25, 0.5, 0.75]).tolist()
+
+
+def test_a_step_that_can_not_be_made_shorter_ends_the_run_with_its_results(folder: Path) -> None:
+    for fmu, start, message in (
+        (
+            quirky(folder),
+            {"internal": 0.3},
+            r"discarded the step of 0\.5 s from t = 0 s on, and also steps of ",
+        ),
+        (quirky(folder, any_step=False), {"longest": 0.25}, "m failed at t = 0 s: fmi2DoStep returned discard"),
+    ):
+        with pytest.raises(SimulationError, match=message) as failed:
+            simulate(one(fmu, **start), 2.0, 0.5)
+        assert failed.value.results is not None
+        assert y(failed.value.results) == [0.0]
+
+
+def test_a_pending_step_is_waited_for(folder: Path) -> None:
+    assert y(simulate(one(quirky(folder, Quirk.IS_ASYNCHRONOUS)), 2.0, 0.5)) == PARABOLA
