@@ -100,12 +100,16 @@ class CallFailed(CosimError):
 
 @dataclass(frozen=True)
 class StepStatus:
-    """How a call of a step ended: the status, whether the FMU ended the simulation, and the time (s) it has reached."""
+    """How a call of a step ended: the status, whether the FMU ended the simulation, and the time (s) it has reached.
+
+    `gave_up`: it ended the simulation for an error, which it has logged.
+    """
 
     code: int
     has_ended: bool
     reached: float
     returned_early: bool = False
+    gave_up: bool = False
 
     @property
     def is_done(self) -> bool:
@@ -115,7 +119,7 @@ class StepStatus:
     @property
     def is_discarded(self) -> bool:
         """Whether a part of the step, or all, has not been computed, and may be tried again."""
-        return self.code == _DISCARD or self.returned_early
+        return (self.code == _DISCARD or self.returned_early) and not self.gave_up
 
     @property
     def is_pending(self) -> bool:
@@ -194,6 +198,7 @@ class Instance:
         self._component: int | None = None
         self._corrupted = False
         self._messages: deque[str] = deque(maxlen=_MOST_MESSAGES)
+        self._worst = 0  # status of them
         identifier = description.coSimulation.modelIdentifier
         try:
             self._library = Library(library_path(folder, self.version, identifier), identifier)
@@ -277,6 +282,7 @@ class Instance:
 
     def keep(self, status: int, message: bytes | None) -> None:
         """Keep a message of the FMU that is not just information."""
+        self._worst = max(self._worst, status)
         if status > fmi2.fmi2OK and message:
             self._messages.append(" ".join(message.decode("utf-8", "replace").split()))
 
@@ -284,6 +290,7 @@ class Instance:
         """What the FMU has said that was not just information, as one line; the messages are then forgotten."""
         text = "; ".join(dict.fromkeys(self._messages))
         self._messages.clear()
+        self._worst = 0
         return text
 
     # Calls
@@ -436,7 +443,8 @@ class Instance:
         if self.version == 2:  # FMI 1.0 does not know this
             self._ask("fmi2GetBooleanStatus", _TERMINATED, has_ended)
         self._ask(f"fmi{self.version}GetRealStatus", _LAST_SUCCESSFUL_TIME, reached)
-        return StepStatus(code, bool(has_ended.value), reached.value)
+        ended, wrong = bool(has_ended.value), self._worst >= _DISCARD
+        return StepStatus(code, ended and not wrong, reached.value, gave_up=ended and wrong)
 
     def step_status(self) -> StepStatus:
         """Status of a step that the FMU computes by itself."""
@@ -468,7 +476,7 @@ class Instance:
         if self._corrupted:
             raise CallFailed("a fatal error has left the instance unusable")
         self.call(f"fmi{self.version}Reset")
-        self._messages.clear()
+        self.log()
 
     def close(self) -> None:
         """Free the instance and unload its library.

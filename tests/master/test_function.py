@@ -760,7 +760,7 @@ def test_a_restored_run_has_the_inputs_of_the_point_before(tiny: Path, direct_fe
 def test_a_state_is_not_that_of_a_run_with_another_function(tiny: Path) -> None:
     with Simulation(loop(tiny, Full())) as simulation, simulation.start(H) as run:
         state = run.save()
-    other = pytest.raises(SetupError, match=r"another run \(other functions\)")
+    other = pytest.raises(SetupError, match=r"another run \(other functions c: ")
     with Simulation(loop(tiny, Saveable())) as simulation, simulation.start(H) as run, other:
         run.restore(state)
 
