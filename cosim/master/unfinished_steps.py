@@ -109,8 +109,8 @@ class UnfinishedSteps:
                 length /= 2.0
                 if length < step / 2.0**_MOST_HALVINGS:
                     raise CallFailed(
-                        f"{instance.step_function} discarded the step of {step:.9g} s from t = {time:.9g} s on, "
-                        f"and also steps of {2.0 * length:.3g} s; try another communication step"
+                        f"{instance.step_function} did not finish the step of {step:.9g} s from t = {time:.9g} s on, "
+                        f"nor steps of {2.0 * length:.3g} s; try another communication step"
                     )
             if self._stop():
                 raise CallFailed(f"interrupted while the discarded step from t = {time:.9g} s on was repeated")

@@ -184,8 +184,11 @@ def test_independent_variable_and_local_elements_can_be_recorded(gain3c):
     ("failure", "message"),
     [
         (0, "c failed at t = 0.5 s: fmi3DoStep returned error: the gain is 100% worn out"),
-        (1, "c failed at t = 0.5 s: fmi3DoStep asked to end the simulation"),
-        (2, "c failed at t = 0.5 s: fmi3DoStep returned early, at t = 0.625 s"),
+        (
+            2,  # which returns early, whatever is left of the step
+            "c failed at t = 0.5 s: fmi3DoStep did not finish the step of 0.25 s from t = 0.5 s on, "
+            "nor steps of 4.66e-10 s; try another communication step",
+        ),
     ],
 )
 def test_a_step_that_fails_ends_the_run_with_name_time_and_log(gain3c, failure, message):
@@ -201,6 +204,17 @@ def test_a_step_that_fails_ends_the_run_with_name_time_and_log(gain3c, failure, 
     assert error.log == ("the gain is 100% worn out" if failure == 0 else "")
     assert error.results.time.tolist() == [0.0, 0.25, 0.5]
     assert error.results["c.y"].tolist() == [[2.0 * v for v in ramp(t)] for t in (0.0, 0.25, 0.5)]
+
+
+def test_an_fmu_that_terminates_the_simulation_ends_it_well(gain3c):
+    system = System()
+    system.add("c", gain3c, start=start("u", fail_at=0.5, failure=1))
+    system.drive("c.u", ramp)
+    results = simulate(system, 1.0, 0.25)
+    assert results.info["ended_by"]["component"] == "c"
+    assert results.info["status"] == "completed"
+    assert results.time.tolist() == [0.0, 0.25, 0.5, 0.75]
+    assert results["c.y"].tolist() == [[2.0 * v for v in ramp(t)] for t in results.time]
 
 
 def test_an_initialisation_that_fails_has_no_results(gain3c):

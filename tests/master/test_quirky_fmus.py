@@ -178,7 +178,7 @@ def test_a_step_that_can_not_be_made_shorter_ends_the_run_with_its_results(folde
         (
             quirky(folder),
             {"internal": 0.3},
-            r"discarded the step of 0\.5 s from t = 0 s on, and also steps of ",
+            r"did not finish the step of 0\.5 s from t = 0 s on, nor steps of ",
         ),
         (quirky(folder, any_step=False), {"longest": 0.25}, "m failed at t = 0 s: fmi2DoStep returned discard"),
     ):

@@ -247,9 +247,8 @@ def test_after_a_fatal_error_the_instance_is_left_and_made_anew(
         monkeypatch.setattr(Instance, "free", free)
         with pytest.raises(SimulationError, match=r"p failed at t = 0\.5 s: fmi2DoStep returned fatal$"):
             run(simulation, start={"p.fail_at": 0.5, "p.status": 4})
-        assert (
-            calls.count("fmi2FreeInstance") == 1
-        )  # that of the first run; its FMU does not say that resets are complete
+        # the instance of the first run; its FMU does not say that a reset is complete
+        assert calls.count("fmi2FreeInstance") == 1
         calls.clear()
         assert_equal(run(simulation), first)
         # both standards forbid any call after a fatal error, also these two
