@@ -26,11 +26,11 @@ def add_algorithm_options(parser: argparse._ActionsContainer) -> None:
 
 
 def standard_of(text: str) -> Standard | None:
-    """The standard of what a user names: an SSP, a description, or a folder with one; None where it is neither."""
+    """The standard of what a user names: an SSP, a description, or a folder; None where it is none of them."""
     path = Path(text)
     ending = path.suffix.lower()
     if ending in (".ssp", ".ssd"):
         return "ssp"
     if ending == ".xml" or (path / "OspSystemStructure.xml").is_file():
         return "osp"
-    return "ssp" if (path / "SystemStructure.ssd").is_file() else None
+    return "ssp" if path.is_dir() else None

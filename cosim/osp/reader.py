@@ -64,6 +64,8 @@ def read_osp(
     """
     file = path / FILE if path.is_dir() else path
     reader = _Reader(file, parse(file, "OspSystemStructure"), units, step_size)
+    if path.is_dir() and (path / "SystemStructure.ssd").is_file():
+        reader.findings.note(f"{path}: has SystemStructure.ssd, too, which is not read; name it to run it")
     system = reader.system()
     start, stop = reader.time("StartTime"), reader.time("EndTime")
     reader.findings.raise_problems(f"{file}")

@@ -292,7 +292,7 @@ def open_package(path: Path, findings: Findings) -> tuple[Package, str]:
     """
     if path.is_dir():
         if not (path / DESCRIPTION).is_file():
-            raise SSPError(f"{path}: has no {DESCRIPTION}; name a folder that has one, or an SSP")
+            raise SSPError(f"{path}: has no {DESCRIPTION}, nor OspSystemStructure.xml; name a folder with one of them")
         return Folder(path, findings), DESCRIPTION
     if path.suffix.lower() == ".ssd":
         if not path.is_file():

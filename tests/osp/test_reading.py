@@ -389,6 +389,22 @@ def test_configurations_are_swept(
     assert "sum: 's' maps or sums values, which sweeps can't have yet" in capsys.readouterr().err
 
 
+def test_of_two_descriptions_one_is_read(fmus: Path, tmp_path: Path) -> None:
+    folder = configuration(tmp_path / "two", fmus, SIMULATORS, LOOP)
+    (folder / "SystemStructure.ssd").write_text("not read")
+    assert read_osp(folder).notes == (f"{folder}: has SystemStructure.ssd, too, which is not read; name it to run it",)
+    assert read_osp(folder / "OspSystemStructure.xml").notes == ()
+
+
+def test_a_folder_with_neither(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("empty").mkdir()
+    assert main(["run", "empty"]) == 1
+    assert "empty: has no SystemStructure.ssd, nor OspSystemStructure.xml; name a folder" in capsys.readouterr().err
+
+
 # libcosim
 
 

@@ -167,7 +167,7 @@ def test_a_folder_and_a_description_alone(fmus: dict[str, Path], tmp_path: Path)
     assert_equal_runs(read_ssp(folder, unpacked).system, loop_by_hand(fmus))
     assert_equal_runs(read_ssp(folder / "variant.ssd", unpacked).system, loop_by_hand(fmus, K=-0.25))
     assert not unpacked.exists()  # FMUs stay where they are
-    with pytest.raises(SSPError, match=rf"^{tmp_path}: has no SystemStructure.ssd; name a folder that has one"):
+    with pytest.raises(SSPError, match=rf"^{tmp_path}: has no SystemStructure.ssd, nor OspSystemStructure.xml; name"):
         read_ssp(tmp_path, unpacked)
     (folder / "variant.ssd").write_text(text.replace("Gain.fmu", "Gian.fmu"))
     with pytest.raises(SSPError, match=r"component 'gain': has no 'resources/Gian.fmu'; did you mean 'resources/Gain"):
