@@ -18,12 +18,22 @@ from tests.support.sources import CHECKOUT, PACKAGES, sources
 #: Errors that are no `CosimError` for a reason: a Ctrl-C; the code inside an FMU has the standard library only.
 APART = {
     "cosim.master.failures.SimulationInterrupted",
+    "cosim.master.failures.InterruptedInCall",
     "fmu_export.pythonfmu.slave.SlaveError",
     "fmu_export.pythonfmu.script_slave.ScriptError",
 }
 
-#: Built-in errors that are Python's own answer to wrong code, not to wrong input.
-PYTHONS = {"AttributeError", "AssertionError", "IndexError", "KeyError", "StopIteration", "SystemExit", "TypeError"}
+#: Built-in errors that are Python's own answer to wrong code or to Ctrl-C, not to wrong input.
+PYTHONS = {
+    "AttributeError",
+    "AssertionError",
+    "IndexError",
+    "KeyError",
+    "KeyboardInterrupt",
+    "StopIteration",
+    "SystemExit",
+    "TypeError",
+}
 
 
 def error_classes() -> dict[str, type[BaseException]]:
