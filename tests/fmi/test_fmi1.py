@@ -124,6 +124,13 @@ def test_inputs_are_extrapolated_where_it_interpolates_them(tmp_path: Path) -> N
     np.testing.assert_array_equal(results["tank.y"], results.time**2)
 
 
+def test_it_is_told_when_the_run_ends(tank: Path) -> None:
+    """None where the run has no end."""
+    assert final(simulate(alone(tank), 2.0, 0.5), "stop") == 2.0
+    with Simulation(alone(tank)) as simulation, simulation.start(0.5) as run:
+        assert run["tank.stop"] == -1.0
+
+
 def test_a_failure_says_what_the_fmu_says(tank: Path) -> None:
     message = r"^tank failed at t = 1\.5 s: fmiDoStep returned error: the level is too high, at 1\.5 s$"
     with pytest.raises(SimulationError, match=message):

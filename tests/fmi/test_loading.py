@@ -246,7 +246,7 @@ def test_a_library_of_another_name_is_named(tmp_path: Path) -> None:
 @pytest.mark.parametrize("listed", ["tank.c", ""])
 def test_c_sources_are_compiled_on_request(tmp_path: Path, listed: str) -> None:
     fmu = sources_of_tank(tmp_path / "tank.fmu", listed=listed)
-    assert refusal(fmu).endswith("or compile its C sources: --build (in Python: build=True)")
+    assert refusal(fmu).endswith("or compile its C sources: cosim run --build (in Python: build=True)")
     assert levels(fmu, fmu, build=True) == [1.0, 2.0]
     assert levels(tank(tmp_path / "binary.fmu"), build=True) == [1.0]
 

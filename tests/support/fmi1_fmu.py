@@ -26,6 +26,7 @@ _VARIABLES = """
 <ScalarVariable name="text" valueReference="10" variability="parameter"><String start=""/></ScalarVariable>
 <ScalarVariable name="length" valueReference="11" causality="output" variability="discrete"><Integer/>
   <DirectDependency/></ScalarVariable>
+<ScalarVariable name="stop" valueReference="14" causality="output"><Real/><DirectDependency/></ScalarVariable>
 <ScalarVariable name="mode" valueReference="12" causality="input" variability="discrete">
   <Enumeration declaredType="Mode" start="1"/></ScalarVariable>
 <ScalarVariable name="mode_out" valueReference="13" causality="output" variability="discrete">

@@ -1,6 +1,6 @@
 /* FMI 1.0 co-simulation FMU for tests: x' = u from x_start, y = x + direct, and values of the other types passed through.
 
-u_at_start is the input that it has when it is initialised. Outputs can't be read before, and some calls return an error
+u_at_start is the input that it has when it is initialised, stop the stop time that it is told then, or -1. Outputs can't be read before, and some calls return an error
 with a message: initialisation with x_start < 0, and a step beyond x = 100. */
 
 #include <stdio.h>
@@ -11,10 +11,10 @@ with a message: initialisation with x_start < 0, and a step beyond x = 100. */
 
 #define NAME(function) tank_fmi##function
 
-enum { X, U, Y, X_START, U_AT_START, DIRECT, N, N_OUT, B, B_OUT, TEXT, LENGTH, MODE, MODE_OUT };
+enum { X, U, Y, X_START, U_AT_START, DIRECT, N, N_OUT, B, B_OUT, TEXT, LENGTH, MODE, MODE_OUT, STOP };
 
 typedef struct {
-    double x, u, rate, x_start, u_at_start, direct;
+    double x, u, rate, x_start, u_at_start, direct, stop;
     int n, mode, initialized;
     fmi1Boolean b;
     char text[64], name[64], location[1024];
@@ -60,11 +60,11 @@ void NAME(FreeSlaveInstance)(fmi1Component c) {
 
 fmi1Status NAME(InitializeSlave)(fmi1Component c, fmi1Real time, fmi1Boolean stop_defined, fmi1Real stop) {
     Model *m = c;
-    (void)time, (void)stop_defined, (void)stop;
     if (m->initialized) return failed(m, "initialised twice, at %g", time);
     if (m->x_start < 0.0) return failed(m, "a level of %g is too low", m->x_start);
     m->x = m->x_start;
     m->u_at_start = m->u;
+    m->stop = stop_defined ? stop : -1.0;
     m->initialized = 1;
     return fmi1OK;
 }
@@ -94,6 +94,8 @@ static double *real(Model *m, fmi1ValueReference r) {
             return &m->x_start;
         case U_AT_START:
             return &m->u_at_start;
+        case STOP:
+            return &m->stop;
         default:
             return &m->direct;
     }
