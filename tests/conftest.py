@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+import hypothesis
 import pytest
 
 from cosim.fmi.unpacking import folder_for_fmus
@@ -19,6 +20,10 @@ from tests.support import compilation
 from tests.support.compilation import built_once
 from tests.support.fmi3_gain import build_gain
 from tests.support.native_fmus import DEFAULT_FLAVOUR, FLAVOURS, require_compiler, unpack
+
+# on a busy machine an example takes long, which is no failure of what it tries
+hypothesis.settings.register_profile("tests", deadline=None, suppress_health_check=[hypothesis.HealthCheck.too_slow])
+hypothesis.settings.load_profile("tests")
 
 # nohup and background jobs start the tests with SIGINT ignored, and every process that the tests start inherits it
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
