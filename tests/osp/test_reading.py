@@ -127,8 +127,8 @@ def test_sources_elsewhere(fmus: Path, tmp_path: Path, source: str) -> None:
     assert_equal_runs(read_osp(configuration(tmp_path / "s", fmus, text, LOOP)).system, loop_by_hand(fmus))
 
 
-def test_values_of_all_types(fmus: Path, tmp_path: Path) -> None:
-    journal = f"{tmp_path}/journal.txt"
+def test_values_of_all_types(fmus: Path, tmp_path: Path, plain_path: Path) -> None:
+    journal = f"{plain_path}/journal.txt"
     values = ("u Real 1.5", "n Integer 3", "b Boolean 1", "e Integer 2", f"journal String {journal}")
     found = read_osp(configuration(tmp_path / "v", fmus, simulator("p", "Probe.fmu", *values)))
     assert found.system.components["p"].start == {"u": 1.5, "n": 3, "b": True, "e": 2, "journal": journal}
