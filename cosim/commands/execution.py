@@ -6,6 +6,7 @@ import argparse
 import dataclasses
 import shutil
 import sys
+import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -16,7 +17,10 @@ from typing import Any, Self
 
 from tqdm import tqdm
 
+from cosim.commands.options import LOG_FILE, log_options
 from cosim.errors import CosimError, SetupError, nearest
+from cosim.fmi.message_log import Log
+from cosim.fmi.messages import notes
 from cosim.master.algorithm import EXTRAPOLATIONS
 from cosim.master.checkpoint import Checkpoint
 from cosim.master.failures import SimulationError, SimulationInterrupted
@@ -114,16 +118,20 @@ def run_prepared(prepared: PreparedRun, args: argparse.Namespace, figures: Figur
         The run can't be made, or failed; the message says where what was recorded is.
     """
     formats = args.format or ["csv"]
-    with ResultFolder(prepared.folder, [f"results.{name}" for name in formats]) as folder:
+    names = [f"results.{name}" for name in formats]
+    with ResultFolder(prepared.folder, [*names, LOG_FILE] if args.log or args.log_categories else names) as folder:
         checkpoint = _checkpoint(prepared.folder, args.checkpoint, args.resume)
         write = partial(_write, prepared, formats=formats, figures=figures, folder=folder)
         try:
-            results = execute(prepared, args.realtime, formats, folder.unfinished, checkpoint, build=args.build)
+            log = log_options(args, folder.unfinished)
+            results = execute(
+                prepared, args.realtime, formats, folder.unfinished, checkpoint, build=args.build, log=log
+            )
         except SetupError as error:
-            raise UsageError(f"{prepared.source}: {error}") from error
+            raise UsageError(f"{prepared.source}: {error}{_kept_log(folder.unfinished)}") from error
         except SimulationError as error:
             if error.results is None:
-                raise
+                raise CosimError(f"{error}{_kept_log(folder.unfinished)}") from error
             where = _rescued(write, error.results, prepared.folder, str(error))
             raise CosimError(f"{error}; {where}{_to_go_on(checkpoint)}") from error
         except SimulationInterrupted as interrupt:
@@ -160,6 +168,16 @@ def _checkpoint(folder: Path, every: float | None, resume: bool) -> Checkpoint |
     return Checkpoint(where, every, resume=resume, warn=lambda line: print(f"warning: {line}", file=sys.stderr))
 
 
+def _kept_log(folder: Path) -> str:
+    """Save the log of a run without results, which leaves nothing in its folder; says where it is."""
+    log = folder / LOG_FILE
+    if not log.is_file() or not log.stat().st_size:
+        return ""
+    kept = Path(tempfile.mkdtemp(prefix="cosim_log_")) / LOG_FILE
+    shutil.move(log, kept)
+    return f"; what the FMUs said is in {kept}"
+
+
 def _to_go_on(checkpoint: Checkpoint | None) -> str:
     return "" if checkpoint is None else "; --resume goes on from its last checkpoint"
 
@@ -172,6 +190,7 @@ def execute(
     checkpoint: Checkpoint | None = None,
     *,
     build: bool = False,
+    log: Log | None = None,
 ) -> Results | StoredResults:
     """Run a system; a run that is too long for memory goes to the disk as it comes, into a folder.
 
@@ -188,6 +207,7 @@ def execute(
             extrapolation=plan.extrapolation,
             record=plan.record,
             build=build,
+            log=log,
         ) as simulation,
         _progress(plan) as progress,
     ):
@@ -281,6 +301,10 @@ def _write(
     Returns the summary, and whether figures were drawn.
     """
     info = dict(results.info)
+    if "log" in info:
+        info["log"] = {**info["log"], "file": LOG_FILE}
+    for line in notes(info["messages"]):
+        print(_printable(f"note: {line}"))
     info["fmus"] = {name: {**fmu, "path": prepared.said_path(fmu["path"])} for name, fmu in info["fmus"].items()}
     summary = {
         **prepared.about,
@@ -335,6 +359,12 @@ def _metrics(prepared: PreparedRun, results: Results | StoredResults) -> dict[st
         except Exception as error:  # of another package; the run has its results
             print(f"note: metrics are missing, for {_in_one_line(error)}")
     return {**further, **measured(prepared.metrics, results)}
+
+
+def _printable(text: str) -> str:
+    """A text of others as the terminal can show it: what can't be printed must not end a run."""
+    encoding = sys.stdout.encoding or "utf-8"
+    return text.encode(encoding, "backslashreplace").decode(encoding)
 
 
 def _in_one_line(error: Exception) -> str:

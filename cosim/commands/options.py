@@ -6,7 +6,11 @@ import argparse
 from pathlib import Path
 from typing import Literal
 
+from cosim.fmi.message_log import LEVELS, Log
 from cosim.master.algorithm import AUTO, EXTRAPOLATIONS, ORDERS
+
+#: Name of the log among the results.
+LOG_FILE = "messages.log"
 
 #: Standard of a description of a system: SSP, or that of the Open Simulation Platform.
 Standard = Literal["ssp", "osp"]
@@ -23,6 +27,37 @@ def add_algorithm_options(parser: argparse._ActionsContainer) -> None:
         choices=(AUTO, *EXTRAPOLATIONS),
         help=f"inputs between communication points: {AUTO} (linear where the FMU can, else hold), {extrapolations}",
     )
+
+
+def add_log_options(parser: argparse._ActionsContainer) -> None:
+    """Add --log and --log-categories; what is not given is None."""
+    parser.add_argument(
+        "--log",
+        choices=tuple(LEVELS),
+        metavar="LEVEL",
+        help=f"write what the FMUs say into {LOG_FILE} among the results: {', '.join(LEVELS)} ('all' asks the FMUs to "
+        "say all that they can; default none)",
+    )
+    parser.add_argument(
+        "--log-categories",
+        type=lambda text: [name for part in text.split(",") if (name := part.strip())],
+        metavar="NAME,...",
+        help="log these categories of the FMUs only, and errors; FMUs that have them are asked for them",
+    )
+
+
+def log_options(args: argparse.Namespace, folder: Path) -> Log | None:
+    """The log that options ask for, in a folder; None where they ask for none.
+
+    Raises
+    ------
+    SetupError
+        Categories are given with the level 'none'.
+    """
+    if args.log is None and not args.log_categories:
+        return None
+    log = Log(args.log or "info", tuple(args.log_categories or ()), folder / LOG_FILE)
+    return None if log.level == "none" else log
 
 
 def standard_of(text: str) -> Standard | None:

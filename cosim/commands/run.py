@@ -7,7 +7,7 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cosim.commands.options import Standard, add_algorithm_options, standard_of
+from cosim.commands.options import Standard, add_algorithm_options, add_log_options, standard_of
 from cosim.results.figure_process import FigureProcess
 from cosim.results.formats import FORMATS, option_help
 from cosim.scenario.family import default_scenario, families, named
@@ -76,6 +76,7 @@ def register(subparsers: Any) -> None:
         action="store_true",
         help="go on from the checkpoint in the folder of the results, with the same bits",
     )
+    add_log_options(parser)
     parser.add_argument("--seed", type=int, help="seed of the random signals")
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder of the results (default results/<scenario>)")
     parser.add_argument(

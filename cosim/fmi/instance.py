@@ -6,18 +6,14 @@ Values are got and set by way of buffers, see `cosim.fmi.variable_buffer`.
 from __future__ import annotations
 
 import ctypes
-import itertools
 import math
 import os
-import threading
-from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
-from weakref import WeakValueDictionary
 
 import fmpy.fmi1 as fmi1
 import fmpy.fmi2 as fmi2
@@ -26,6 +22,7 @@ from fmpy.model_description import ModelDescription
 
 from cosim.errors import CosimError
 from cosim.fmi.library import Library, LibraryError, library_path
+from cosim.fmi.messages import STATUSES, Messages, keep_callbacks
 from cosim.fmi.python_fmus import resources_uri
 from cosim.fmi.types import Texts
 from cosim.loop.binding import Operation, loop_library
@@ -50,38 +47,11 @@ _NAMES_1 = {
     "fmi1FreeInstance": "fmi1FreeSlaveInstance",
 }
 
-_STATUS = ("ok", "warning", "discard", "error", "fatal", "pending")
-
 #: Statuses of all versions.
 _WARNING, _DISCARD, _PENDING = 1, 2, 5
 
 #: fmi2StatusKind
 _STEP_STATUS, _LAST_SUCCESSFUL_TIME, _TERMINATED = 0, 2, 3
-
-#: Log messages kept of one instance; the last ones explain a failure.
-_MOST_MESSAGES = 100
-
-
-#: Instances by what their FMUs pass to the logger: a number; in FMI 1.0 the address of the instance.
-_instances: WeakValueDictionary[int, Instance] = WeakValueDictionary()
-_numbers = itertools.count(1)
-
-
-#: Of each thread, the instance of FMI 1.0 that is being made and has no address yet.
-_making = threading.local()
-
-
-def _dispatch(environment: int | None, name: bytes, status: int, category: bytes, message: bytes) -> None:
-    instance = None if environment is None else _instances.get(environment)
-    instance = instance or getattr(_making, "instance", None)
-    if instance is None:  # an FMU that other code in this process has instantiated through fmpy
-        fmi2.printLogMessage(environment, name, status, category, message)
-    else:
-        instance.keep(status, message)
-
-
-#: One logger for all instances of FMI 1.0 and 2.0: fmpy's proxy, which formats printf arguments, knows one per process.
-_LOGGER = fmi2.fmi2CallbackLoggerTYPE(_dispatch)
 
 
 class CallFailed(CosimError):
@@ -169,6 +139,8 @@ class Instance:
         FMI 3.0: value references of the inputs that are set during a step, when the FMU asks for them.
     texts : Texts, optional
         Texts of the system that the instance is in; its own by default.
+    messages : Messages, optional
+        Takes what the FMU says; its own by default.
 
     Raises
     ------
@@ -186,8 +158,10 @@ class Instance:
         description: ModelDescription,
         asks_for_inputs: Sequence[int] = (),
         texts: Texts | None = None,
+        messages: Messages | None = None,
     ) -> None:
         self.name = name
+        self.messages = Messages(name) if messages is None else messages
         self.texts = Texts() if texts is None else texts
         self.version = description.fmiMajorVersion
         self._co_simulation = description.coSimulation
@@ -197,8 +171,6 @@ class Instance:
         self._operation = ctypes.c_void_p()  # FMI 3.0: what answers when the FMU asks for its inputs
         self._component: int | None = None
         self._corrupted = False
-        self._messages: deque[str] = deque(maxlen=_MOST_MESSAGES)
-        self._worst = 0  # status of them
         identifier = description.coSimulation.modelIdentifier
         try:
             self._library = Library(library_path(folder, self.version, identifier), identifier)
@@ -217,42 +189,21 @@ class Instance:
         """
         self._component = self._instantiate()
         if self._component is None:
-            raise CallFailed(f"can't be instantiated: {self.log() or 'it does not say why'}")
+            raise CallFailed(f"can't be instantiated: {self.messages.last() or 'it does not say why'}")
+        self._choose_messages()
 
     def _prepared_fmi1(self, token: bytes, resources: Path) -> Callable[[], int | None]:
-        callbacks = fmi1.fmi1CallbackFunctions()
-        callbacks.logger = ctypes.cast(_LOGGER, fmi1.fmi1CallbackLoggerTYPE)
-        callbacks.allocateMemory = fmi1.defaultCallbacks.allocateMemory
-        callbacks.freeMemory = fmi1.defaultCallbacks.freeMemory
-        fmi1.addLoggerProxy(ctypes.byref(callbacks))
-        self._callbacks = callbacks
+        callbacks = self.messages.callbacks_fmi1()
         make = partial(
             self._function("fmi1InstantiateSlave"),
             *(self.name.encode(), token, resources.parent.as_uri().encode(), b"application/x-fmu-sharedlibrary", 0.0),
             *(fmi1.fmi1False, fmi1.fmi1False, callbacks, fmi1.fmi1True),  # invisible; alone; says what is wrong
         )
-
-        def instantiate() -> int | None:
-            _making.instance = self
-            try:
-                component: int | None = make()
-            finally:
-                _making.instance = None
-            if component is not None:
-                _instances[component] = self
-            return component
-
-        return instantiate
+        return lambda: self.messages.of_instance_made_by(make)
 
     def _prepared_fmi2(self, token: bytes, resources: Path) -> Callable[[], int | None]:
-        callbacks = fmi2.fmi2CallbackFunctions()
-        callbacks.logger = _LOGGER
-        callbacks.componentEnvironment = number = next(_numbers)
-        _instances[number] = self
-        callbacks.allocateMemory = fmi2.defaultCallbacks.allocateMemory
-        callbacks.freeMemory = fmi2.defaultCallbacks.freeMemory
-        fmi2.addLoggerProxy(ctypes.byref(callbacks))
-        self._callbacks = callbacks  # FMUs keep their address
+        callbacks = self.messages.callbacks_fmi2()
+        keep_callbacks(callbacks)  # FMUs have their address
         uri = resources_uri(resources).encode()
         return partial(
             self._function("fmi2Instantiate"),
@@ -262,36 +213,39 @@ class Instance:
 
     def _prepared_fmi3(self, token: bytes, resources: Path) -> Callable[[], int | None]:
         """The environment is our own, by which the compiled loop finds the inputs to set."""
-        self._callbacks = (
-            fmi3.fmi3LogMessageCallback(self._log_fmi3),
+        callbacks = (
+            self.messages.callback_fmi3(),
             function_address(loop_library().intermediate_update) if self._asks_for_inputs else None,
         )
+        keep_callbacks(*callbacks, self._operation)
         references = (fmi3.fmi3ValueReference * len(self._asks_for_inputs))(*self._asks_for_inputs)
         return partial(
             self._function("fmi3InstantiateCoSimulation"),
             *(self.name.encode(), token, f"{resources}{os.sep}".encode()),
             *(False, True, False, False),  # invisible; says what is wrong; no event mode; no early return
             *(references, len(references), ctypes.addressof(self._operation)),
-            *self._callbacks,
+            *callbacks,
         )
 
-    # Logging
-
-    def _log_fmi3(self, _environment: Any, status: int, _category: bytes, message: bytes) -> None:
-        self.keep(status, message)
-
-    def keep(self, status: int, message: bytes | None) -> None:
-        """Keep a message of the FMU that is not just information."""
-        self._worst = max(self._worst, status)
-        if status > fmi2.fmi2OK and message:
-            self._messages.append(" ".join(message.decode("utf-8", "replace").split()))
+    # Messages
 
     def log(self) -> str:
-        """What the FMU has said that was not just information, as one line; the messages are then forgotten."""
-        text = "; ".join(dict.fromkeys(self._messages))
-        self._messages.clear()
-        self._worst = 0
-        return text
+        """What the FMU has said last that was not just information, as one line; it is then forgotten."""
+        return self.messages.last()
+
+    def _choose_messages(self) -> None:
+        """Ask the FMU for the categories that are to be logged; it need not know how, and must not fail for that."""
+        asked, name = self.messages.asked, f"fmi{self.version}SetDebugLogging"
+        if asked is None or not self._library.has(name):
+            return
+        names = (ctypes.c_char_p * len(asked))(*(category.encode() for category in asked)) if asked else None
+        arguments = (fmi1.fmi1True,) if self.version == 1 else (True, len(asked), names)
+        try:
+            self.call(name, *arguments)
+        except CallFailed as error:
+            if self._corrupted:
+                raise
+            self.messages.take(fmi2.fmi2Warning, None, f"{error}; it says what it likes".encode())
 
     # Calls
 
@@ -323,7 +277,9 @@ class Instance:
         """
         function = _NAMES_1.get(function, function)
         status = self._function(function)(self._component, *arguments)
-        if status not in (fmi2.fmi2OK, fmi2.fmi2Warning):
+        if status == fmi2.fmi2Warning:
+            self.messages.warned(function.replace("fmi1", "fmi"))
+        elif status != fmi2.fmi2OK:
             raise self.failure(function, status)
 
     def _function(self, name: str) -> Callable[..., Any]:
@@ -336,7 +292,7 @@ class Instance:
         """The error for a status that a function has returned; after a fatal one the instance is left alone."""
         self._corrupted = self._corrupted or status == fmi2.fmi2Fatal
         function = function.replace("fmi1", "fmi")
-        return CallFailed(f"{function} returned {_STATUS[status] if 0 <= status < len(_STATUS) else status}", status)
+        return CallFailed(f"{function} returned {STATUSES[status] if 0 <= status < len(STATUSES) else status}", status)
 
     def set_up(self, experiment: ExperimentSetup) -> None:
         """Tell an FMU of FMI 2.0 of the run, before start values are set: some forget them here."""
@@ -432,10 +388,14 @@ class Instance:
         reached = ctypes.c_double(time)
         told = (ctypes.byref(event), ctypes.byref(ended), ctypes.byref(early), ctypes.byref(reached))
         code = self._function(self.step_function)(self._component, time, step, True, *told)
+        if code == _WARNING:
+            self.messages.warned(self.step_function)
         return StepStatus(code, ended.value, reached.value, early.value)
 
     def status_of_step(self, code: int, time: float) -> StepStatus:
         """What lies behind a status that a step from a time (s) on returned, for FMI 1.0 and 2.0."""
+        if code == _WARNING:
+            self.messages.warned(self.step_function.replace("fmi1", "fmi"))
         if code != _DISCARD:
             return StepStatus(code, has_ended=False, reached=time)
         has_ended, reached = ctypes.c_int(), ctypes.c_double(time)
@@ -443,7 +403,7 @@ class Instance:
         if self.version == 2:  # FMI 1.0 does not know this
             self._ask("fmi2GetBooleanStatus", _TERMINATED, has_ended)
         self._ask(f"fmi{self.version}GetRealStatus", _LAST_SUCCESSFUL_TIME, reached)
-        ended, wrong = bool(has_ended.value), self._worst >= _DISCARD
+        ended, wrong = bool(has_ended.value), self.messages.tell_of_failure
         return StepStatus(code, ended and not wrong, reached.value, gave_up=ended and wrong)
 
     def step_status(self) -> StepStatus:
@@ -477,6 +437,7 @@ class Instance:
             raise CallFailed("a fatal error has left the instance unusable")
         self.call(f"fmi{self.version}Reset")
         self.log()
+        self._choose_messages()
 
     def close(self) -> None:
         """Free the instance and unload its library.
@@ -494,3 +455,4 @@ class Instance:
         name = f"fmi{self.version}FreeInstance"
         self._function(_NAMES_1.get(name, name))(self._component)
         self._component = None
+        self._operation.value = None

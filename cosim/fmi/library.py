@@ -193,6 +193,14 @@ class Library:
         except KeyError:
             return self._functions.setdefault(name, self._found(name))
 
+    def has(self, name: str) -> bool:
+        """Whether there is a function of this name in the standard."""
+        try:
+            self.function(name)
+        except LibraryError:
+            return False
+        return True
+
     def close(self) -> None:
         """Unload the library."""
         self._functions.clear()

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
-from ctypes import byref
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +12,7 @@ from fmpy.fmi1 import FMICallException
 from fmpy.model_description import ModelDescription
 
 from cosim.fmi.library import Library, library_path
+from cosim.fmi.messages import Messages, keep_callbacks
 
 
 class _Loaded:
@@ -48,9 +48,7 @@ class _Model3(_Loaded, fmi3.FMU3Model):  # type: ignore[misc]
 
 
 @contextmanager
-def model_exchange_instance(
-    folder: Path, description: ModelDescription, keep: Callable[[int, bytes], None]
-) -> Iterator[Any]:
+def model_exchange_instance(folder: Path, description: ModelDescription, messages: Messages) -> Iterator[Any]:
     """An instance of an unpacked FMU of FMI 2.0 or 3.0, freed at the end.
 
     Parameters
@@ -59,30 +57,22 @@ def model_exchange_instance(
         Folder with the unpacked FMU.
     description : ModelDescription
         Its model description.
-    keep : callable
-        Takes the status and the text of each message.
+    messages : Messages
+        Takes what the FMU says.
 
     Raises
     ------
     LibraryError
         The library of the FMU can't be loaded.
     """
-
-    def log(*arguments: Any) -> None:
-        keep(arguments[-3], arguments[-1])  # FMI 2.0 has the name of the instance before them
-
     instance: Any
     if description.fmiMajorVersion == 2:
         instance = _Model2(folder, description)
-        callbacks = fmi2.fmi2CallbackFunctions()
-        callbacks.logger = fmi2.fmi2CallbackLoggerTYPE(log)
-        callbacks.allocateMemory = fmi2.defaultCallbacks.allocateMemory
-        callbacks.freeMemory = fmi2.defaultCallbacks.freeMemory
-        fmi2.addLoggerProxy(byref(callbacks))
-        options = {"callbacks": callbacks}
+        options = {"callbacks": messages.callbacks_fmi2()}
     else:
         instance = _Model3(folder, description)
-        options = {"logMessage": log}
+        options = {"logMessage": messages.callback_fmi3()}
+    keep_callbacks(*options.values())
     try:
         instance.instantiate(**options)
     except BaseException:

@@ -62,6 +62,10 @@ class Cell(ctypes.Structure):
 Called = ctypes.CFUNCTYPE(ctypes.c_int, c_double)
 
 
+#: What the loop's logger hands messages to: environment, name of the instance, status, category, text.
+TakeMessage = ctypes.CFUNCTYPE(None, c_void_p, c_char_p, ctypes.c_int, c_char_p, c_char_p)
+
+
 class Extrapolated(ctypes.Structure):
     """How the inputs of an FMU change over a step; see loop.c."""
 
@@ -105,6 +109,10 @@ class Operation(ctypes.Structure):
     )
 
 
+#: What the loop tells of an operation that returned a warning.
+Warned = ctypes.CFUNCTYPE(None, POINTER(Operation))
+
+
 class Loop(ctypes.Structure):
     """What the loop needs to know, and where it says how it ended; see loop.c."""
 
@@ -129,6 +137,7 @@ class Loop(ctypes.Structure):
         ("at_step", POINTER(Operation)),
         ("n_at_point", c_int64),
         ("n_at_step", c_int64),
+        ("warned", Warned),
         ("point", c_int64),
         ("failed", c_int64),
         ("status", c_int32),
@@ -188,5 +197,7 @@ def loop_library() -> ctypes.CDLL:
     library.loop_run.argtypes = [POINTER(Loop), c_int64, c_int64, c_bool]
     for function in (library.cells_get, library.cells_set):
         function.argtypes = [c_void_p, POINTER(c_uint32), c_size_t, c_void_p, c_size_t]
+    library.log_to.argtypes = [TakeMessage]
+    library.log_to.restype = None
     library.loop_perform.restype = library.loop_run.restype = c_bool
     return library

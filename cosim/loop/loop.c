@@ -4,9 +4,11 @@
  * stand here. binding.py lays `Operation` and `Loop` out once more; LOOP_HASH tells it whether it belongs to this file. */
 #include <float.h>
 #include <math.h>
+#include <stdarg.h>
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
+#include <stdio.h>
 #include <string.h>
 
 #include "loop_hash.h"
@@ -86,7 +88,8 @@ typedef struct {
     int64_t n_runs, n_recorded, record_every, first_record;
     const Operation *at_point, *at_step;
     int64_t n_at_point, n_at_step;
-    /* where and how it ended */
+    void (*warned)(const Operation *); /* told of each operation that returns a warning */
+    /* where it is or was, and how it ended */
     int64_t point, failed;
     int32_t status, failed_at_step;
 } Loop;
@@ -356,18 +359,39 @@ EXPORT int cells_set(void *instance, const uint32_t *references, size_t n_refere
     return 0;
 }
 
+/* What takes a message of an FMU, its text without arguments. */
+typedef void TakeMessage(void *environment, const char *name, int status, const char *category, const char *text);
+
+static TakeMessage *take_message;
+
+EXPORT void log_to(TakeMessage *taker) { take_message = taker; }
+
+/* The logger of FMI 1.0 and 2.0, which formats as printf does; a text without % is as long as the FMU has it. */
+EXPORT void log_message(void *environment, const char *name, int status, const char *category, const char *format,
+                        ...) {
+    char text[4096];
+    if (format && strchr(format, '%')) {
+        va_list arguments;
+        va_start(arguments, format);
+        if (vsnprintf(text, sizeof text, format, arguments) >= 0) format = text;
+        va_end(arguments);
+    }
+    take_message(environment, name, status, category, format);
+}
+
 /* So many operations before it is called an instance is fetched into the cache. */
 enum { AHEAD = 4 };
 
 /* Perform operations at a communication point; false, with the reason in `loop`, when one fails. */
 static bool perform_all(Loop *loop, const Operation operations[], int64_t n, int64_t point, bool at_step) {
     double time = loop->start_time + (double)point * loop->step_size;
+    loop->point = point;
     for (int64_t k = 0; k < n; k++) {
         if (k + AHEAD < n) PREFETCH(operations[k + AHEAD].instance);
         if (operations[k].every > 1 && point % operations[k].every) continue; /* a division costs more than a call */
         int status = perform(loop, &operations[k], point, time);
-        if ((unsigned)status > 1) { /* worse than a warning */
-            loop->point = point;
+        if (status == 1) loop->warned(&operations[k]);
+        else if (status) { /* worse than a warning */
             loop->status = status;
             loop->failed = k;
             loop->failed_at_step = at_step;
@@ -443,6 +467,7 @@ static const Field layout[] = {
     FIELD(Loop, at_step),
     FIELD(Loop, n_at_point),
     FIELD(Loop, n_at_step),
+    FIELD(Loop, warned),
     FIELD(Loop, point),
     FIELD(Loop, failed),
     FIELD(Loop, status),
@@ -471,7 +496,6 @@ EXPORT bool loop_run(Loop *loop, int64_t first, int64_t end, bool exchanged) {
                 if (run[1] == 1) *row = loop->values[*run];
                 else memcpy(row, loop->values + *run, (size_t)run[1] * sizeof *row);
         }
-        loop->point = point;
         if (point < loop->last_point && !perform_all(loop, loop->at_step, loop->n_at_step, point, true)) return false;
     }
     return true;

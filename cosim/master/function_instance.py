@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import ctypes
 import struct
-from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -16,6 +15,7 @@ import numpy as np
 
 from cosim.errors import SetupError
 from cosim.fmi.instance import CallFailed, ExperimentSetup, Instance, function_address
+from cosim.fmi.messages import Messages
 from cosim.fmi.types import FMI_TYPES, Texts
 from cosim.loop.binding import Called, Cell, loop_library
 from cosim.master.interrupts import DeferredInterrupt
@@ -57,7 +57,7 @@ class FunctionInstance(Instance):
         self.function = function
         self.interrupt = DeferredInterrupt()
         self.is_stepped = False
-        self._messages = deque()
+        self.messages = Messages(name)
         self._corrupted = False
         self._call_function = function.function
         self._input_memory, inputs = self._memory(function.inputs)

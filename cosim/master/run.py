@@ -6,6 +6,7 @@ import ctypes
 import dataclasses
 import math
 import time as clock
+import weakref
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -13,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from cosim.fmi.instance import CallFailed, ExperimentSetup, Instance, StepStatus
+from cosim.fmi.messages import summary
 from cosim.fmi.types import Texts
 from cosim.fmi.variable_buffer import VariableBuffer
 from cosim.loop.binding import (
@@ -23,6 +25,7 @@ from cosim.loop.binding import (
     Kind,
     Loop,
     Operation,
+    Warned,
     loop_library,
 )
 from cosim.master.failures import Failing, InterruptedInCall, SimulationError, SimulationInterrupted
@@ -98,7 +101,11 @@ class Run:
             at_step=exchange.at_step.operations,
             n_at_point=len(exchange.at_point),
             n_at_step=len(exchange.at_step),
+            warned=_counting_warnings(instances),
         )
+        this = weakref.ref(self)  # what FMUs say when the run is gone has no time, and must not keep its memory
+        for instance in instances.values():
+            instance.messages.follow(lambda: None if (run := this()) is None else run.time)
 
         self._unfinished = UnfinishedSteps(instances, self._stop)
         self.ended_by: EndedBy | None = None
@@ -106,6 +113,11 @@ class Run:
         self._not_terminated: dict[str, str] = {}
         self._sampled_from = self._sampled_end = 0
         self._records: np.ndarray | None = None  # that the loop points at
+
+    @property
+    def time(self) -> float:
+        """Time (s) of the communication point that the run has come to."""
+        return self._grid.time(self._loop.point)
 
     def initialize(self, starts: Sequence[StartValue], experiments: Mapping[str, ExperimentSetup]) -> None:
         """Set start values and run all FMUs, each for its experiment, through their initialisation mode."""
@@ -222,6 +234,7 @@ class Run:
             results.info["steps_repeated"] = dict(self._unfinished.repeated)
         if self._not_terminated:
             results.info["not_terminated"] = dict(self._not_terminated)
+        results.info |= summary(instance.messages for instance in self._instances.values())
 
     def hand_over(self, times: np.ndarray, slots: np.ndarray, results: Results) -> None:
         """Give results what was recorded: times (n,) and slots (n, columns)."""
@@ -444,6 +457,23 @@ class Run:
                     f"'{link.target.name}' of type {link.target.variable.type}"
                 )
         raise AssertionError("a value that fits was refused")
+
+
+#: What an operation that returns a warning was about.
+_DOINGS = {Kind.SET: "setting inputs", Kind.GET: "reading outputs", Kind.EXTRAPOLATE: "setting derivatives of inputs"}
+
+
+def _counting_warnings(instances: Mapping[str, Instance]) -> Any:
+    """What the loop calls where an operation returns a warning; it must not know the run, or both would stay."""
+    messages = {instance.address: instance.messages for instance in instances.values()}
+
+    def warned(operation: Any) -> None:
+        told = operation.contents
+        messages[told.instance].warned(
+            _DOINGS.get(told.kind, "fmiDoStep" if told.version == 1 else f"fmi{told.version}DoStep")
+        )
+
+    return Warned(warned)
 
 
 def _failure_of_call(component: str, time: float, raised: BaseException) -> BaseException:

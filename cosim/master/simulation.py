@@ -18,6 +18,8 @@ import numpy as np
 from cosim.errors import SetupError, nearest
 from cosim.fmi.fmu_file import load
 from cosim.fmi.instance import CallFailed, ExperimentSetup, Instance
+from cosim.fmi.message_log import Log, LogWriter
+from cosim.fmi.messages import Messages, summary
 from cosim.fmi.types import Texts
 from cosim.fmi.unpacking import folder_for_fmus
 from cosim.fmi.variable_buffer import VariableBuffer
@@ -80,6 +82,9 @@ class Simulation:
     strict_inputs : bool
         An input that nothing feeds and that has no start value in the system is an error; by default it keeps the start
         value of its FMU, and the summary names it.
+    log : Log or str, optional
+        Which messages of the FMUs are written, and where to, or the level alone; none are by default. However that is,
+        results count warnings and have the first message of each kind (`info["messages"]`).
 
     Raises
     ------
@@ -102,6 +107,7 @@ class Simulation:
         record: Sequence[str] | None = None,
         build: bool = False,
         strict_inputs: bool = False,
+        log: Log | str | None = None,
     ) -> None:
         chosen = algorithm(order, extrapolation)
         if not system.components:
@@ -129,6 +135,7 @@ class Simulation:
         self._columns = RecordedColumns(self._names, [e.type for _, e in recorded], self._texts)
         units = {n: self._ports[c].unit(e) for n, (c, e) in zip(self._names, recorded, strict=True)}
         self._units = {name: unit.name for name, unit in units.items() if unit is not None}
+        self._log, self._messages = self._taking_messages(log)
         self._stack: ExitStack | None = None
         self._folders: dict[str, Path] = {}
         self._instances: dict[str, Instance] = {}
@@ -137,6 +144,17 @@ class Simulation:
         self._reset: set[str] = set()
         self._occupied_by = ""
         self._samples: tuple[Any, Samples] | None = None
+
+    def _taking_messages(self, log: Log | str | None) -> tuple[LogWriter | None, dict[str, Messages]]:
+        """The log, if there is one, and what takes the messages of each component."""
+        if isinstance(log, str):
+            log = Log(log)
+        offered = {name: [c.name for c in fmu.description.logCategories] for name, fmu in self._fmus.items()}
+        if log is not None:
+            log.check_categories(offered.values())
+        writer = None if log is None or log.level == "none" else LogWriter(log)
+        asked = {name: None if log is None else log.asked_of(names) for name, names in offered.items()}
+        return writer, {name: Messages(name, writer, asked[name]) for name in self._fmus}
 
     @property
     def names(self) -> list[str]:
@@ -162,6 +180,9 @@ class Simulation:
             raise SetupError("the simulation is open already; make another one of the same system")
         self._folders.clear()
         with ExitStack() as stack:
+            if self._log is not None:
+                self._log.open()
+                stack.callback(self._log.close)
             folders: dict[str, Path] = {}
             for name, fmu in self._fmus.items():
                 # an instance of an FMU that allows one in a process has a library, and its global variables, of its own
@@ -198,7 +219,9 @@ class Simulation:
         fmu = self._fmus[name]
         asks = [v.valueReference for v in variables_of(self._extrapolated.elements.get(name, ()))]
         with self._setting_up(name):
-            self._instances[name] = Instance(name, self._folders[name], fmu.description, asks, self._texts)
+            self._instances[name] = Instance(
+                name, self._folders[name], fmu.description, asks, self._texts, self._messages[name]
+            )
 
     def _instantiate(self, name: str) -> None:
         with self._setting_up(name):
@@ -252,6 +275,10 @@ class Simulation:
     def _fresh_exchange(self) -> Exchange:
         """Instances as they are after their instantiation, and the table of operations for them."""
         if self._used:
+            for messages in self._messages.values():
+                messages.begin()
+            if self._log is not None:
+                self._log.heading("the FMUs begin anew")
             self._renew()
         self._used = True
         self._instances = {name: self._instances[name] for name in self._resolved.components}
@@ -555,6 +582,7 @@ class Simulation:
                 for name, f in self._fmus.items()
             },
             "parameters": self._parameters(grid.start_time),
+            **summary(self._messages.values()),
         }
         if assumed:
             info["tolerance_assumed"] = list(assumed)
@@ -657,13 +685,20 @@ def simulate(
     progress: Callable[[float], None] | None = None,
     build: bool = False,
     checkpoint: Checkpoint | None = None,
+    log: Log | str | None = None,
 ) -> Results:
     """Couple the FMUs of a system at a fixed communication step.
 
     Set up, run once, clean up; parameters, results and errors are those of `Simulation` and `Simulation.run`.
     """
     with Simulation(
-        system, order=order, extrapolation=extrapolation, record=record, strict_inputs=strict_inputs, build=build
+        system,
+        order=order,
+        extrapolation=extrapolation,
+        record=record,
+        strict_inputs=strict_inputs,
+        build=build,
+        log=log,
     ) as simulation:
         return simulation.run(
             stop_time,

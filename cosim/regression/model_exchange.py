@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from cosim.fmi.fmu_file import LoadedFMU
+from cosim.fmi.messages import Messages
 from cosim.fmi.model_exchange import model_exchange_instance
 from cosim.fmi.unpacking import folder_for_fmus
 from cosim.regression.case import Between, Case, CaseError, RunError
@@ -30,16 +31,11 @@ def model_exchange(
 
     signals = _structured_inputs(case, between, ports)
     start = _start_values(case, ports)
-    said: list[str] = []
-
-    def keep(status: int, message: bytes) -> None:
-        if status:  # fmi2OK is 0
-            said.append(message.decode(errors="replace"))
-
+    messages = Messages(fmu.path.stem)
     with folder_for_fmus() as folder:
         fmu.unpack(Path(folder))
         try:
-            with model_exchange_instance(Path(folder), fmu.description, keep) as instance:
+            with model_exchange_instance(Path(folder), fmu.description, messages) as instance:
                 table = simulate_fmu(
                     folder,
                     validate=False,
@@ -57,7 +53,7 @@ def model_exchange(
                     fmu_instance=instance,
                 )
         except Exception as error:  # fmpy raises bare exceptions here
-            why = " ".join(" ".join([str(error), *said[-1:]]).split())
+            why = " ".join(f"{error} {messages.last()}".split())
             raise RunError(f"{fmu.path}: model exchange with CVode failed: {why}") from error
     columns = [np.asarray(table[e.variable.name], dtype=float).reshape(len(table), -1)[:, e.offset] for e in wanted]
     return _on_grid(table["time"], experiment), np.column_stack(columns)

@@ -82,3 +82,39 @@ def sources_of_tank(
     sources = "".join(f'<File name="{name}"/>' for name in listed.split())
     description = description_of_tank(sources=f"<SourceFiles>{sources}</SourceFiles>" if listed else "")
     return packed(path, description, {"sources/tank.c": text, **(members or {})})
+
+
+_TALKERS = {
+    2: """<?xml version="1.0" encoding="UTF-8"?>
+<fmiModelDescription fmiVersion="2.0" modelName="Talker" guid="{talker}">
+<CoSimulation modelIdentifier="talker" canHandleVariableCommunicationStepSize="true"/>
+<LogCategories>CATEGORIES</LogCategories>
+<ModelVariables>
+<ScalarVariable name="y" valueReference="0" causality="output" initial="exact"><Real start="0"/></ScalarVariable>
+</ModelVariables>
+<ModelStructure><Outputs><Unknown index="1" dependencies=""/></Outputs></ModelStructure>
+</fmiModelDescription>
+""",
+    3: """<?xml version="1.0" encoding="UTF-8"?>
+<fmiModelDescription fmiVersion="3.0" modelName="Talker" instantiationToken="{talker}">
+<CoSimulation modelIdentifier="talker" canHandleVariableCommunicationStepSize="true"/>
+<LogCategories>CATEGORIES</LogCategories>
+<ModelVariables>
+<Float64 name="time" valueReference="1" causality="independent" variability="continuous"/>
+<Float64 name="y" valueReference="0" causality="output" initial="exact" start="0"/>
+</ModelVariables>
+<ModelStructure><Output valueReference="0" dependencies=""/></ModelStructure>
+</fmiModelDescription>
+""",
+}
+
+
+def talker(path: Path, *flags: str, version: int = 2, categories: Sequence[str] = ("logEvents", "logTable")) -> Path:
+    """The FMU of talker.c, of a version of FMI, compiled with the flags as definitions; it lists log categories."""
+    library = path.with_suffix(".library")
+    definitions = [f"-D{flag}" for flag in (f"FMI={version}", *flags)]
+    compile_c(Path(__file__).with_name("talker.c"), library, *definitions, "-pthread")
+    listed = "".join(f'<Category name="{name}"/>' for name in categories)
+    listed = f"<LogCategories>{listed}</LogCategories>" if categories else ""
+    description = _TALKERS[version].replace("<LogCategories>CATEGORIES</LogCategories>", listed)
+    return packed(path, description, {binary("talker"): library})
