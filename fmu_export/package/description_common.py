@@ -56,13 +56,17 @@ def reset_annotation() -> ET.Element:
     return ET.Element("Instance", resetIsComplete="true")
 
 
-def type_attributes(v: ScalarVariable) -> dict[str, str]:
-    """Unit, display unit, min, max and start of a variable; floats are written so that they read back bit for bit."""
+def type_attributes(v: ScalarVariable, guess: float | None = None) -> dict[str, str]:
+    """Unit, display unit, min, max and start of a variable; floats are written so that they read back bit for bit.
+
+    A state has a guess: with it importers that take a model for its states and inputs, such as CasADi's DaeBuilder,
+    begin at the start of the system and not at zero.
+    """
     attributes = {"unit": v.unit}
     display = next(iter(unit(v.unit).display), None)
     if display is not None:
         attributes["displayUnit"] = display
-    numbers = {"min": v.min, "max": v.max, "start": v.start}
+    numbers = {"min": v.min, "max": v.max, "start": v.start if guess is None else guess}
     return attributes | {name: repr(value) for name, value in numbers.items() if value is not None}
 
 

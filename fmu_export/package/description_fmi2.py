@@ -74,15 +74,16 @@ def model_description(
     tool_annotation = ET.SubElement(ET.SubElement(root, "VendorAnnotations"), "Tool", name=DISTRIBUTION)
     tool_annotation.append(reset_annotation())
     variables = ET.SubElement(root, "ModelVariables")
+    guesses = {d.state: d.state_start for d in derivatives}
     for reference, v in enumerate(interface.variables):
-        _scalar_variable(variables, v, reference)
+        _scalar_variable(variables, v, reference, guesses.get(reference))
     for reference, d in enumerate(derivatives, start=len(interface.variables)):
         _state_derivative(variables, d, reference, interface.variables[d.state].description)
     _model_structure(root, interface, derivatives)
     return to_bytes(root)
 
 
-def _scalar_variable(parent: ET.Element, v: ScalarVariable, reference: int) -> None:
+def _scalar_variable(parent: ET.Element, v: ScalarVariable, reference: int, guess: float | None) -> None:
     attributes = {
         "name": v.name,
         "valueReference": str(reference),
@@ -91,8 +92,9 @@ def _scalar_variable(parent: ET.Element, v: ScalarVariable, reference: int) -> N
         "variability": v.variability,
     }
     if v.causality != "input":  # FMI 2.0, table on page 51: "initial" must not be given for inputs
-        attributes["initial"] = "exact" if v.causality == "parameter" else "calculated"
-    ET.SubElement(ET.SubElement(parent, "ScalarVariable", attributes), "Real", type_attributes(v))
+        computed = "calculated" if guess is None else "approx"
+        attributes["initial"] = "exact" if v.causality == "parameter" else computed
+    ET.SubElement(ET.SubElement(parent, "ScalarVariable", attributes), "Real", type_attributes(v, guess))
 
 
 def _state_derivative(parent: ET.Element, d: StateDerivative, reference: int, state: str) -> None:

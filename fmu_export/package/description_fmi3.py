@@ -58,6 +58,7 @@ def model_description(
     add_log_categories(root)
     add_default_experiment(root, model)
     variables = ET.SubElement(root, "ModelVariables")
+    guesses = {d.state: d.state_start for d in derivatives}
     for reference, v in enumerate(interface.variables):
         attributes = {
             "name": v.name,
@@ -67,10 +68,10 @@ def model_description(
             "variability": v.variability,
         }
         if v.causality == "output":
-            attributes["initial"] = "calculated"
+            attributes["initial"] = "approx" if reference in guesses else "calculated"
         if v.causality == "input":
             attributes["intermediateUpdate"] = "true"
-        ET.SubElement(variables, "Float64", attributes | type_attributes(v))
+        ET.SubElement(variables, "Float64", attributes | type_attributes(v, guesses.get(reference)))
     for reference, d in enumerate(derivatives, start=len(interface.variables)):
         ET.SubElement(
             variables,

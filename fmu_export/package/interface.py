@@ -40,6 +40,7 @@ class StateDerivative:
     name: str
     unit: str
     state: int  # position of the state in `Interface.variables`
+    state_start: float  # the state at the start, for the start values of the parameters
     dependencies: tuple[int, ...]  # positions of the states and inputs it depends on directly
     parameter_dependencies: tuple[int, ...]  # positions of the parameters it depends on directly
     initial_dependencies: tuple[int, ...]  # positions of parameters and inputs
@@ -111,15 +112,26 @@ def interface_of(traced: TracedModel) -> Interface:
                 name=f"der({variables[state].name})",
                 unit=rate_unit(variables[state].unit),
                 state=state,
+                state_start=start,
                 dependencies=(*(states[j] for j in xs), *(first_input + i for i in us)),
                 parameter_dependencies=tuple(later),
                 initial_dependencies=(*ps, *(first_input + i for i in us)),
             )
-            for state, xs, us, ps, later in zip(
-                states, *traced.derivative_dependencies(), traced.derivative_parameter_dependencies(), strict=True
+            for state, start, xs, us, ps, later in zip(
+                states,
+                _state_starts(traced),
+                *traced.derivative_dependencies(),
+                traced.derivative_parameter_dependencies(),
+                strict=True,
             )
         ),
     )
+
+
+def _state_starts(traced: TracedModel) -> list[float]:
+    """The states for the start values of the parameters; as guesses, without digits that differ between machines."""
+    computed = traced.initial_state(list(traced.model.parameters.starts)).full().ravel().tolist()
+    return [float(f"{value:.15g}") for value in computed]
 
 
 def _check_tunables(traced: TracedModel) -> None:

@@ -41,7 +41,7 @@ static void logger(fmi2ComponentEnvironment environment, fmi2String name, fmi2St
     for (const char *c = last_message; *c; c++) expect((*c >= ' ' && *c <= '~') || (foreign_allowed && *c < 0), "a character that is no text", "logger", 0, status);
     expect(environment == &calls, "another environment", "logger", 0, status);
     expect(name && (!strcmp(name, "one") || !strcmp(name, "other") || !*name || !strcmp(name, "?")), "another name", "logger", 0, status);
-    expect((status == fmi2Error && !strcmp(category, "logStatusError")) || (status == fmi2Discard && !strcmp(category, "logStatusDiscard")), "a wrong category", "logger", 0, status);
+    expect((status == fmi2Error && !strcmp(category, "logStatusError")) || (status == fmi2Discard && !strcmp(category, "logStatusDiscard")) || (status == fmi2Warning && !strcmp(category, "logStatusWarning")), "a wrong category", "logger", 0, status);
 }
 
 static const fmi2CallbackFunctions callbacks = {logger, calloc, free, NULL, &calls};
@@ -82,7 +82,7 @@ static fmi2Component at(int phase, fmi2Type type, const char *name) {
 }
 
 /* Arguments; heap blocks of exact sizes show what reads or writes beyond them. */
-static fmi2ValueReference *all, parameter[] = {0}, fixed[] = {0}, input[] = {N_P}, output[] = {N_PU}, derivative[] = {N_PU + N_Y}, timing[] = {N_VALUES};
+static fmi2ValueReference *all, parameter[] = {0}, fixed[] = {0}, input[] = {N_P}, output[] = {N_PU}, state_variable[] = {N_PU}, derivative[] = {N_PU + N_Y}, timing[] = {N_VALUES};
 static fmi2ValueReference beyond[] = {N_VALUES + 1}, huge[] = {0xFFFFFFFFu}, mixed[] = {0, 0xFFFFFFFFu};
 static double *x, *bad_x, *values, *seeds, *sensitivities, one_value[] = {0.25}, not_a_number[2], infinite[2], two[2] = {1.0, 1.0};
 static fmi2ValueReference *computed; /* outputs and derivatives */
@@ -95,6 +95,22 @@ static fmi2Boolean flag, flag2;
 static fmi2Status status_value;
 static fmi2EventInfo event_info;
 static const double step_of_ages = 1e300;
+
+/* Sets an output that is no state, where there is one. */
+static fmi2Status set_output(fmi2Component c) {
+    if (model_output_states[output[0] - N_PU] >= 0) return fmi2Error;
+    return fmi2SetReal(c, output, 1, one_value);
+}
+
+/* Sets a state to what it is; before the initialisation that is a guess, which is warned of. */
+static fmi2Status set_state(fmi2Component c) {
+    double value[1];
+    if (fmi2GetReal(c, state_variable, 1, value) != fmi2OK) return fmi2Error;
+    fmi2Status status = fmi2SetReal(c, state_variable, 1, value);
+    if (status != fmi2Warning) return status;
+    messages--;
+    return fmi2OK;
+}
 
 static fmi2Status keep_and_restore(fmi2Component c) {
     fmi2FMUstate kept = NULL;
@@ -147,7 +163,8 @@ static fmi2Status write_and_read(fmi2Component c, size_t length, int damage) {
     X(NOTHING, fmi2Error, SAME, 1, fmi2SetReal(c, parameter, 1, NULL)) \
     X(NOTHING, fmi2Error, SAME, 1, fmi2SetReal(c, parameter, 1, not_a_number)) \
     X(NOTHING, fmi2Error, SAME, N_U, fmi2SetReal(c, input, 1, infinite)) \
-    X(NOTHING, fmi2Error, SAME, 1, fmi2SetReal(c, output, 1, one_value)) \
+    X(NOTHING, fmi2Error, SAME, 1, set_output(c)) \
+    X(INST | EVENT | CONT, fmi2OK, SAME, N_X, set_state(c)) \
     X(NOTHING, fmi2Error, SAME, N_X, fmi2SetReal(c, derivative, 1, one_value)) \
     X(NOTHING, fmi2Error, SAME, 1, fmi2SetReal(c, timing, 1, one_value)) \
     X(NOTHING, fmi2Error, SAME, 1, fmi2SetReal(c, huge, 1, one_value)) \
@@ -585,6 +602,8 @@ int main(int argc, char *argv[]) {
     x = calloc(N_X, sizeof *x); /* no element for a model without states */
     bad_x = calloc(N_X + 1, sizeof *bad_x);
     for (unsigned i = 0; i <= N_VALUES; i++) all[i] = i;
+    if (N_X > 0) state_variable[0] = N_PU + (unsigned)model_state_outputs[0];
+    for (unsigned i = 0; i + 1 < N_Y && model_output_states[output[0] - N_PU] >= 0; i++) output[0]++; /* one that is no state */
     for (unsigned i = 0; i < N_P; i++)
         if (!model_tunable[i]) fixed[0] = i; /* all models have one, and the first parameter is tunable */
     for (unsigned i = 0; i < N_Y + N_X; i++) computed[i] = N_PU + i;

@@ -36,7 +36,7 @@ static void logger(fmi3InstanceEnvironment environment, fmi3Status status, fmi3S
     expect(percent_allowed || !strchr(last_message, '%'), "an unexpanded percent sign", "logger", 0, status);
     for (const char *c = last_message; *c; c++) expect((*c >= ' ' && *c <= '~') || (foreign_allowed && *c < 0), "a character that is no text", "logger", 0, status);
     expect(environment == &calls, "another environment", "logger", 0, status);
-    expect((status == fmi3Error && !strcmp(category, "logStatusError")) || (status == fmi3Discard && !strcmp(category, "logStatusDiscard")), "a wrong category", "logger", 0, status);
+    expect((status == fmi3Error && !strcmp(category, "logStatusError")) || (status == fmi3Discard && !strcmp(category, "logStatusDiscard")) || (status == fmi3Warning && !strcmp(category, "logStatusWarning")), "a wrong category", "logger", 0, status);
 }
 
 typedef enum { fmi3ModelExchange, fmi3CoSimulation } Type;
@@ -78,7 +78,7 @@ static fmi3Instance at(int phase, Type type, const char *name) {
 }
 
 /* Arguments; heap blocks of exact sizes show what reads or writes beyond them. */
-static fmi3ValueReference *all, parameter[] = {0}, fixed[] = {0}, input[] = {N_P}, output[] = {N_PU}, derivative[] = {N_PU + N_Y}, timing[] = {N_VALUES};
+static fmi3ValueReference *all, parameter[] = {0}, fixed[] = {0}, input[] = {N_P}, output[] = {N_PU}, state_variable[] = {N_PU}, derivative[] = {N_PU + N_Y}, timing[] = {N_VALUES};
 static fmi3ValueReference beyond[] = {N_VALUES + 1}, huge[] = {0xFFFFFFFFu}, mixed[] = {0, 0xFFFFFFFFu};
 static double *x, *bad_x, *values, *seeds, *sensitivities, one_value[] = {0.25}, not_a_number[2], infinite[2], two[2] = {1.0, 1.0};
 static fmi3ValueReference *computed; /* outputs and derivatives */
@@ -103,6 +103,22 @@ static size_t sizes[2];
 static fmi3IntervalQualifier qualifiers[1];
 static fmi3DependencyKind kinds[1];
 static const double step_of_ages = 1e300;
+
+/* Sets an output that is no state, where there is one. */
+static fmi3Status set_output(fmi3Instance c) {
+    if (model_output_states[output[0] - N_PU] >= 0) return fmi3Error;
+    return fmi3SetFloat64(c, output, 1, one_value, 1);
+}
+
+/* Sets a state to what it is; before the initialisation that is a guess, which is warned of. */
+static fmi3Status set_state(fmi3Instance c) {
+    double value[1];
+    if (fmi3GetFloat64(c, state_variable, 1, value, 1) != fmi3OK) return fmi3Error;
+    fmi3Status status = fmi3SetFloat64(c, state_variable, 1, value, 1);
+    if (status != fmi3Warning) return status;
+    messages--;
+    return fmi3OK;
+}
 
 static fmi3Status keep_and_restore(fmi3Instance c) {
     fmi3FMUState kept = NULL;
@@ -151,7 +167,8 @@ static fmi3Status write_and_read(fmi3Instance c, size_t length, int damage) {
     X(NOTHING, fmi3Error, SAME, 1, fmi3SetFloat64(c, parameter, 1, NULL, 1)) \
     X(NOTHING, fmi3Error, SAME, 1, fmi3SetFloat64(c, parameter, 1, not_a_number, 1)) \
     X(NOTHING, fmi3Error, SAME, N_U, fmi3SetFloat64(c, input, 1, infinite, 1)) \
-    X(NOTHING, fmi3Error, SAME, 1, fmi3SetFloat64(c, output, 1, one_value, 1)) \
+    X(NOTHING, fmi3Error, SAME, 1, set_output(c)) \
+    X(INST | EVENT | CONT, fmi3OK, SAME, N_X, set_state(c)) \
     X(NOTHING, fmi3Error, SAME, N_X, fmi3SetFloat64(c, derivative, 1, one_value, 1)) \
     X(NOTHING, fmi3Error, SAME, 1, fmi3SetFloat64(c, timing, 1, one_value, 1)) \
     X(NOTHING, fmi3Error, SAME, 1, fmi3SetFloat64(c, huge, 1, one_value, 1)) \
@@ -702,6 +719,8 @@ int main(int argc, char *argv[]) {
     x = calloc(N_X, sizeof *x); /* no element for a model without states */
     bad_x = calloc(N_X + 1, sizeof *bad_x);
     for (unsigned i = 0; i <= N_VALUES; i++) all[i] = i;
+    if (N_X > 0) state_variable[0] = N_PU + (unsigned)model_state_outputs[0];
+    for (unsigned i = 0; i + 1 < N_Y && model_output_states[output[0] - N_PU] >= 0; i++) output[0]++; /* one that is no state */
     for (unsigned i = 0; i < N_P; i++)
         if (!model_tunable[i]) fixed[0] = i; /* all models have one, and the first parameter is tunable */
     for (unsigned i = 0; i < N_Y + N_X; i++) computed[i] = N_PU + i;

@@ -192,12 +192,24 @@ CoreStatus core_exit_initialization(Core *core) {
 
 static const char *name_of(size_t reference) { return model_names[reference]; }
 
+/* Which state a variable is, -1 for one that is none. */
+static int state_of(size_t reference) {
+    return reference >= N_PU && reference < N_VARIABLES ? model_output_states[reference - N_PU] : -1;
+}
+
 /* Why a variable can't be set to a value; CORE_OK when it can. */
 static CoreStatus refuse_set(Core *core, size_t reference, double value) {
     int running = !(core->state.phase & (INSTANTIATED | INITIALIZATION));
     if (reference >= N_VALUES)
         return core_fail(core, CORE_ERROR, "no variable has the value reference %lu", (unsigned long)reference);
-    if (reference >= N_PU) return core_fail(core, CORE_ERROR, "'%s' is computed and can't be set", name_of(reference));
+    if (reference >= N_PU) {
+        int phases = INSTANTIATED | (core->model_exchange ? EVENT | CONTINUOUS : 0);
+        if (state_of(reference) < 0)
+            return core_fail(core, CORE_ERROR, "'%s' is computed and can't be set", name_of(reference));
+        if (!(core->state.phase & phases))
+            return core_fail(core, CORE_ERROR, "'%s' is a state, which is computed; only model exchange sets it, %s",
+                             name_of(reference), "after the initialisation");
+    }
     if (reference < N_P && running && !model_tunable[reference])
         return core_fail(core, CORE_ERROR,
                          "parameter '%s' is fixed after the initialisation; reset the instance to change it",
@@ -225,11 +237,22 @@ CoreStatus core_set(Core *core, const unsigned references[], size_t n, const dou
         CoreStatus status = refuse_set(core, reference, values[i]);
         if (status != CORE_OK) return status;
     }
+    size_t guess = 0;
     for (size_t i = 0; i < n; i++) {
         size_t reference = references[i];
+        if (reference >= N_PU) {
+            if (s->phase == INSTANTIATED) guess = reference;
+            else STATES(core)[state_of(reference)] = values[i];
+            continue;
+        }
         s->values[reference] = values[i];
         if (reference >= N_P) s->u_rate[reference - N_P] = 0.0;
     }
+    if (guess)
+        return core_fail(core, CORE_WARNING,
+                         "the value of '%s' is a guess that is not needed: the initialisation computes it from the "
+                         "parameters, which set it",
+                         name_of(guess));
     return CORE_OK;
 }
 
@@ -284,7 +307,7 @@ CoreStatus core_get(Core *core, const unsigned references[], size_t n, double va
         if (i == n) return CORE_OK;
         size_t reference = references[i];
         int is_output = reference < N_VARIABLES;
-        int state = is_output && initialized ? model_output_states[reference - N_PU] : -1;
+        int state = initialized ? state_of(reference) : -1;
         if (state >= 0) { /* nothing to compute */
             values[i++] = x[state];
         } else if (reference < N_VALUES) {

@@ -13,7 +13,8 @@
  * margins of the requirements. The time has the value reference after the derivatives. */
 enum { N_PU = N_P + N_U, N_VARIABLES = N_P + N_U + N_Y, N_VALUES = N_P + N_U + N_Y + N_X, TIME = N_VALUES };
 
-typedef enum { CORE_OK = 0, CORE_DISCARD = 2, CORE_ERROR = 3 } CoreStatus; /* the numbers of fmi2Status, fmi3Status */
+/* The numbers of fmi2Status and fmi3Status. */
+typedef enum { CORE_OK = 0, CORE_WARNING = 1, CORE_DISCARD = 2, CORE_ERROR = 3 } CoreStatus;
 
 typedef enum {
     INSTANTIATED = 1,
