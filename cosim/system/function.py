@@ -93,7 +93,9 @@ class PythonFunction:
         while isinstance(function, functools.partial):
             function = function.func
         named = function if hasattr(function, "__qualname__") else type(function)
-        return f"{getattr(named, '__module__', None) or 'builtins'}.{named.__qualname__}"
+        own = getattr(function, "__name__", named.__qualname__)  # all that a ufunc of NumPy before 2.2 has
+        name = named.__qualname__ if named is function else own
+        return f"{getattr(named, '__module__', None) or 'builtins'}.{name}"
 
     def description(self) -> ModelDescription:
         """What the model description of an FMU with these variables would say."""
