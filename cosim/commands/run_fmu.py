@@ -45,18 +45,21 @@ def prepared_fmu(args: argparse.Namespace) -> Iterator[PreparedRun]:
     component = path.stem.replace(".", "_")
     folder = results_folder(args, component)
     description = load(component, path).description
-    ports = Ports(component, description)
     plan = _plan(description, path, args)
     system = System()
+    system.add(component, path)
+    remedy = f"take it out of {args.input}"
+    ports = Ports(
+        component, description, with_start_values(system, args.set, remedy, component).components[component].start
+    )
     driven = _driven(ports, args.input, plan) if args.input is not None else []
     targets = [signal.target.partition(".")[2] for signal in driven]
-    system.add(component, path)
     system.signals.extend(driven)
     title = description.modelName or path.stem
     yield PreparedRun(
         source=str(path),
         title=title,
-        system=with_start_values(system, args.set, f"take it out of {args.input}", component),
+        system=with_start_values(system, args.set, remedy, component),
         plan=plan,
         folder=folder,
         about={"fmu": str(path), "title": title},

@@ -16,6 +16,7 @@ from fmpy.model_description import ModelDescription, read_model_description
 from cosim.errors import SetupError
 from cosim.fmi import fmi1_description
 from cosim.fmi.compilation import compile_library, has_sources
+from cosim.fmi.fmi3_description import expand_clock_types, read_further_attributes
 from cosim.fmi.further_libraries import keep_apart
 from cosim.fmi.library import Library, LibraryError, library_names, library_path
 from cosim.fmi.python_fmus import prepare
@@ -156,9 +157,12 @@ def read_fmu(path: Path, here: str) -> LoadedFMU:
             xml = archive.read("modelDescription.xml") if unpacked <= MOST_UNPACKED_BYTES else b""
         if unpacked > MOST_UNPACKED_BYTES:
             raise SetupError(f"{here}: unpacks to {unpacked} bytes, more than any FMU needs; not opened")
-        description = read_model_description(io.BytesIO(data), validate=False)
         root = ElementTree.fromstring(xml)
-        _read_intermediate_update(root, description)
+        readable = data
+        if expand_clock_types(root):
+            readable = _with_description(data, root)
+        description = read_model_description(io.BytesIO(readable), validate=False)
+        read_further_attributes(root, description)
         if description.fmiMajorVersion == 1:
             fmi1_description.complete(description, root)
     except SetupError:
@@ -181,6 +185,17 @@ def read_fmu(path: Path, here: str) -> LoadedFMU:
     )
 
 
+def _with_description(data: bytes, root: ElementTree.Element) -> bytes:
+    """An archive with another model description, and all else that fmpy reads with it."""
+    changed = io.BytesIO()
+    with zipfile.ZipFile(io.BytesIO(data)) as archive, zipfile.ZipFile(changed, "w") as target:
+        target.writestr("modelDescription.xml", ElementTree.tostring(root))
+        for name in archive.namelist():
+            if name.endswith(".xml") and name != "modelDescription.xml":
+                target.writestr(name, archive.read(name))
+    return changed.getvalue()
+
+
 def _says_reset_is_complete(root: ElementTree.Element) -> bool:
     """Whether the annotation is there that the exporter of this project writes; see `fmu_export.package`."""
     annotations = (*root.iterfind("VendorAnnotations/Tool"), *root.iterfind("Annotations/Annotation"))
@@ -189,11 +204,3 @@ def _says_reset_is_complete(root: ElementTree.Element) -> bool:
         for a in annotations
         for element in a.iterfind("Instance")
     )
-
-
-def _read_intermediate_update(root: ElementTree.Element, description: ModelDescription) -> None:
-    """Which variables can be set during a step: an attribute of FMI 3.0 that fmpy knows but does not read."""
-    variables = {v.name: v for v in description.modelVariables}
-    for element in root.iterfind("ModelVariables/*"):
-        if element.get("intermediateUpdate") in ("true", "1"):
-            variables[element.get("name")].intermediateUpdate = True

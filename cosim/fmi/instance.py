@@ -294,6 +294,18 @@ class Instance:
         function = function.replace("fmi1", "fmi")
         return CallFailed(f"{function} returned {STATUSES[status] if 0 <= status < len(STATUSES) else status}", status)
 
+    def configure(self, set_values: Callable[[], None]) -> None:
+        """FMI 3.0: let structural parameters be set, right after the instantiation or a reset.
+
+        Raises
+        ------
+        CallFailed
+            The FMU can't be configured so.
+        """
+        self.call("fmi3EnterConfigurationMode")
+        set_values()
+        self.call("fmi3ExitConfigurationMode")
+
     def set_up(self, experiment: ExperimentSetup) -> None:
         """Tell an FMU of FMI 2.0 of the run, before start values are set: some forget them here."""
         if self.version == 2:

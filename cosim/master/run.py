@@ -9,6 +9,7 @@ import time as clock
 import weakref
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -124,7 +125,11 @@ class Run:
         time = self._grid.start_time
         for component, instance in self._instances.items():
             own = [s for s in starts if s.component == component]
+            structural = [s for s in own if s.is_structural]
+            own = [s for s in own if not s.is_structural]
             with Failing(component, time, instance):
+                if structural:
+                    instance.configure(partial(_set_start_values, instance, structural))
                 instance.set_up(experiments[component])
                 _set_start_values(instance, own)
                 instance.enter_initialization_mode(experiments[component])

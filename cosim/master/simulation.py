@@ -20,6 +20,7 @@ from cosim.fmi.fmu_file import load
 from cosim.fmi.instance import CallFailed, ExperimentSetup, Instance
 from cosim.fmi.message_log import Log, LogWriter
 from cosim.fmi.messages import Messages, summary
+from cosim.fmi.structure import is_size
 from cosim.fmi.types import Texts
 from cosim.fmi.unpacking import folder_for_fmus
 from cosim.fmi.variable_buffer import VariableBuffer
@@ -123,7 +124,7 @@ class Simulation:
         self._functions = {name: c.function for name, c in system.components.items() if c.function is not None}
         descriptions = {name: fmu.description for name, fmu in self._fmus.items()}
         descriptions |= {name: function.description() for name, function in self._functions.items()}
-        self._ports = {name: Ports(name, descriptions[name]) for name in system.components}
+        self._ports = {name: Ports(name, descriptions[name], c.start) for name, c in system.components.items()}
         self._resolved = resolve(
             system, self._ports, needs_levels=chosen.order.needs_levels, strict_inputs=strict_inputs
         )
@@ -599,8 +600,28 @@ class Simulation:
             resolved = resolve_start_value(port, name, value)
             if any((port.component, e.name) in fed for e in resolved.elements):
                 raise SetupError(f"start value of '{path}' would have no effect: a connection or a signal feeds it")
+            self._check_sizes(resolved)
             starts.append(resolved)
         return starts
+
+    def _check_sizes(self, start: StartValue) -> None:
+        """Whether a start value of a run leaves the sizes as they are, which the whole simulation is laid out for.
+
+        Raises
+        ------
+        SetupError
+            It would change one.
+        """
+        variable = start.elements[0].variable
+        if not start.is_structural or not is_size(variable, self._ports[start.component].description):
+            return
+        own = self._resolved.components[start.component].start
+        size = int(own.get(variable.name, variable.start))
+        if start.values[0] != size:
+            raise SetupError(
+                f"start value of '{start.component}.{variable.name}': sizes of arrays follow it, and it is {size} in "
+                f"this system; give {start.values[0]} in System.add (start={{{variable.name!r}: {start.values[0]}}})"
+            )
 
     def _drives(self, signals: Sequence[Signal]) -> tuple[Drive, ...]:
         drives = dict(zip((s.target for s in self._system.signals), self._resolved.drives, strict=True))

@@ -416,7 +416,7 @@ def _obstacle(component: str, elements: Sequence[Element], fed: set[tuple[str, s
         variable = element.variable
         if (component, element.name) in fed:
             return "a connection or a signal feeds it"
-        if variable.causality != "input" and variable.variability != "tunable":
+        if variable.causality != "input" and not element.is_tunable:
             what = f"{variable.variability or 'continuous'} {variable.causality}"
             return f"it is a {what}; FMI allows inputs and tunable parameters only"
     return ""

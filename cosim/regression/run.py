@@ -53,7 +53,7 @@ def run(case: Case, path: Path, interface: Interface) -> Results:
     if interface not in interfaces_of(fmu):
         raise RunError(f"{path}: has no {interface.replace('_', ' ')} interface")
     fmu.check_binary()
-    ports = Ports(_COMPONENT, fmu.description)
+    ports = Ports(_COMPONENT, fmu.description, case.start)
     known = {
         element.name: element for element in ports.all_elements() if element.is_exchanged and not element.type.is_text
     }

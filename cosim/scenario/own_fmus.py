@@ -45,7 +45,7 @@ def replaced(
     missing = []
     for component, path in fmus.items():
         components[component] = dataclasses.replace(components[component], fmu=path, function=None)
-        ports = Ports(component, load(component, path).description)
+        ports = Ports(component, load(component, path).description, components[component].start)
         ends = [c.target for c in system.connections]
         ends += [c.source for c in system.connections if c.target in optional]
         own = [end.partition(".") for end in ends]

@@ -54,7 +54,7 @@ def members_of(system: System) -> Members:
         if c.fmu is None:
             raise SSPError(f"component '{name}' is a function in Python; an SSP takes FMUs only")
         fmus[name] = load(name, c.fmu)
-    ports = {name: Ports(name, fmu.description) for name, fmu in fmus.items()}
+    ports = {name: Ports(name, fmu.description, system.components[name].start) for name, fmu in fmus.items()}
     resolve(system, ports, needs_levels=False)
     sources = _sources(fmus)
     members = Members({n: Member(f, ports[n], sources[n]) for n, f in fmus.items()}, [], [])

@@ -373,7 +373,7 @@ def _with_metrics(scenario: Scenario, kind: type[ScenarioStudy]) -> Scenario:
         return scenario
     outputs = []
     for name in scenario.components:
-        ports = Ports(name, load(name, _file(scenario, name)).description)
+        ports = Ports(name, load(name, _file(scenario, name)).description, scenario.start.get(name))
         outputs += [f"{name}.{e.name}" for e in ports.of_causality("output") if e.kind in _MEASURABLE]
     if not outputs:
         raise SweepError(f"{scenario.name}: there is nothing to measure: no FMU has an output of numbers")

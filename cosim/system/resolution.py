@@ -10,6 +10,7 @@ from typing import Any, get_args
 import numpy as np
 
 from cosim.errors import ArgumentError, SetupError, nearest
+from cosim.fmi.structure import is_structural
 from cosim.fmi.types import CONVERSIONS
 from cosim.system.levels import AlgebraicLoop, Node, levels
 from cosim.system.system import AsWritten, Component, Connection, Signal, SignalFunction, System, Units
@@ -77,6 +78,11 @@ class StartValue:
     def is_whole(self) -> bool:
         """Whether it is one of whole variables, and not of a single element of an array."""
         return len(self.elements) > 1 or not self.elements[0].variable.shape
+
+    @property
+    def is_structural(self) -> bool:
+        """Whether it is one of a structural parameter, which is set in the configuration mode."""
+        return is_structural(self.elements[0].variable)
 
 
 @dataclass(frozen=True)

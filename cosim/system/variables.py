@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
@@ -17,6 +17,7 @@ from typing import Any
 from fmpy.model_description import ModelDescription, ModelVariable, Unit
 
 from cosim.errors import ArgumentError, SetupError, nearest
+from cosim.fmi.structure import resize
 from cosim.fmi.types import FMI_TYPES, FmiType
 
 _ELEMENT = re.compile(r"(?P<vector>.+)\[\d+(,\d+)*\]$")
@@ -91,10 +92,21 @@ class Element:
 
 
 class Ports:
-    """Finds the elements of one component's variables by name."""
+    """Finds the elements of one component's variables by name.
 
-    def __init__(self, component: str, description: ModelDescription) -> None:
+    Parameters
+    ----------
+    component : str
+        Name of the component.
+    description : ModelDescription
+        Of this component alone: arrays get the sizes that they have in it.
+    start : mapping, optional
+        Start values of the component. Sizes of arrays follow those of structural parameters.
+    """
+
+    def __init__(self, component: str, description: ModelDescription, start: Mapping[str, Any] | None = None) -> None:
         self.component = component
+        resize(description, start or {})
         self.description = description
         self._elements: dict[str, Element] = {}
         self._variables = {v.name: v for v in description.modelVariables}
@@ -120,6 +132,8 @@ class Ports:
             return [self._elements[name]]
         if name in self._vectors:
             return self._vectors[name]
+        if name in self._variables:
+            raise SetupError(f"'{self.component}.{name}' has no elements: its size is 0 by structural parameters")
         hint = nearest(name, [*self._vectors, *self._elements])
         raise SetupError(f"component '{self.component}' has no variable '{name}'; {hint}")
 
