@@ -84,7 +84,7 @@ class StepStatus:
     @property
     def is_done(self) -> bool:
         """Whether the step is computed whole."""
-        return self.code <= _WARNING and not self.has_ended and not self.returned_early
+        return 0 <= self.code <= _WARNING and not self.has_ended and not self.returned_early
 
     @property
     def is_discarded(self) -> bool:

@@ -390,13 +390,14 @@ static bool perform_all(Loop *loop, const Operation operations[], int64_t n, int
         if (k + AHEAD < n) PREFETCH(operations[k + AHEAD].instance);
         if (operations[k].every > 1 && point % operations[k].every) continue; /* a division costs more than a call */
         int status = perform(loop, &operations[k], point, time);
-        if (status == 1) loop->warned(&operations[k]);
-        else if (status) { /* worse than a warning */
+        if (!status) continue;
+        if (status != 1) { /* worse than a warning */
             loop->status = status;
             loop->failed = k;
             loop->failed_at_step = at_step;
             return false;
         }
+        loop->warned(&operations[k]);
     }
     return true;
 }

@@ -5,8 +5,11 @@ from __future__ import annotations
 import ctypes
 import gc
 import hashlib
+import io
 import json
 import logging
+import sys
+import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -371,3 +374,27 @@ def test_the_log_of_a_run_that_fails_is_kept(tmp_path: Path, capsys: pytest.Capt
     assert main(["run", str(fmu), "--step", "0.5", "--stop", "5", "--out", str(out), "--log", "error"]) == 1
     assert "no convergence at 1.5 s" in capsys.readouterr().err
     assert lines(out / "messages.log") == ["t = 1.5 s: t: error: [logSolver] no convergence at 1.5 s"]
+
+
+def test_the_log_of_a_run_without_results_is_kept_elsewhere(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    fmu, out = talker(tmp_path / "t.fmu", "STARTLESS"), tmp_path / "out"
+    command = ["run", str(fmu), "--step", "0.5", "--stop", "5", "--out", str(out)]
+    assert main([*command, "--log", "info"]) == 1
+    error = capsys.readouterr().err
+    assert "no initial state: 3 residuals; what the FMUs said is in " in error
+    assert error.count("\n") == 1
+    line = "t = 0 s: t: error: [logSolver] no initial state: 3 residuals"
+    assert lines(Path(error.split()[-1])) == [line, "--- the FMUs begin anew ---", line]  # with a tolerance
+    assert list(out.iterdir()) == []
+
+
+def test_a_warning_that_the_terminal_cannot_show_ends_no_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    terminal = io.TextIOWrapper(io.BytesIO(), encoding="ascii")
+    monkeypatch.setattr(sys, "stdout", terminal)
+    fmu, out = talker(tmp_path / "t.fmu", "ODD"), tmp_path / "out"
+    assert main(["run", str(fmu), "--step", "0.5", "--stop", "2", "--out", str(out)]) == 0
+    terminal.flush()
+    assert b"no UTF-8: \\ufffd( \\ufffd" in terminal.buffer.getvalue()  # type: ignore[attr-defined]

@@ -3,7 +3,7 @@
 WARNS: a warning at each second step, with its number, and the status too. MUTE: the status alone. FAILS: two messages and
 an error at the fourth step. FLOOD: so many warnings in the first step. THREADS: so many threads say a thousand each.
 ODD: texts that are none. STRAY: it forgets its environment. LATE: at its first step an instance speaks through the
-callbacks of the one that was freed last. REFUSES: it takes no choice of categories. */
+callbacks of the one that was freed last. REFUSES: it takes no choice of categories. STARTLESS: its initialisation fails. */
 
 #include <stdbool.h>
 #include <stdio.h>
@@ -135,7 +135,14 @@ void NAME(FreeInstance)(void *instance) {
     free(instance);
 }
 
-Status NAME(ExitInitializationMode)(void *m) { return m ? OK : ERROR; }
+Status NAME(ExitInitializationMode)(void *m) {
+#ifdef STARTLESS
+    say(m, ERROR, "logSolver", "no initial state: %g residuals", 3.0);
+    return ERROR;
+#endif
+    return m ? OK : ERROR;
+}
+
 Status NAME(Terminate)(void *m) { return m ? OK : ERROR; }
 
 #if FMI == 3
