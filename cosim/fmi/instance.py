@@ -419,9 +419,18 @@ class Instance:
         return StepStatus(code, ended and not wrong, reached.value, gave_up=ended and wrong)
 
     def step_status(self) -> StepStatus:
-        """Status of a step that the FMU computes by itself."""
+        """Status of a step that the FMU computes by itself.
+
+        Raises
+        ------
+        CallFailed
+            It does not say.
+        """
         code = ctypes.c_int(fmi2.fmi2Error)
-        self._ask(f"fmi{self.version}GetStatus", _STEP_STATUS, code)
+        try:
+            self.call(f"fmi{self.version}GetStatus", _STEP_STATUS, ctypes.byref(code))
+        except CallFailed as error:
+            raise CallFailed(f"{self.step_function} returned pending, and then {error}") from error
         return self.status_of_step(code.value, math.nan)
 
     def cancel_step(self) -> None:

@@ -173,8 +173,8 @@ def test_a_step_that_fails_ends_the_run_at_this_very_step(
     three: dict[str, Simulation], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, point: int, chunk: int
 ) -> None:
     monkeypatch.setattr(cosim.master.run, "_FIRST_CHUNK", chunk)
-    error = failing(three["sequential"], tmp_path, 1100, fail_at=point * H, status=DISCARD, where=DO_STEP)
-    assert str(error) == f"middle failed at t = {point * H:.9g} s: fmi2DoStep returned discard"
+    error = failing(three["sequential"], tmp_path, 1100, fail_at=point * H, status=ERROR, where=DO_STEP)
+    assert str(error) == f"middle failed at t = {point * H:.9g} s: fmi2DoStep returned error"
     assert (error.component, error.time) == ("middle", point * H)
     # the step follows its point, which is recorded
     assert error.results.time.tolist() == [i * H for i in range(point + 1)]
@@ -209,10 +209,20 @@ def test_an_exchange_may_fail_at_the_last_point_where_no_step_follows(
     assert len(three["sequential"].run(100 * H, H, start=in_a_step).time) == 101
 
 
-@pytest.mark.parametrize(("status", "name"), [(DISCARD, "discard"), (ERROR, "error"), (FATAL, "fatal"), (5, "pending")])
+@pytest.mark.parametrize(("status", "name"), [(ERROR, "error"), (FATAL, "fatal")])
 def test_the_status_of_a_failure_is_named(three: dict[str, Simulation], tmp_path: Path, status: int, name: str) -> None:
     error = failing(three["sequential"], tmp_path, 10, fail_at=3 * H, status=status)
     assert str(error) == f"middle failed at t = {3 * H:.9g} s: fmi2DoStep returned {name}"
+
+
+def test_an_fmu_that_discards_any_step_or_never_says_that_it_is_ready_fails(
+    three: dict[str, Simulation], tmp_path: Path
+) -> None:
+    error = failing(three["sequential"], tmp_path, 10, fail_at=3 * H, status=DISCARD)
+    assert str(error).startswith(f"middle failed at t = {3 * H:.9g} s: fmi2DoStep did not finish the step of {H:.9g} s")
+    error = failing(three["sequential"], tmp_path, 10, fail_at=3 * H, status=5)
+    pending = "fmi2DoStep returned pending, and then fmi2GetStatus returned error"
+    assert str(error) == f"middle failed at t = {3 * H:.9g} s: {pending}"
 
 
 @pytest.mark.parametrize("status", [6, -1])
