@@ -10,6 +10,7 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
@@ -58,7 +59,7 @@ class Texts:
             self._numbers = {value: number for number, value in enumerate(values)}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class FmiType:
     """A type of FMI.
 
@@ -80,19 +81,19 @@ class FmiType:
     smallest: float | None = None
     largest: float | None = None
 
-    @property
+    @cached_property
     def is_text(self) -> bool:
         """Whether its values stand in `Texts`."""
         return self.kind in ("string", "binary")
 
-    @property
+    @cached_property
     def slot(self) -> np.dtype[Any]:
         """How the loop keeps a value."""
         if self.kind == "real":
             return np.dtype(np.float64)
         return np.dtype(np.uint64 if self.name == "UInt64" else np.int64)
 
-    @property
+    @cached_property
     def recorded(self) -> np.dtype[Any]:
         """How results have a value."""
         if self.is_text:
@@ -105,9 +106,15 @@ class FmiType:
         texts = {"string": "string", "binary": "binary"}
         return texts.get(self.kind) or {"bool": "bool", "float64": "double"}.get(self.recorded.name, self.recorded.name)
 
+    @cache  # noqa: B019 -- the types live as long as the process
     def code(self, version: int) -> int:
         """Code of the C type that the functions of a version of FMI take, for loop.c."""
         return _POINTER if self.is_text else type_code(self.functions[version][1])
+
+    @cache  # noqa: B019
+    def stands_in_slots(self, version: int) -> bool:
+        """Whether the functions of a version of FMI take the slots as they are."""
+        return not self.is_text and np.dtype(self.functions[version][1]) == self.slot
 
     def value(self, value: Any) -> Any:
         """A value of this type, in Python's own: float, int, bool, str or bytes; exactly what was given.

@@ -54,7 +54,7 @@ class VariableBuffer:
             self._buffer: Any = (fmi3.fmi3Binary * n)() if self._sizes else (ctypes.c_char_p * n)()
             pointer = self._buffer
         else:
-            self._buffer = self._own if np.dtype(c_type) == self._own.dtype else np.empty(n, dtype=c_type)
+            self._buffer = self._own if self.type.stands_in_slots(instance.version) else np.empty(n, dtype=c_type)
             pointer = (c_type * n).from_buffer(self._buffer)
         values = (pointer,) if self._sizes is None else (self._sizes, pointer)
         counts = (ctypes.c_size_t(n),) if instance.version == 3 else ()
