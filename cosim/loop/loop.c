@@ -208,11 +208,6 @@ static bool jumps_within(const Loop *loop, int64_t first, int64_t last) {
 /* One derivative of n inputs: the weighted sum of the `known` values at `now` and in the history, newest first. */
 static void differentiate(double *restrict derivative, const double *weights, double scale, const double *restrict now,
                           const double *restrict history, int32_t known, int32_t n) {
-    if (known == 2) { /* linear extrapolation; the general case below costs twice the time */
-        double w0 = weights[0], w1 = weights[1];
-        for (int32_t i = 0; i < n; i++) derivative[i] = (w0 * now[i] + w1 * history[i]) * scale;
-        return;
-    }
     for (int32_t i = 0; i < n; i++) {
         double sum = weights[0] * now[i];
         for (int32_t j = 1; j < known; j++) sum += weights[j] * history[(j - 1) * n + i];
@@ -220,21 +215,21 @@ static void differentiate(double *restrict derivative, const double *weights, do
     }
 }
 
-/* How inputs of an FMU change over its next step. */
-static int extrapolate(const Loop *loop, const Operation *op, int64_t point, double time) {
-    Extrapolated *in = op->data;
-    int32_t n = op->n;
-    const double *restrict now = loop->values + op->first;
-    double *history = in->history;
-    double per_second = op->every == 1 ? loop->per_second : 1.0 / (op->every * loop->step_size);
-    int64_t next = point + op->every, row = next - loop->first_sample;
-    bool fresh = point == 0 || jumps_within(loop, point - op->every, point); /* what was before says nothing */
-    bool ahead = row < loop->n_rows && !jumps_within(loop, point, next);
-    in->known = fresh ? 1 : in->known < in->points ? in->known + 1 : in->points;
+/* All derivatives of n inputs, and the history with the values of `now`. */
+static void go_on(const Extrapolated *in, const double *restrict now, double per_second, int32_t n) {
     const double *weights = in->weights + (int64_t)(in->known - 1) * in->degree * in->points;
+    double *restrict history = in->history, *restrict derivative = in->derivatives;
+    if (in->points == 2 && in->known == 2) { /* linear extrapolation in one go; the general case costs twice the time */
+        double w0 = weights[0], w1 = weights[1];
+        for (int32_t i = 0; i < n; i++) {
+            double value = now[i];
+            derivative[i] = (w0 * value + w1 * history[i]) * per_second;
+            history[i] = value;
+        }
+        return;
+    }
     double scale = 1.0;
-    for (int32_t d = 0; d < in->degree; d++, weights += in->points) {
-        double *derivative = in->derivatives + (int64_t)d * n;
+    for (int32_t d = 0; d < in->degree; d++, weights += in->points, derivative += n) {
         scale *= per_second;
         if (d + 1 >= in->known) /* no polynomial of this degree goes through so few points */
             for (int32_t i = 0; i < n; i++) derivative[i] = 0.0;
@@ -242,6 +237,19 @@ static int extrapolate(const Loop *loop, const Operation *op, int64_t point, dou
     }
     if (in->points > 2) memmove(history + n, history, (size_t)(in->points - 2) * (size_t)n * sizeof *history);
     memcpy(history, now, (size_t)n * sizeof *history);
+}
+
+/* How inputs of an FMU change over its next step. */
+static int extrapolate(const Loop *loop, const Operation *op, int64_t point, double time) {
+    Extrapolated *in = op->data;
+    int32_t n = op->n;
+    const double *restrict now = loop->values + op->first;
+    double per_second = op->every == 1 ? loop->per_second : 1.0 / (op->every * loop->step_size);
+    int64_t next = point + op->every, row = next - loop->first_sample;
+    bool fresh = point == 0 || jumps_within(loop, point - op->every, point); /* what was before says nothing */
+    bool ahead = row < loop->n_rows && !jumps_within(loop, point, next);
+    in->known = fresh ? 1 : in->known < in->points ? in->known + 1 : in->points;
+    go_on(in, now, per_second, n);
     int32_t first = n - op->n_targets;
     for (int32_t i = first; i < n; i++) {
         int32_t column = op->targets[i - first];
