@@ -138,8 +138,6 @@ def run_prepared(prepared: PreparedRun, args: argparse.Namespace, figures: Figur
             where = _rescued(write, interrupt.results, prepared.folder, str(interrupt))
             print(f"cosim: {interrupt}; {where}{_to_go_on(checkpoint)}", file=sys.stderr)
             return 130
-        if kept := results.info["inputs_kept"]:
-            print(f"note: nothing feeds these inputs, which keep the start values of their FMUs: {', '.join(kept)}")
         summary, drawn = write(results)
         if checkpoint is not None:  # not before its results are in their place
             checkpoint.remove()
@@ -303,7 +301,7 @@ def _write(
     info = dict(results.info)
     if "log" in info:
         info["log"] = {**info["log"], "file": LOG_FILE}
-    for line in notes(info["messages"]):
+    for line in (*_out_of_the_ordinary(info), *notes(info["messages"])):
         print(_printable(f"note: {line}"))
     info["fmus"] = {name: {**fmu, "path": prepared.said_path(fmu["path"])} for name, fmu in info["fmus"].items()}
     summary = {
@@ -349,6 +347,20 @@ def _drawn(
     except Exception as error:
         print(f"note: there are no figures, for {_in_one_line(error)}")
         return ()
+
+
+def _out_of_the_ordinary(info: Mapping[str, Any]) -> Iterator[str]:
+    """What a run assumed or met, a line each."""
+    if kept := info["inputs_kept"]:
+        yield f"nothing feeds these inputs, which keep the start values of their FMUs: {', '.join(kept)}"
+    for component in info.get("tolerance_assumed", ()):
+        tolerance = info["fmus"][component]["tolerance"]
+        yield f"the FMU of '{component}' fails without a tolerance; it was told {tolerance:g}"
+    for component, number in info.get("steps_repeated", {}).items():
+        yield f"the FMU of '{component}' discarded {number} steps, which were repeated in shorter ones"
+    if ended_by := info.get("ended_by"):
+        yield f"the FMU of '{ended_by['component']}' ended the simulation at t = {ended_by['time']:.9g} s"
+    yield from info.get("not_terminated", {}).values()
 
 
 def _metrics(prepared: PreparedRun, results: Results | StoredResults) -> dict[str, Any]:

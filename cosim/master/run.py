@@ -215,7 +215,7 @@ class Run:
                 chunk = max(1, min(round(rate * CHUNK_TIME), _LARGEST_GROWTH * chunk, largest))
                 if self.ended_by is not None:
                     break
-            self._terminate(grid.time(min(point, grid.last_point)))
+            self._terminate(grid.time(grid.last_point if self.ended_by is None else self._end_point))
         except SimulationError as error:
             error.results = finish("failed")
             raise

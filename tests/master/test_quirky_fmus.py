@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 
 from cosim import Results, SetupError, Simulation, SimulationError, System, simulate
+from cosim.__main__ import main
 from tests.support.native_fmus import FLAVOURS
 from tests.support.quirks import Quirk, quirky
 from tests.support.small_fmus import build
@@ -190,3 +192,23 @@ def test_a_step_that_can_not_be_made_shorter_ends_the_run_with_its_results(folde
 
 def test_a_pending_step_is_waited_for(folder: Path) -> None:
     assert y(simulate(one(quirky(folder, Quirk.IS_ASYNCHRONOUS)), 2.0, 0.5)) == PARABOLA
+
+
+def test_the_command_line_says_what_was_out_of_the_ordinary(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    fmu = quirky(folder, Quirk.NEEDS_TOLERANCE | Quirk.FAILS_TO_TERMINATE)
+    options = ["--set", "u=1", "--set", "end=1.5", "--set", "longest=0.3", "--stop", "2", "--step", "0.5"]
+    assert main(["run", str(fmu), *options, "--out", "r"]) == 0
+    said = capsys.readouterr().out.splitlines()
+    name = fmu.stem
+    assert [line for line in said if line.startswith("note: ")][:4] == [
+        f"note: the FMU of '{name}' fails without a tolerance; it was told 1e-06",
+        f"note: the FMU of '{name}' discarded 3 steps, which were repeated in shorter ones",
+        f"note: the FMU of '{name}' ended the simulation at t = 1.5 s",
+        f"note: {name} failed at t = 1.5 s: fmi2Terminate returned error",
+    ]
+    summary = json.loads(Path("r/summary.json").read_text(encoding="utf-8"))
+    assert summary["ended_by"] == {"component": name, "time": 1.5}
+    assert Results.from_csv("r/results.csv").time.tolist() == [0.0, 0.5, 1.0, 1.5]
