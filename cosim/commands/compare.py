@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
+import math
 import time as clock
 from pathlib import Path
 from typing import Any
 
 from cosim.regression.comparison import compare_signals
-from cosim.regression.tolerances import Tolerances
+from cosim.regression.tolerances import ToleranceError, Tolerances
 from cosim.results.results import Results
 
 
@@ -17,13 +19,25 @@ def register(subparsers: Any) -> None:
     parser = subparsers.add_parser(
         "compare",
         help="compare a result with a reference",
-        description="Compare all signals of a reference CSV; prints one line a finding, exits 1 on any. Tolerances are "
-        "read from the reference's name with .toml in place of .csv, if there is such a file. To run FMUs and compare "
-        "them in one go: pytest --fmu FMU (docs/regression.md).",
+        description="Compare all signals of a reference; prints one line a finding, exits 1 on any. Both are tables: "
+        "CSV, Parquet, MAT, .npz or JSON. Tolerances are read from the reference's name with .toml in place of .csv, "
+        "if there is such a file. To run FMUs and compare them in one go: pytest --fmu FMU (docs/regression.md).",
     )
-    parser.add_argument("result", type=Path, help="CSV file of the result")
-    parser.add_argument("reference", type=Path, help="CSV file of the reference")
+    parser.add_argument("result", type=Path, help="file of the result")
+    parser.add_argument("reference", type=Path, help="file of the reference")
     parser.add_argument("--tolerances", type=Path, metavar="TOML", help="another file of tolerances")
+    parser.add_argument(
+        "--rtol",
+        type=float,
+        metavar="R",
+        help="relative tolerance: of the range of each signal (default 1e-9); in place of that of the file",
+    )
+    parser.add_argument(
+        "--atol",
+        type=float,
+        metavar="A",
+        help="absolute tolerance, in the unit of each signal (default 0); in place of that of the file",
+    )
     parser.add_argument("--report", type=Path, metavar="HTML", help="write a page with curves and bands")
     parser.set_defaults(run=run)
 
@@ -33,9 +47,9 @@ def run(args: argparse.Namespace) -> int:
     began = clock.perf_counter()
     beside = args.reference.with_suffix(".toml")
     path = args.tolerances if args.tolerances is not None else (beside if beside.is_file() else None)
-    tolerances = Tolerances() if path is None else Tolerances.from_toml(path)
-    reference = Results.from_csv(args.reference)
-    comparison = compare_signals(Results.from_csv(args.result), reference, tolerances)
+    tolerances = _with_options(Tolerances() if path is None else Tolerances.from_toml(path), args)
+    reference = Results.read(args.reference)
+    comparison = compare_signals(Results.read(args.result), reference, tolerances)
     for finding in comparison.findings:
         print(finding)
     if not comparison.findings:
@@ -50,3 +64,20 @@ def run(args: argparse.Namespace) -> int:
         )
         write_page([part(outcome)], args.report)
     return int(bool(comparison.findings))
+
+
+def _with_options(tolerances: Tolerances, args: argparse.Namespace) -> Tolerances:
+    """The tolerances of a file, with the common ones of the command line; signals keep their own.
+
+    Raises
+    ------
+    ToleranceError
+        An option is no tolerance.
+    """
+    given = {}
+    for option, key, value in (("--rtol", "relative", args.rtol), ("--atol", "absolute", args.atol)):
+        if value is not None and not (math.isfinite(value) and value >= 0.0):
+            raise ToleranceError(f"{option} {value}: must be a finite number, 0 or greater")
+        if value is not None:
+            given[key] = value
+    return dataclasses.replace(tolerances, **given)

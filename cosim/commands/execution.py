@@ -27,7 +27,7 @@ from cosim.master.failures import SimulationError, SimulationInterrupted
 from cosim.master.simulation import Simulation, number_of_steps
 from cosim.output import SUMMARY, OutputError, ResultFolder, check_writable, write_json
 from cosim.results.figure_process import FigureProcess
-from cosim.results.formats import format_of
+from cosim.results.formats import FORMATS, format_of
 from cosim.results.results import Results
 from cosim.results.stored import StoredResults, TableWriter
 from cosim.scenario.metrics import Metric, measured
@@ -121,11 +121,18 @@ def run_prepared(prepared: PreparedRun, args: argparse.Namespace, figures: Figur
     names = [f"results.{name}" for name in formats]
     with ResultFolder(prepared.folder, [*names, LOG_FILE] if args.log or args.log_categories else names) as folder:
         checkpoint = _checkpoint(prepared.folder, args.checkpoint, args.resume)
-        write = partial(_write, prepared, formats=formats, figures=figures, folder=folder)
+        write = partial(_write, prepared, formats=formats, figures=figures, folder=folder, units_row=args.units_row)
         try:
             log = log_options(args, folder.unfinished)
             results = execute(
-                prepared, args.realtime, formats, folder.unfinished, checkpoint, build=args.build, log=log
+                prepared,
+                args.realtime,
+                formats,
+                folder.unfinished,
+                checkpoint,
+                build=args.build,
+                log=log,
+                units_row=args.units_row,
             )
         except SetupError as error:
             raise UsageError(f"{prepared.source}: {error}{_kept_log(folder.unfinished)}") from error
@@ -189,6 +196,7 @@ def execute(
     *,
     build: bool = False,
     log: Log | None = None,
+    units_row: bool = False,
 ) -> Results | StoredResults:
     """Run a system; a run that is too long for memory goes to the disk as it comes, into a folder.
 
@@ -229,7 +237,9 @@ def execute(
         files = {folder / f"results.{name}" for name in formats} | {path}
         _check_room(folder, n_values, files, checkpoint)
         try:
-            with TableWriter(sorted(files), simulation.names, simulation.types) as writer:
+            with TableWriter(
+                sorted(files), simulation.names, simulation.types, simulation.units, units_row=units_row
+            ) as writer:
                 results = run(sink=writer)
         except (SimulationError, SimulationInterrupted) as error:
             if error.results is not None:
@@ -293,6 +303,8 @@ def _write(
     figures: FigureProcess,
     folder: ResultFolder,
     error: str | None = None,
+    *,
+    units_row: bool = False,
 ) -> tuple[dict[str, Any], bool]:
     """Write results, unless they are on the disk already, summary and figures.
 
@@ -313,13 +325,20 @@ def _write(
         "versions": versions(),
     }
 
+    without_texts = [f".{name}" for name in formats if not FORMATS[name].has_texts]
+    texts = [name for name, kind in results.types.items() if kind in ("string", "binary")]
+    if without_texts and texts:
+        print(f"note: {', '.join(without_texts)} has no room for texts and leaves out {', '.join(texts)}")
     drawn = False
 
     def save(where: Path) -> None:
         if isinstance(results, Results):
             for name in formats:
                 path = where / f"results.{name}"
-                results.save(path)
+                if name == "csv":
+                    results.to_csv(path, units_row=units_row)
+                else:
+                    results.save(path)
                 folder.hash(path)
 
     def write(where: Path) -> None:

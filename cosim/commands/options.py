@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Literal
 
+from cosim.errors import SetupError
+from cosim.file_kinds import MODEL_DESCRIPTION, SSD, SSV, kind_of, not_read
 from cosim.fmi.message_log import LEVELS, Log
 from cosim.master.algorithm import AUTO, EXTRAPOLATIONS, ORDERS
 
@@ -61,11 +63,19 @@ def log_options(args: argparse.Namespace, folder: Path) -> Log | None:
 
 
 def standard_of(text: str) -> Standard | None:
-    """The standard of what a user names: an SSP, a description, or a folder; None where it is none of them."""
+    """The standard of what a user names: an SSP, a description, or a folder; None where it is none of them.
+
+    Raises
+    ------
+    SetupError
+        It is an XML file of another kind.
+    """
     path = Path(text)
     ending = path.suffix.lower()
     if ending in (".ssp", ".ssd"):
         return "ssp"
+    if ending == ".xml" and kind_of(path) in (SSD, SSV, MODEL_DESCRIPTION):
+        raise SetupError(not_read(path, "an OSP configuration", ""))
     if ending == ".xml" or (path / "OspSystemStructure.xml").is_file():
         return "osp"
     return "ssp" if path.is_dir() else None

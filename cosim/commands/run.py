@@ -63,6 +63,9 @@ def register(subparsers: Any) -> None:
         help=option_help(),
     )
     parser.add_argument(
+        "--units-row", action="store_true", help="write the units into CSV results, in a row below the names"
+    )
+    parser.add_argument(
         "--realtime", type=float, metavar="FACTOR", help="pace the run: simulated seconds in a second (1: real time)"
     )
     parser.add_argument(
@@ -90,8 +93,8 @@ def register(subparsers: Any) -> None:
     parser.add_argument(
         "--input",
         type=Path,
-        metavar="FILE.csv",
-        help="inputs of a single FMU: columns of their names, the first one is time",
+        metavar="FILE",
+        help="inputs of a single FMU: a table (CSV, Parquet, MAT, .npz, JSON) with the time and columns of their names",
     )
     parser.add_argument(
         "--ssv",

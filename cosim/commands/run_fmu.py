@@ -1,9 +1,10 @@
-"""`cosim run FILE.fmu`: one FMU, its default experiment, and inputs from a CSV file."""
+"""`cosim run FILE.fmu`: one FMU, its default experiment, and inputs from a table."""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
+import dataclasses
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Literal
@@ -21,6 +22,7 @@ from cosim.commands.execution import (
 )
 from cosim.errors import nearest
 from cosim.fmi.fmu_file import load
+from cosim.results.flat_arrays import with_names_of
 from cosim.results.results import Results
 from cosim.scenario.signals import interpolated
 from cosim.system.system import Signal, System
@@ -89,9 +91,9 @@ def _plan(description: ModelDescription, path: Path, args: argparse.Namespace) -
 
 
 def _driven(ports: Ports, path: Path, plan: Plan) -> list[Signal]:
-    """A signal for each column of a CSV file: linear between rows for continuous real inputs, held for others."""
-    table = Results.from_csv(path)
+    """A signal for each column of a table: linear between rows for continuous real inputs, held for others."""
     inputs = {element.name: element for element in ports.of_causality("input")}
+    table = _of_inputs(with_names_of(Results.read(path), inputs), path, inputs)
     if not len(table.time):
         raise UsageError(f"{path}: has no rows")
     texts = [name for name in table.names if name in table.typed and table.typed[name].is_text]
@@ -99,6 +101,11 @@ def _driven(ports: Ports, path: Path, plan: Plan) -> list[Signal]:
     if wrong:
         raise UsageError(
             f"{path}: column '{wrong[0]}' is text, but the input is of type {inputs[wrong[0]].variable.type}"
+        )
+    numeric = [n for n in table.names if n in inputs and inputs[n].kind in ("string", "binary") and n not in texts]
+    if numeric:
+        raise UsageError(
+            f"{path}: column '{numeric[0]}' has numbers, but the input is of type {inputs[numeric[0]].variable.type}"
         )
     numbers = table.values[:, [name not in texts for name in table.names]]
     if not np.isfinite(numbers).all() or not (np.diff(table.time) >= 0.0).all():
@@ -110,7 +117,9 @@ def _driven(ports: Ports, path: Path, plan: Plan) -> list[Signal]:
     for name in table.names:
         if name not in inputs:
             raise UsageError(f"{path}: the FMU has no input '{name}'; {nearest(name, inputs)}")
-        values = table[name][:, np.newaxis]
+        _check_unit(path, name, table.units.get(name, ""), ports, inputs[name])
+        column = table.values[:, table.names.index(name)] if inputs[name].kind == "real" else table[name]
+        values = column[:, np.newaxis]
         between = _between(inputs[name])
         differs = values[1:, 0] != values[:-1, 0]
         jumps = differs if between == "hold" else differs & (np.diff(table.time) == 0.0)
@@ -123,6 +132,25 @@ def _driven(ports: Ports, path: Path, plan: Plan) -> list[Signal]:
             )
         )
     return signals
+
+
+def _of_inputs(table: Results, path: Path, inputs: Mapping[str, Element]) -> Results:
+    """A table; of a trajectory, which has all variables of a model, the inputs only."""
+    if path.suffix.lower() != ".mat" or not inputs.keys() & set(table.names):
+        return table
+    kept = [i for i, name in enumerate(table.names) if name in inputs]
+    if others := len(table.names) - len(kept):
+        print(f"note: {path} has {others} columns more, which are no inputs of the FMU")
+    return dataclasses.replace(table, names=[table.names[i] for i in kept], values=table.values[:, kept])
+
+
+def _check_unit(path: Path, name: str, unit: str, ports: Ports, element: Element) -> None:
+    declared = element.variable.declaredType
+    known = element.variable.unit or (declared.unit if declared is not None else None)
+    defined = ports.unit(element)
+    own = known if defined is None else defined.name
+    if unit and own and unit != own:
+        raise UsageError(f"{path}: column '{name}' is in '{unit}', the input in '{own}'; convert the column")
 
 
 def _between(element: Element) -> Literal["linear", "hold"]:

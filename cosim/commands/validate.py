@@ -9,6 +9,8 @@ from typing import Any
 
 from fmpy.validation import validate_fmu
 
+from cosim.file_kinds import FMU, NPZ, SSP, WORKBOOK, kind_of, not_read
+
 
 def register(subparsers: Any) -> None:
     """Add the parser of `cosim validate`."""
@@ -22,10 +24,12 @@ def register(subparsers: Any) -> None:
 def _problems(path: Path) -> list[str]:
     if not path.is_file():
         return ["there is no such file"]
+    if kind_of(path) in (SSP, NPZ, WORKBOOK):
+        return [not_read(path, "an FMU", "").removeprefix(f"{path}: ")]
     try:
         return list(validate_fmu(str(path)))
     except zipfile.BadZipFile:
-        return ["not an FMU (not a zip archive)"]
+        return [not_read(path, "an FMU", "not an FMU (not a zip archive)", FMU).removeprefix(f"{path}: ")]
 
 
 def run(args: argparse.Namespace) -> int:

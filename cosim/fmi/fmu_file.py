@@ -14,6 +14,7 @@ import fmpy
 from fmpy.model_description import ModelDescription, read_model_description
 
 from cosim.errors import SetupError
+from cosim.file_kinds import FMU, not_read
 from cosim.fmi import fmi1_description
 from cosim.fmi.compilation import compile_library, has_sources
 from cosim.fmi.fmi3_description import expand_clock_types, read_further_attributes
@@ -168,9 +169,11 @@ def read_fmu(path: Path, here: str) -> LoadedFMU:
     except SetupError:
         raise
     except zipfile.BadZipFile:
-        raise SetupError(f"{here}: not an FMU (not a zip archive)") from None
+        why = "not an FMU (not a zip archive)"
+        raise SetupError(f"{here}: {not_read(path, 'an FMU', why, FMU).removeprefix(f'{path}: ')}") from None
     except Exception as error:  # fmpy raises bare exceptions here
-        raise SetupError(f"{here}: not a readable FMU: {' '.join(str(error).split())}") from error
+        why = f"not a readable FMU: {' '.join(str(error).split())}"
+        raise SetupError(f"{here}: {not_read(path, 'an FMU', why, FMU).removeprefix(f'{path}: ')}") from error
     if description.fmiMajorVersion == 1 and fmi1_description.needs_tool(root):
         raise SetupError(
             f"{here}: is a connection to a tool, which would have to run beside (CoSimulation_Tool); export it as a "

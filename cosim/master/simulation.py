@@ -167,6 +167,11 @@ class Simulation:
         """Name -> type of what is recorded and no real number: int64, uint64, bool, string or binary."""
         return self._columns.types
 
+    @property
+    def units(self) -> dict[str, str]:
+        """Name -> unit of what is recorded, as far as the FMUs say."""
+        return dict(self._units)
+
     # Instances
 
     def __enter__(self) -> Simulation:

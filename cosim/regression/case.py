@@ -16,6 +16,9 @@ from cosim.regression.options import Options, read_options
 from cosim.regression.tolerances import Interface, Tolerances, read_toml, tolerances_of
 from cosim.results.results import Results
 
+#: Endings of tables of a case; the first is that of a new reference.
+ENDINGS = (".csv", ".parquet", ".mat", ".npz", ".json")
+
 #: What inputs do between two rows of `<case>_in.csv`.
 Between = Literal["linear", "hold"]
 
@@ -32,7 +35,8 @@ class RunError(CosimError):
 class Case:
     """Files `<name>_in.csv`, `<name>_ref.csv`, `<name>_ref.opt` and `<name>_ref.toml` of a folder; read when asked for.
 
-    Only `<name>_ref.csv` has to be there. The methods raise `CosimError` where a file can't be read.
+    Only `<name>_ref.csv` has to be there. Tables may have another format that `Results.read` takes. The methods raise
+    `CosimError` where a file can't be read.
     """
 
     name: str
@@ -41,12 +45,19 @@ class Case:
     @property
     def reference_path(self) -> Path:
         """The reference result."""
-        return self.folder / f"{self.name}_ref.csv"
+        return self._table("ref")
 
     @property
     def inputs_path(self) -> Path:
         """Values of inputs over time."""
-        return self.folder / f"{self.name}_in.csv"
+        return self._table("in")
+
+    def _table(self, what: str) -> Path:
+        """The only file of a table that is there; the name of the CSV file where there is none."""
+        found = [path for ending in ENDINGS if (path := self.folder / f"{self.name}_{what}{ending}").is_file()]
+        if len(found) > 1:
+            raise CaseError(f"{found[0]} and {found[1]} are both there; remove one of them")
+        return found[0] if found else self.folder / f"{self.name}_{what}.csv"
 
     @property
     def options_path(self) -> Path:
@@ -75,11 +86,11 @@ class Case:
                 f"case '{self.name}': there is no {self.reference_path}; "
                 f"make it with: pytest --fmu <FMU> --fmu-reference <FOLDER> --fmu-rebaseline {self.name}"
             )
-        return Results.from_csv(self.reference_path)
+        return Results.read(self.reference_path)
 
     def inputs(self) -> Results | None:
         """Values of inputs over time; None where there is no such file, or it has times only."""
-        inputs = Results.from_csv(self.inputs_path) if self.inputs_path.is_file() else None
+        inputs = Results.read(self.inputs_path) if self.inputs_path.is_file() else None
         return inputs if inputs is not None and len(inputs.time) else None
 
     def options(self) -> Options | None:

@@ -9,6 +9,7 @@ import numpy as np
 from cosim.errors import nearest
 from cosim.regression.funnel import Curve, funnel
 from cosim.regression.tolerances import Tolerance, Tolerances, vector_of
+from cosim.results.flat_arrays import with_names_of
 from cosim.results.results import Results
 
 
@@ -65,7 +66,8 @@ def compare(result: Results, reference: Results, tolerances: Tolerances | None =
     Parameters
     ----------
     result, reference : Results
-        Where `result.info["units"]` has the unit of a signal, it must be that of the tolerance, if that names one.
+        Where `result.info["units"]` has the unit of a signal, it must be that of the reference and of the tolerance, if
+        these name one. Texts must be equal.
     tolerances : Tolerances, optional
         By default 1e-9 of each reference signal's range.
 
@@ -82,6 +84,7 @@ def compare(result: Results, reference: Results, tolerances: Tolerances | None =
 def compare_signals(result: Results, reference: Results, tolerances: Tolerances | None = None) -> Comparison:
     """The same as `compare`, with the curves and the bands."""
     tolerances = tolerances or Tolerances()
+    reference, result = with_names_of(reference, result.names), with_names_of(result, reference.names)
     known = {*reference.names, *map(vector_of, reference.names)}
     findings = [
         f"there is a tolerance for '{name}', which the reference lacks; {nearest(name, reference.names)}"
@@ -106,7 +109,14 @@ def compare_signals(result: Results, reference: Results, tolerances: Tolerances 
         tolerance, unit = tolerances.of(name), units.get(name, "")
         if tolerance.unit is not None and unit != tolerance.unit and name in units:
             findings.append(f"'{name}' has the unit '{unit}' in the result, '{tolerance.unit}' in the tolerances")
-        expected, found = Curve(reference.time, reference.values[:, i]), Curve(result.time, result[name])
+        if name in units and (wanted := reference.units.get(name, unit)) != unit:
+            findings.append(f"'{name}' has the unit '{unit}' in the result, '{wanted}' in the reference")
+        if any(name in table.typed and table.typed[name].is_text for table in (result, reference)):
+            if finding := other_times or _text_difference(name, result, reference):
+                findings.append(finding)
+            continue
+        expected = Curve(reference.time, reference.values[:, i])
+        found = Curve(result.time, result.values[:, result.names.index(name)])
         if other_times and not tolerance.time_shift:
             findings.append(f"'{name}' has no time_shift, and {other_times}")
             continue
@@ -114,6 +124,21 @@ def compare_signals(result: Results, reference: Results, tolerances: Tolerances 
         if signals[-1].finding:
             findings.append(signals[-1].finding)
     return Comparison(findings, signals)
+
+
+def _text_difference(name: str, result: Results, reference: Results) -> str:
+    for one, other, table in (("result", "reference", reference), ("reference", "result", result)):
+        if name not in table.typed or not table.typed[name].is_text:
+            return f"'{name}' is text in the {one}, a number in the {other}"
+    found, expected = result.typed[name].values.tolist(), reference.typed[name].values.tolist()
+    differs = [i for i, (a, b) in enumerate(zip(found, expected, strict=True)) if a != b]
+    if not differs:
+        return ""
+    i = differs[0]
+    return (
+        f"'{name}' differs at {len(differs)} of {len(found)} times, first at t = {result.time[i]:.9g} s: "
+        f"{found[i]!r} instead of {expected[i]!r}"
+    )
 
 
 def _compare_times(result: Results, reference: Results) -> str:

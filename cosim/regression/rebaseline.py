@@ -69,7 +69,7 @@ def rebaseline(case: Case, path: Path, interface: Interface, timeout: float) -> 
     experiment = experiment_of(case, fmu.description)
     case.folder.mkdir(parents=True, exist_ok=True)
     written = [case.reference_path]
-    results.to_csv(case.reference_path)
+    results.save(case.reference_path)
     if not case.options_path.is_file():
         write_options(experiment.options(), case.options_path)
         written.append(case.options_path)

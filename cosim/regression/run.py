@@ -14,6 +14,7 @@ from cosim.regression.experiment import Experiment, experiment_of
 from cosim.regression.inputs import input_elements, input_function
 from cosim.regression.model_exchange import model_exchange
 from cosim.regression.tolerances import Interface
+from cosim.results.flat_arrays import with_names_of
 from cosim.results.results import Results
 from cosim.system.system import System
 from cosim.system.variables import Element, Ports
@@ -58,7 +59,8 @@ def run(case: Case, path: Path, interface: Interface) -> Results:
         element.name: element for element in ports.all_elements() if element.is_exchanged and not element.type.is_text
     }
     if case.reference_path.is_file():
-        wanted = [known[name] for name in case.reference().names if name in known]
+        reference = with_names_of(case.reference(), known)
+        wanted = [known[name] for name in reference.names if name in known]
     else:
         wanted = [known[e.name] for e in ports.of_causality("output") if e.name in known]
     if not wanted:
@@ -82,6 +84,7 @@ def _co_simulation(
     case: Case, between: Between, fmu: LoadedFMU, ports: Ports, experiment: Experiment, wanted: list[Element]
 ) -> tuple[np.ndarray, np.ndarray]:
     inputs = case.inputs() or Results(np.zeros(1), [], np.zeros((1, 0)))
+    inputs = with_names_of(inputs, [element.name for element in ports.of_causality("input")])
     system = System()
     system.add(_COMPONENT, fmu.path, start=case.start)
     for i, name in enumerate(inputs.names):

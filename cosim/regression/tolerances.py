@@ -12,11 +12,15 @@ from pathlib import Path
 from typing import Any, Literal
 
 from cosim.errors import CosimError, nearest
+from cosim.file_kinds import SCENARIO, TOLERANCES, TOML, not_read
 
 #: Name of an interface of an FMU, as in its tables of tolerances.
 Interface = Literal["co_simulation", "model_exchange"]
 
 _NUMBERS = ("absolute", "relative", "time_shift")
+
+#: What is wanted where a file is something else.
+_WANTED = "a TOML file of tolerances"
 
 #: Keys of a file that say how a case is run; see `cosim.regression.case`.
 RUN_KEYS = ("fmu", "inputs", "start")
@@ -96,8 +100,13 @@ def read_toml(path: str | PathLike[str]) -> dict[str, Any]:
     try:
         data = tomllib.loads(Path(path).read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise ToleranceError(f"{path}: can't be read as TOML: {error}") from error
-    _known(path, data, (*_NUMBERS, "signals", "co_simulation", "model_exchange", *RUN_KEYS), "unknown key")
+        why = f"can't be read as TOML: {error}"
+        raise ToleranceError(not_read(Path(path), _WANTED, why, SCENARIO, TOLERANCES, TOML)) from error
+    try:
+        _known(path, data, (*_NUMBERS, "signals", "co_simulation", "model_exchange", *RUN_KEYS), "unknown key")
+    except ToleranceError as error:
+        why = str(error).removeprefix(f"{path}: ")
+        raise ToleranceError(not_read(Path(path), _WANTED, why, TOLERANCES, TOML)) from None
     return data
 
 

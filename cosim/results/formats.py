@@ -130,9 +130,9 @@ def record_batch(table: Table, wanted: pa.Schema) -> pa.RecordBatch:
 
 
 class _CsvWriter:
-    """A CSV file that grows; binary values are written with digits of base 16."""
+    """A CSV file that grows, if wanted with a row of units; binary values are written with digits of base 16."""
 
-    def __init__(self, path: Path, schema: pa.Schema) -> None:
+    def __init__(self, path: Path, schema: pa.Schema, *, units_row: bool = False) -> None:
         import pyarrow as pa
         from pyarrow import csv
 
@@ -140,7 +140,15 @@ class _CsvWriter:
         for i in self._binary:
             schema = schema.set(i, schema.field(i).with_type(pa.string()))
         self._schema = schema
-        self._writer = csv.CSVWriter(str(path), schema)  # the shortest digits that read back to the same number
+        self._file = pa.OSFile(str(path), "wb")
+        if units_row:
+            units = [(field.metadata or {}).get(b"unit", b"").decode() for field in schema]
+            for row in (schema.names, units):
+                cells = ('"{}"'.format(cell.replace('"', '""')) for cell in row)
+                self._file.write((",".join(cells) + "\n").encode())
+        options = csv.WriteOptions(include_header=not units_row)
+        # the shortest digits that read back to the same number
+        self._writer = csv.CSVWriter(self._file, schema, write_options=options)
 
     def write(self, batch: pa.RecordBatch) -> None:
         import pyarrow as pa
@@ -152,11 +160,20 @@ class _CsvWriter:
 
     def close(self) -> None:
         self._writer.close()
+        self._file.close()
 
 
 def write_csv(table: Table, path: Path) -> None:
     """Write a CSV file, whatever the ending of its name."""
     _write_stream(_CsvWriter, table, path)
+
+
+def _csv_with_units(path: Path, schema: pa.Schema) -> StreamWriter:
+    return _CsvWriter(path, schema, units_row=True)
+
+
+def _write_csv_with_units(table: Table, path: Path) -> None:
+    _write_stream(_csv_with_units, table, path)
 
 
 def _parquet_stream(path: Path, schema: pa.Schema) -> StreamWriter:
@@ -257,6 +274,9 @@ def _characters(texts: Sequence[str]) -> np.ndarray:
     width = max(1, *(len(text) for text in encoded))
     return np.frombuffer(b"".join(text.ljust(width) for text in encoded), np.uint8).reshape(-1, width).T
 
+
+#: CSV with the units in a row of their own, below the names.
+CSV_WITH_UNITS = Format("csv", "CSV with a row of units", _write_csv_with_units, _csv_with_units, bytes_per_value=20)
 
 #: Name -> format; the first is the default.
 FORMATS: dict[str, Format] = {

@@ -1,19 +1,17 @@
-"""Results of a run in memory, to files and from CSV."""
+"""Results of a run in memory, to files and from files."""
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from os import PathLike
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cosim.errors import ResultsError
 from cosim.results.columns import TypedColumn
-from cosim.results.formats import FORMATS, TIME, Table, record_batch, save, schema, with_endings
+from cosim.results.csv_reading import read_csv
+from cosim.results.formats import CSV_WITH_UNITS, FORMATS, Table, record_batch, save, schema, with_endings
 from cosim.results.recorded import Recorded
 
 if TYPE_CHECKING:
@@ -105,65 +103,55 @@ class Results(Recorded):
         """
         save(self._table(), path)
 
-    def to_csv(self, path: str | PathLike[str]) -> None:
+    def to_csv(self, path: str | PathLike[str], *, units_row: bool = False) -> None:
         """Write one header line with quoted names, then a line a communication point; floats round-trip.
+
+        Parameters
+        ----------
+        path : path
+        units_row : bool
+            Whether a second line has the units, as far as they are known.
 
         Raises
         ------
         OSError
             The file can't be written; an unfinished one is left behind under the name `<path>.part`.
         """
-        save(self._table(), path, FORMATS["csv"])
+        save(self._table(), path, CSV_WITH_UNITS if units_row else FORMATS["csv"])
 
     @classmethod
     def from_csv(cls, path: str | PathLike[str]) -> Results:
         """Read a file that `to_csv` wrote, or any CSV whose first column is the time.
 
+        Columns are separated by comma, semicolon or tab; the decimal sign is point or comma. Units may stand in the
+        names, as `x [m]`, or in a row below them; arrays have spaces between their elements.
+
         Raises
         ------
         ResultsError
-            The file is missing or not such a table; the message names the line.
+            The file is missing, not such a table, or could mean two things; the message names the line.
         """
-        try:
-            with Path(path).open(encoding="utf-8-sig", newline="") as stream:
-                rows = csv.reader(stream)
-                header = next(rows, None)
-                if not header or header[0] != TIME:
-                    raise ResultsError(f"{path}: the first column must be '{TIME}'")
-                data = [_cells(path, number, row, len(header)) for number, row in enumerate(rows, start=2)]
-        except (OSError, UnicodeDecodeError, csv.Error) as error:
-            raise ResultsError(f"{path}: can't be read as CSV: {error}") from error
-        cells = list(zip(*data, strict=True)) or [()] * len(header)
-        columns = [_column(path, list(of_column)) for of_column in cells]
-        typed = {n: c for n, c in zip(header, columns, strict=True) if isinstance(c, TypedColumn)}
-        if TIME in typed:
-            raise ResultsError(f"{path}: column '{TIME}' has values that are no numbers")
-        table = np.column_stack([c.numbers if isinstance(c, TypedColumn) else c for c in columns])
-        return cls(time=table[:, 0], names=header[1:], values=table[:, 1:], typed=typed)
+        return cls._of(read_csv(path))
 
+    @classmethod
+    def read(cls, path: str | PathLike[str]) -> Results:
+        """Read a file that `save` wrote, or a table of another tool: CSV, Parquet, MAT, NumPy's .npz, JSON.
 
-def _cells(path: str | PathLike[str], line: int, row: list[str], expected: int) -> list[str]:
-    if len(row) != expected:
-        raise ResultsError(f"{path}: line {line} has {len(row)} columns, the header has {expected}")
-    return row
+        The ending of the name says the format. A column, `time` in any case or `t`, has the time in s; in CSV it is the
+        first one. Units that the file names are in `units`.
 
+        Raises
+        ------
+        ResultsError
+            The file is missing, no such table, or could mean two things; the message names the line.
+        MissingExtra
+            It is a MAT file of version 5 or later, and SciPy is not installed.
+        """
+        from cosim.results.reading import read_table  # with all formats
 
-def _column(path: str | PathLike[str], cells: list[str]) -> np.ndarray | TypedColumn:
-    """A column of numbers, of true and false, or of texts."""
-    if cells and set(cells) <= {"true", "false"}:
-        return TypedColumn("bool", np.array([cell == "true" for cell in cells]))
-    try:
-        return np.array([float(cell) for cell in cells])
-    except ValueError as error:
-        first = next(i for i, cell in enumerate(cells) if not _is_number(cell))
-        if any(_is_number(cell) for cell in cells):  # a mistake in a column of numbers, rather than one of texts
-            raise ResultsError(f"{path}: line {first + 2}: {error}") from None
-        return TypedColumn("string", np.array(cells, dtype=object))
+        return cls._of(read_table(path))
 
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True
+    @classmethod
+    def _of(cls, table: Table) -> Results:
+        info = {"units": dict(table.units)} if table.units else {}
+        return cls(table.time, list(table.names), table.values, info, table.typed)

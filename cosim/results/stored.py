@@ -12,6 +12,8 @@ import numpy as np
 
 from cosim.results.columns import TypedColumn, numbers_of
 from cosim.results.formats import (
+    CSV_WITH_UNITS,
+    FORMATS,
     TIME,
     StreamWriter,
     Table,
@@ -46,6 +48,10 @@ class TableWriter:
         Names of the columns after the time.
     types : mapping, optional
         Name -> type of what is no real number; see `TypedColumn`.
+    units : mapping, optional
+        Name -> unit.
+    units_row : bool
+        Whether CSV files have the units in a second line.
 
     Raises
     ------
@@ -55,10 +61,22 @@ class TableWriter:
         A file can't be written.
     """
 
-    def __init__(self, paths: Sequence[Path], names: Sequence[str], types: Mapping[str, str] | None = None) -> None:
+    def __init__(
+        self,
+        paths: Sequence[Path],
+        names: Sequence[str],
+        types: Mapping[str, str] | None = None,
+        units: Mapping[str, str] | None = None,
+        *,
+        units_row: bool = False,
+    ) -> None:
         self._names, self._types = list(names), dict(types or {})
-        self._schema = schema(names, types=self._types)
-        self._streams = {path: format_of(path, streamed=True).stream for path in paths}
+        self._schema = schema(names, units, self._types)
+        formats = {path: format_of(path, streamed=True) for path in paths}
+        self._streams = {
+            path: CSV_WITH_UNITS.stream if units_row and known is FORMATS["csv"] else known.stream
+            for path, known in formats.items()
+        }
         self._writers: list[StreamWriter] = []
         self._group = max(1, _GROUPED_VALUES // (len(names) + 1))
         self._waiting: list[pa.RecordBatch] = []

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
 from cosim.errors import nearest
+from cosim.file_kinds import SCENARIO, TOML, not_read
 from cosim.master.algorithm import AUTO, EXTRAPOLATIONS, ORDERS
 from cosim.scenario.family import ScenarioFamily, families, family_of, named
 from cosim.scenario.metrics import Metric
@@ -89,12 +90,13 @@ def read_scenario(path: Path, family: ScenarioFamily | None = None) -> tuple[Sce
     try:
         data = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
-        raise ScenarioError(f"{path}: can't be read as TOML: {error}") from error
+        why = f"can't be read as TOML: {error}"
+        raise ScenarioError(not_read(path, "a scenario in TOML", why, SCENARIO, TOML)) from error
     try:
         family = _family(data, family)
         return scenario_from(data, path.stem, path.parent, family), family
     except ScenarioError as error:
-        raise ScenarioError(f"{path}: {error}") from None
+        raise ScenarioError(not_read(path, "a scenario in TOML", str(error), SCENARIO, TOML)) from None
 
 
 def _family(data: Mapping[str, Any], family: ScenarioFamily | None) -> ScenarioFamily:

@@ -20,7 +20,7 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 
-from cosim.errors import ArgumentError, ResultsError, SetupError, nearest
+from cosim.errors import ArgumentError, MissingExtra, ResultsError, SetupError, nearest
 from cosim.results.results import Results
 
 #: Value (size,) of a signal at a time (s), or values (n, size) at times (n,).
@@ -364,7 +364,7 @@ class Noise(Shape, name="noise"):
 
 @dataclass(frozen=True)
 class CsvColumn(Shape, name="table"):
-    """A column of a CSV file whose first column is the time (s).
+    """A column of a table over time (s): a CSV file, or another that `Results.read` takes.
 
     Before its first row and after its last one the signal has their values. Where rows have the same time it jumps, and
     has the value of the last of them there.
@@ -374,7 +374,7 @@ class CsvColumn(Shape, name="table"):
     file : str
         Path, in a TOML file relative to it.
     column : str
-        Name in the header line; for a vector, the columns are `column[1]`, `column[2]`, ...
+        Its name; for a vector, the columns are `column[1]`, `column[2]`, ...
     between : {"linear", "hold"}
         What the signal does between two rows.
     """
@@ -390,15 +390,17 @@ class CsvColumn(Shape, name="table"):
         if self.between not in ("linear", "hold"):
             raise ArgumentError(f"between = {self.between!r} is unknown; {nearest(self.between, ('linear', 'hold'))}")
         try:
-            table = Results.from_csv(self.file)  # here, since a worker elsewhere does not have the file
+            table = Results.read(self.file)  # here, since a worker elsewhere does not have the file
             content = Path(self.file).read_bytes()
-        except (ResultsError, OSError) as error:
+        except (ResultsError, MissingExtra, OSError) as error:
             raise ArgumentError(str(error)) from error
         names = [self.column] if self.column in table.names else []
         names = names or [n for n in table.names if n.rpartition("[")[0] == self.column]
         if not names:
             raise ArgumentError(f"{self.file}: there is no column '{self.column}'; {nearest(self.column, table.names)}")
         values = table.values[:, [table.names.index(name) for name in names]]
+        if texts := [name for name in names if name in table.typed and table.typed[name].is_text]:
+            raise ArgumentError(f"{self.file}: column '{texts[0]}' has texts; a signal needs numbers")
         if not (len(table.time) and np.isfinite(table.time).all() and np.isfinite(values).all()):
             raise ArgumentError(f"{self.file}: needs rows of finite numbers")
         if not (np.diff(table.time) >= 0.0).all():

@@ -16,6 +16,7 @@ from urllib.parse import SplitResult, unquote, urlsplit
 from urllib.request import url2pathname
 
 from cosim.errors import nearest
+from cosim.file_kinds import FMU, SSP, kind_of, not_read
 from cosim.fmi.fmu_file import MOST_UNPACKED_BYTES
 from cosim.ssp.errors import SSPError
 from cosim.system.read import Findings
@@ -183,7 +184,11 @@ class Archive(Package):
         try:
             self._archive = zipfile.ZipFile(path)
         except (zipfile.BadZipFile, OSError) as error:
-            raise SSPError(f"{self.path}: not an SSP (not a readable zip archive: {error})") from None
+            why = f"not an SSP (not a readable zip archive: {error})"
+            raise SSPError(not_read(path, "an SSP", why, SSP)) from None
+        if DESCRIPTION not in self._archive.namelist() and kind_of(path) is FMU:
+            self._archive.close()
+            raise SSPError(not_read(path, "an SSP", ""))
         unpacked = sum(info.file_size for info in self._archive.infolist())
         if unpacked > MOST_UNPACKED_BYTES:
             self._archive.close()

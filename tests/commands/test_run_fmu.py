@@ -153,7 +153,7 @@ def test_outside_of_the_rows_the_first_and_the_last_hold_and_it_is_said(capsys: 
     ("text", "says"),
     [
         ("time,x\n0,0\n", "in.csv: the FMU has no input 'x'; known are a, b"),
-        ("t,a\n0,0\n", "in.csv: the first column must be 'time'"),
+        ("u,a\n0,0\n", "in.csv: the first column must be 'time'"),
         ("time,a\n", "in.csv: has no rows"),
         ("time,a\n1,0\n0,0\n", "in.csv: values must be finite numbers, and times must not descend"),
         ("time,a\n0,inf\n", "in.csv: values must be finite numbers"),

@@ -426,7 +426,7 @@ def test_a_missing_file_is_named(files, capsys, result, reference):
     assert "nowhere.csv: can't be read as CSV" in one_line(capsys)
 
 
-@pytest.mark.parametrize("text", ["", "\n", '"x"\n1.0\n', '"time","a"\n0.0\n', '"time","a"\n0.0,x\n'])
+@pytest.mark.parametrize("text", ["", "\n", '"x"\n1.0\n', '"time","a"\n0.0\n', '"time","a"\n0.0,x\n1.0,2\n'])
 def test_a_reference_that_is_no_table_is_refused(files, capsys, text):
     Path("bad.csv").write_text(text, encoding="utf-8")
     assert main(["compare", "result.csv", "bad.csv"]) == 1

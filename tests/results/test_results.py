@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cosim import CosimError, Results
-from cosim.results.results import ResultsError
+from cosim.errors import ResultsError
 
 ANY_FLOAT = st.floats(allow_nan=True, allow_infinity=True, allow_subnormal=True)
 SPECIAL = [0.0, -0.0, 5e-324, -2.2250738585072009e-308, 1.7976931348623157e308, math.inf, -math.inf, math.nan, 0.1]
@@ -113,12 +113,12 @@ def test_missing_name_lists_what_is_there_when_nothing_is_near():
     [
         ("", "the first column must be 'time'"),
         ("\n", "the first column must be 'time'"),
-        ("t,x\n0,1\n", "the first column must be 'time'"),
+        ("T,x\n0,1\n", "the first column must be 'time'"),
         ("x,time\n0,1\n", "the first column must be 'time'"),
         ("time,x\n0,1\n1\n", "line 3 has 1 columns, the header has 2"),
         ("time,x\n0,1\n1,2,3\n", "line 3 has 3 columns, the header has 2"),
-        ("time,x\n0,1\n1,two\n", "line 3: could not convert string to float: 'two'"),
-        ("time,x\n0,1\n1,\n", "line 3: could not convert string to float: ''"),
+        ("time,x\n0,1\n1,two\n", "line 3: a cell 'two' is no number"),
+        ("time,x\n0,1\n1,\n", "line 3: a cell is empty"),
     ],
 )
 def test_bad_csv_is_refused_with_file_and_line(tmp_path, text, message):

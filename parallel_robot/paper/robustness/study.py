@@ -14,7 +14,7 @@ from cosim.sweep.errors import SweepError
 from cosim.sweep.points import Levels, Points, Range
 from cosim.sweep.scenarios import SCENARIO as SCENARIO_FACTOR
 from cosim.sweep.scenarios import SEED, STEP, check
-from cosim.sweep.sensitivity import Uncertain, base_for, saltelli
+from cosim.sweep.sensitivity import Uncertain, base_for, groups_of, saltelli
 from parallel_robot.paper.reproduce.table import controllers
 from parallel_robot.scenario import RobotScenario, load_scenario
 from parallel_robot.sweep import RobotStudy, robot_study
@@ -143,6 +143,10 @@ class Sweep:
     points: Points
 
 
+#: Sets of runs that the confidence of a sensitivity index needs.
+_LEAST_SETS = 2
+
+
 def monte_carlo(fmus: Path, flavour: str, runs: int, seed: int) -> Sweep:
     """At least so many runs over everything that is uncertain, with the gains of the controller FMU.
 
@@ -155,7 +159,11 @@ def monte_carlo(fmus: Path, flavour: str, runs: int, seed: int) -> Sweep:
     if runs < 1:
         raise SweepError(f"{runs} runs can't be made; ask for at least one")
     varied = [source.uncertain for source in sources(scenario)]
-    points = saltelli(varied, base_for(varied, runs), seed)
+    base = base_for(varied, runs)
+    if base < _LEAST_SETS:
+        least = _LEAST_SETS // 2 * (len(groups_of(varied)) + 2) + 1
+        raise SweepError(f"{runs} runs are too few for sensitivities; ask for at least {least}")
+    points = saltelli(varied, base, seed)
     return _sweep(MONTE_CARLO, fmus, flavour, [SCENARIO], points)
 
 
