@@ -151,6 +151,9 @@ class Instance:
     #: What stands behind the component, in messages.
     noun = "FMU"
 
+    #: Whether the importer handles events of the FMU, see `cosim.fmi.event_mode`; by default the FMU does.
+    uses_events = False
+
     def __init__(
         self,
         name: str,
@@ -222,7 +225,8 @@ class Instance:
         return partial(
             self._function("fmi3InstantiateCoSimulation"),
             *(self.name.encode(), token, f"{resources}{os.sep}".encode()),
-            *(False, True, False, False),  # invisible; says what is wrong; no event mode; no early return
+            *(False, True),  # invisible; says what is wrong
+            *(self.uses_events, self.uses_events),  # event mode; early return
             *(references, len(references), ctypes.addressof(self._operation)),
             *callbacks,
         )

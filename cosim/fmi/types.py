@@ -68,7 +68,7 @@ class FmiType:
     name : str
         As model descriptions write it.
     kind : str
-        real, integer, boolean, enumeration, string or binary.
+        real, integer, boolean, enumeration, string, binary or clock.
     functions : mapping
         Version of FMI -> name of the type in its functions (`fmi2GetReal`) and C type of one value.
     smallest, largest : number or None
@@ -98,7 +98,7 @@ class FmiType:
         """How results have a value."""
         if self.is_text:
             return np.dtype(object)
-        return np.dtype(np.bool_) if self.kind == "boolean" else self.slot
+        return np.dtype(np.bool_) if self.kind in ("boolean", "clock") else self.slot
 
     @property
     def column(self) -> str:
@@ -138,7 +138,7 @@ class FmiType:
         number = float(value) if self.kind == "real" else int(value)
         if self.smallest is not None and self.largest is not None and not self.smallest <= number <= self.largest:
             raise wrong
-        return bool(number) if self.kind == "boolean" else number
+        return bool(number) if self.kind in ("boolean", "clock") else number
 
     def rounded(self, number: int) -> float:
         """The real value nearest to a whole number."""
@@ -199,6 +199,7 @@ FMI_TYPES: Mapping[str, FmiType] = {
         ),
         FmiType("String", "string", dict.fromkeys((1, 2, 3), ("String", ctypes.c_char_p))),
         FmiType("Binary", "binary", {3: ("Binary", ctypes.c_void_p)}),
+        FmiType("Clock", "clock", {3: ("Clock", ctypes.c_bool)}, 0, 1),
     )
 }
 

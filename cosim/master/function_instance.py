@@ -47,7 +47,7 @@ class FunctionInstance(Instance):
     interrupt : DeferredInterrupt
         Of the run; Ctrl-C ends the function at once.
     is_stepped : bool
-        The run is stepped by hand: what is set at a communication point may make another call there necessary.
+        What is set by hand at a communication point, or an event there, may make another call necessary.
     """
 
     noun = "function"

@@ -17,12 +17,14 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from cosim.fmi.event_mode import CLOCK, EventBuffer, EventInstance
 from cosim.fmi.instance import Instance
 from cosim.fmi.types import FmiType, type_code
 from cosim.fmi.variable_buffer import VariableBuffer
 from cosim.loop.arena import Arena
 from cosim.loop.binding import EXTRAPOLATED, NONE, Conversion, Extrapolated, Kind, Operation
 from cosim.master.algorithm import ORDERS, Extrapolation
+from cosim.master.events import Events, events_of
 from cosim.master.extrapolated_inputs import ExtrapolatedInputs
 from cosim.master.function_instance import FunctionInstance
 from cosim.master.value_layout import Transfer, ValueLayout
@@ -44,6 +46,7 @@ class NamedOperation:
     function: str = ""
     finite: tuple[tuple[str, int], ...] = ()  # names and positions of values that must be finite
     converted: tuple[Link, ...] = ()  # whose values must fit their targets
+    raised: Callable[[], BaseException] | None = None  # gives the error that it ended with
 
 
 class OperationTable:
@@ -78,6 +81,10 @@ class Exchange:
         What is recorded: position of the first value and number of each contiguous run.
     at_start, at_point, at_step : OperationTable
         What to do once in the initialisation mode, at every communication point, and to go on to the next one.
+    events : Events or None
+        Events of components that have some.
+    exchanged_again : (int, int)
+        Which operations at a communication point are performed again after an event: first, end.
     """
 
     def __init__(
@@ -101,6 +108,7 @@ class Exchange:
             self._links_to.setdefault(link.target_component, []).append(link)
         self.values = np.zeros(layout.size)
         self.recorded_runs = layout.recorded_runs
+        self.events = self._events(layout, reads_again=not extrapolated.algorithm.order.needs_levels)
 
         samples = self._samples(system.drives)
         sets = {
@@ -117,7 +125,10 @@ class Exchange:
         # FMI 1.0 lets nothing be read before an instance is initialised, and inputs should be set before that
         at_start = [*start_values, *samples, *first.arrange(sets, gets)]
         self.at_start = OperationTable(sorted(at_start, key=self._can_be_read_last))
-        self.at_point = OperationTable([*samples, *extrapolated.algorithm.order.arrange(sets, gets)])
+        exchange = extrapolated.algorithm.order.arrange(sets, gets)
+        begin, finish = self._around_exchange()
+        self.at_point = OperationTable([*samples, *begin, *exchange, *finish])
+        self.exchanged_again = (len(samples) + len(begin), len(samples) + len(begin) + len(exchange))
         sets_of = _grouped(layout.sets, attrgetter("component"))
         self.at_step = OperationTable(
             [row for c in system.components for row in self._extrapolate_and_step(c, sets_of.get(c, ()))]
@@ -154,6 +165,27 @@ class Exchange:
             for pointer, count in _arrays_of(inputs, n):
                 for i in range(count):
                     pointer[i] = rest.pop(0)
+
+    def _events(self, layout: ValueLayout, *, reads_again: bool) -> Events | None:
+        clocks: dict[tuple[str, int], list[int]] = {}
+        for transfer in (*layout.sets, *layout.gets):
+            for i, element in enumerate(transfer.elements if transfer.elements[0].timing == CLOCK else ()):
+                reference = int(element.variable.valueReference)
+                clocks.setdefault((transfer.component, reference), []).append(transfer.first + i)
+        for instance in self._instances.values():
+            if isinstance(instance, EventInstance):
+                instance.forget_buffers()
+        every = {name: component.every for name, component in self._system.components.items()}
+        return events_of(self._instances, every, self.values, clocks, reads_again=reads_again)
+
+    def _around_exchange(self) -> tuple[list[NamedOperation], list[NamedOperation]]:
+        """What is to be done before and after the exchange at a communication point."""
+        if self.events is None:
+            return [], []
+        begin, finish = self.events.operations
+        return [NamedOperation(begin, "", raised=self.events.raised)], [
+            NamedOperation(finish, "", raised=self.events.raised)
+        ]
 
     def _let_fmus_ask_for_inputs(self) -> None:
         """FMI 3.0: the first operation that extrapolates an FMU's inputs answers, and finds the others behind it."""
@@ -204,9 +236,13 @@ class Exchange:
 
     def _exchange(self, kind: Kind, transfer: Transfer, **fields: Any) -> tuple[Operation, str]:
         instance, n = self._instances[transfer.component], len(transfer.elements)
-        buffer = VariableBuffer(
-            instance, variables_of(transfer.elements), self.values[transfer.first : transfer.first + n]
-        )
+        variables, slots = variables_of(transfer.elements), self.values[transfer.first : transfer.first + n]
+        timing, buffer = transfer.elements[0].timing, VariableBuffer(instance, variables, slots)
+        if isinstance(instance, EventInstance) and timing:
+            reads = kind is Kind.GET
+            buffer = EventBuffer(instance, variables, slots, timing, reads=reads)
+            if not reads or transfer in self._layout.gets:  # and not what is read once
+                instance.keep_buffer(buffer)
         self._buffers.append(buffer)
         name = buffer.setter_name if kind is Kind.SET else buffer.getter_name
         operation = self._operation(
@@ -347,10 +383,11 @@ class Exchange:
     def _step(self, component: str) -> NamedOperation:
         instance = self._instances[component]
         name = f"fmi{instance.version}DoStep"
+        by_events = instance.step_address if isinstance(instance, EventInstance) else 0
         operation = self._operation(
             Kind.STEP,
             component,
-            function=instance.function_address(name),
+            function=by_events or instance.function_address(name),
             data=ctypes.addressof(self._arena.zeros(1)),
         )
         return NamedOperation(operation, component, name)

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from cosim.fmi.event_mode import EventInstance
 from cosim.fmi.instance import CallFailed, ExperimentSetup, Instance, StepStatus
 from cosim.fmi.messages import summary
 from cosim.fmi.types import Texts
@@ -108,6 +109,8 @@ class Run:
         for instance in instances.values():
             instance.messages.follow(lambda: None if (run := this()) is None else run.time)
 
+        if exchange.events is not None:
+            exchange.events.attach(*self._for_events())
         self._unfinished = UnfinishedSteps(instances, self._stop)
         self.ended_by: EndedBy | None = None
         self._end_point = 0
@@ -119,6 +122,18 @@ class Run:
     def time(self) -> float:
         """Time (s) of the communication point that the run has come to."""
         return self._grid.time(self._loop.point)
+
+    def _for_events(self) -> tuple[Callable[[], int], float, Callable[[int], None]]:
+        """Where the run stands, its step (s), and an exchange again, for events; they must not keep the run."""
+        this, table, loop = weakref.ref(self), self._exchange.at_point, self._loop
+        first, end = self._exchange.exchanged_again
+
+        def exchange(point: int) -> None:
+            run = this()
+            assert run is not None
+            run._perform_operations(table, first, end, point)
+
+        return lambda: int(loop.point), self._grid.step_size, exchange
 
     def initialize(self, starts: Sequence[StartValue], experiments: Mapping[str, ExperimentSetup]) -> None:
         """Set start values and run all FMUs, each for its experiment, through their initialisation mode."""
@@ -134,6 +149,9 @@ class Run:
                 _set_start_values(instance, own)
                 instance.enter_initialization_mode(experiments[component])
                 _set_start_elements(instance, own)
+        for instance in self._instances.values() if self._exchange.events is not None else ():
+            if isinstance(instance, FunctionInstance):  # after an event its inputs may be others
+                instance.is_stepped = True
         if self._samples.cover(0, 1, lambda: False) < 1:
             raise self._signal_failure(0)
         self._point_at_samples()
@@ -237,6 +255,9 @@ class Run:
             results.info["ended_by"] = dataclasses.asdict(self.ended_by)
         if self._unfinished.repeated:
             results.info["steps_repeated"] = dict(self._unfinished.repeated)
+        between = {n: i.between for n, i in self._instances.items() if isinstance(i, EventInstance) and i.between}
+        if between:
+            results.info["events_between_points"] = between
         if self._not_terminated:
             results.info["not_terminated"] = dict(self._not_terminated)
         results.info |= summary(instance.messages for instance in self._instances.values())
@@ -436,6 +457,9 @@ class Run:
     def _failure(self, table: OperationTable) -> BaseException:
         """The error that the loop has ended with."""
         row, time = table.rows[self._loop.failed], self._grid.time(self._loop.point)
+        if row.raised is not None:
+            error: BaseException = row.raised()
+            return error
         instance = self._instances[row.component]
         if isinstance(instance, FunctionInstance) and row.operation.kind == Kind.CALL:
             return _failure_of_call(row.component, time, instance.raised())

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from cosim.errors import SetupError, nearest
+from cosim.fmi.event_mode import EventInstance
 from cosim.fmi.fmu_file import load
 from cosim.fmi.instance import CallFailed, ExperimentSetup, Instance
 from cosim.fmi.message_log import Log, LogWriter
@@ -225,7 +226,8 @@ class Simulation:
         fmu = self._fmus[name]
         asks = [v.valueReference for v in variables_of(self._extrapolated.elements.get(name, ()))]
         with self._setting_up(name):
-            self._instances[name] = Instance(
+            kind = EventInstance if self._ports[name].uses_events else Instance
+            self._instances[name] = kind(
                 name, self._folders[name], fmu.description, asks, self._texts, self._messages[name]
             )
 
@@ -584,6 +586,7 @@ class Simulation:
                     "sha256": f.sha256,
                     "instance": "reset" if name in self._reset else "new",
                     "tolerance": experiments[name].tolerance,
+                    **({"event_mode": True} if self._instances[name].uses_events else {}),
                 }
                 for name, f in self._fmus.items()
             },

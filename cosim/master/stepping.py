@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from cosim.errors import SetupError
+from cosim.fmi.event_mode import EventBuffer, EventInstance
 from cosim.fmi.instance import CallFailed, Instance
 from cosim.fmi.variable_buffer import VariableBuffer
 from cosim.master.failures import Failing, InterruptedInCall, SimulationError, SimulationInterrupted
@@ -49,7 +50,13 @@ class _Quantity:
         self.positions = None if None in known else np.array(known)
         variables = variables_of(elements)
         self._whole = np.zeros(sum(math.prod(v.shape or (1,)) for v in variables))
-        self._buffer = VariableBuffer(instance, variables, self._whole)
+        self.is_clocked = elements[0].is_clocked or self.type.kind == "clock"
+        timing = elements[0].timing
+        self._buffer = (
+            EventBuffer(instance, variables, self._whole, timing)
+            if isinstance(instance, EventInstance) and timing
+            else VariableBuffer(instance, variables, self._whole)
+        )
         # a single element of an array of FMI 3.0 is set by way of the whole array
         self._own = slice(elements[0].offset, elements[0].offset + len(elements))
         bounds = [(e.variable.min, e.variable.max) for e in elements]
@@ -180,6 +187,8 @@ class SteppedRun:
             self._check_running()
         self._exchange_again()
         if quantity.positions is None:
+            if quantity.is_clocked:
+                raise SetupError(f"'{name}' can be read when its clock ticks only; record it")
             with self._failing(quantity.component):
                 return quantity.value(quantity.get())
         return quantity.value(self._run.values[quantity.positions])
@@ -416,6 +425,8 @@ def _obstacle(component: str, elements: Sequence[Element], fed: set[tuple[str, s
         variable = element.variable
         if (component, element.name) in fed:
             return "a connection or a signal feeds it"
+        if variable.type == "Clock" or element.is_clocked:
+            return "clocks, and what is set when they tick, are fed by a signal or a connection (System.drive)"
         if variable.causality != "input" and not element.is_tunable:
             what = f"{variable.variability or 'continuous'} {variable.causality}"
             return f"it is a {what}; FMI allows inputs and tunable parameters only"

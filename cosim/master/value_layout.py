@@ -22,7 +22,7 @@ Key = tuple[str, str]
 
 @dataclass(frozen=True)
 class Transfer:
-    """Variables of one type that a component gets or sets in one call, on one level of the exchange.
+    """Variables of one type and timing that a component gets or sets in one call, on one level of the exchange.
 
     Levels: see `cosim.system.levels`. The value of `elements[i]` is at position `first + i`.
     """
@@ -100,6 +100,8 @@ class ValueLayout:
     def _is_constant(self, key: Key) -> bool:
         """Whether a variable that nothing feeds keeps its value during the run."""
         variable = self._system.ports[key[0]].description_of(key[1])
+        if variable.type == "Clock":
+            return False
         return variable.causality == "input" or variable.variability in ("constant", "fixed", "tunable")
 
     def _level(self, key: Key) -> int:
@@ -155,12 +157,12 @@ class ValueLayout:
         transfers: list[list[Transfer]] = [[] for _ in kinds]
         for component, port in self._system.ports.items():
             for level_of, transfers_of_kind in zip(kinds, transfers, strict=True):
-                groups: dict[tuple[int, str], list[Element]] = {}
+                groups: dict[tuple[int, str, str], list[Element]] = {}
                 for element in port.all_elements():
                     key = (component, element.variable.name)
                     if key in level_of:
-                        groups.setdefault((level_of[key], element.variable.type), []).append(element)
-                for (level, _), group in sorted(groups.items()):
+                        groups.setdefault((level_of[key], element.variable.type, element.timing), []).append(element)
+                for (level, *_), group in sorted(groups.items()):
                     elements = tuple(sorted(group, key=partial(self._rank_of, component)))
                     transfer = Transfer(component, level, elements, first=len(self.positions))
                     self.positions |= _numbered(((component, e.name) for e in elements), transfer.first)

@@ -10,6 +10,7 @@ from typing import Any, get_args
 import numpy as np
 
 from cosim.errors import ArgumentError, SetupError, nearest
+from cosim.fmi.event_mode import is_time_based
 from cosim.fmi.structure import is_structural
 from cosim.fmi.types import CONVERSIONS
 from cosim.system.levels import AlgebraicLoop, Node, levels
@@ -126,6 +127,7 @@ def resolve(
         error; an algebraic loop where the order of exchange can't run it.
     """
     links = tuple(link for c in system.connections for link in _links(c, ports))
+    _check_clocks(links, system)
     drives = tuple(_drive(s, ports, system) for s in system.signals)
     starts = tuple(
         resolve_start_value(ports[c.name], name, value)
@@ -169,7 +171,15 @@ def _find(path: str, ports: Mapping[str, Ports], causality: str, role: str) -> t
             article = "an" if actual[0] in "aeiou" else "a"
             raise SetupError(f"'{path}' is {article} {actual} and can't be the {role}, which must be an {causality}")
         if not element.is_exchanged:
-            raise SetupError(f"'{path}' is of type {element.variable.type}, whose values can't be exchanged")
+            raise SetupError(
+                f"'{path}' is of type {element.variable.type}, whose values can be exchanged in event mode only, which "
+                "its FMU lacks (hasEventMode)"
+            )
+        if causality == "input" and is_time_based(element.variable):
+            raise SetupError(
+                f"'{path}' is a clock that ticks at times of its FMU ({element.variable.intervalVariability}); only "
+                "triggered clocks can be fed"
+            )
     return port.component, elements
 
 
@@ -188,6 +198,17 @@ def _links(connection: Connection, ports: Mapping[str, Ports]) -> list[Link]:
         )
         links.append(Link(source_component, source, target_component, target, factor, offset))
     return links
+
+
+def _check_clocks(links: Iterable[Link], system: System) -> None:
+    """Both ends of a connection between clocks take part in the same communication points; else ticks would be lost."""
+    for link in links:
+        source, target = (system.components[c] for c in (link.source_component, link.target_component))
+        if link.target.kind == "clock" and source.every != target.every:
+            raise SetupError(
+                f"clock '{source.name}.{link.source.name}' can't feed '{target.name}.{link.target.name}': the "
+                f"components communicate every {source.every} and every {target.every} steps; give both one `every`"
+            )
 
 
 def _transformation(
@@ -244,6 +265,8 @@ def resolve_start_value(port: Ports, name: str, value: Any) -> StartValue:
     for element in elements:
         variable = element.variable
         settable = variable.causality == "input" or variable.initial in ("exact", "approx")
+        if variable.type == "Clock":
+            raise SetupError(f"{here}: clocks have none; have a signal or a connection feed a triggered one")
         if not settable or variable.variability == "constant":
             raise SetupError(f"{here}: {variable.causality} variables can't be set; set parameters and inputs only")
     values = _flat(value)
@@ -345,7 +368,7 @@ def _check_feeding(
         (component, e.name)
         for component, port in ports.items()
         for e in port.of_causality("input")
-        if (component, e.name) not in fed and (component, e.name) not in held
+        if (component, e.name) not in fed and (component, e.name) not in held and not is_time_based(e.variable)
     ]
     if missing := [f"'{component}.{name}'" for component, name in kept if component in strict]:
         raise SetupError(
@@ -398,6 +421,10 @@ def _levels(
             feeds[component, output] = {(component, name) for name in depends_on}
             inputs |= feeds[component, output]
         inputs |= {(component, element.variable.name) for element in port.of_causality("input")}
+        for element in port.of_causality("input"):  # it is set while its clock is active
+            if element.is_clocked:
+                clocks = {(component, name) for name in port.clocked[element.variable.name]}
+                feeds.setdefault((component, element.variable.name), set()).update(clocks & inputs)
     for node in inputs:
         feeds.setdefault(node, set())
     for link in links:

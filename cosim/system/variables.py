@@ -17,6 +17,7 @@ from typing import Any
 from fmpy.model_description import ModelDescription, ModelVariable, Unit
 
 from cosim.errors import ArgumentError, SetupError, nearest
+from cosim.fmi.event_mode import CLOCK, DISCRETE, timing_of, uses_events
 from cosim.fmi.structure import resize
 from cosim.fmi.types import FMI_TYPES, FmiType
 
@@ -25,16 +26,25 @@ _ELEMENT = re.compile(r"(?P<vector>.+)\[\d+(,\d+)*\]$")
 
 @dataclass(frozen=True)
 class Element:
-    """One scalar value of a variable: the variable itself in FMI 2.0, an element of an array in FMI 3.0."""
+    """One scalar value of a variable: the variable itself in FMI 2.0, an element of an array in FMI 3.0.
+
+    `timing` says when its values are exchanged, see `cosim.fmi.event_mode.timing_of`; empty in FMUs without events.
+    """
 
     name: str
     variable: ModelVariable
     offset: int
+    timing: str = ""
 
     @property
     def is_exchanged(self) -> bool:
-        """Whether its values can be exchanged and recorded; those of clocks can't."""
-        return self.variable.type in FMI_TYPES
+        """Whether its values can be exchanged and recorded; those of clocks can in event mode only."""
+        return self.variable.type in FMI_TYPES and (self.variable.type != "Clock" or self.timing == CLOCK)
+
+    @property
+    def is_clocked(self) -> bool:
+        """Whether it can be got and set while a clock is active only."""
+        return self.timing not in ("", CLOCK, DISCRETE)
 
     @property
     def type(self) -> FmiType:
@@ -43,8 +53,8 @@ class Element:
 
     @property
     def kind(self) -> str:
-        """Kind of the value: real, integer, boolean, enumeration, string, binary; clock for what can't be exchanged."""
-        return self.type.kind if self.is_exchanged else str(self.variable.type).lower()
+        """Kind of the value: real, integer, boolean, enumeration, string, binary; clock."""
+        return FMI_TYPES[self.variable.type].kind
 
     @property
     def is_tunable(self) -> bool:
@@ -107,12 +117,13 @@ class Ports:
     def __init__(self, component: str, description: ModelDescription, start: Mapping[str, Any] | None = None) -> None:
         self.component = component
         resize(description, start or {})
+        self.uses_events = uses_events(description)
         self.description = description
         self._elements: dict[str, Element] = {}
         self._variables = {v.name: v for v in description.modelVariables}
         self._vectors: dict[str, list[Element]] = {}
         for variable in description.modelVariables:
-            for element in _elements_of(variable):
+            for element in _elements_of(variable, timing_of(variable) if self.uses_events else ""):
                 self._elements[element.name] = element
                 match = _ELEMENT.match(element.name)
                 if match:
@@ -151,14 +162,24 @@ class Ports:
 
     @cached_property
     def feedthrough(self) -> dict[str, set[str]]:
-        """For each output the inputs it depends on directly; an undeclared dependency counts as one on all inputs."""
+        """For each output the inputs it depends on directly; an undeclared dependency counts as one on all inputs.
+
+        A clocked one depends on its clocks.
+        """
         inputs = {v.name for v in self.description.modelVariables if v.causality == "input"}
+        clocked = self.clocked if self.uses_events else {}
         return {
             unknown.variable.name: inputs
             if unknown.dependencies is None
             else {d.name for d in unknown.dependencies if d.name in inputs}
+            | (clocked.get(unknown.variable.name, set()) & inputs)
             for unknown in self.description.outputs
         }
+
+    @cached_property
+    def clocked(self) -> dict[str, set[str]]:
+        """For each clocked variable its clocks."""
+        return {v.name: {clock.name for clock in v.clocks} for v in self.description.modelVariables if v.clocks}
 
     def unit(self, element: Element) -> Unit | None:
         """Unit definition of an element, None where the FMU gives no unit."""
@@ -187,9 +208,11 @@ def indices(name: str) -> tuple[int, ...]:
     return tuple(int(i) for i in name[name.rindex("[") + 1 : -1].split(","))
 
 
-def _elements_of(variable: ModelVariable) -> list[Element]:
+def _elements_of(variable: ModelVariable, timing: str) -> list[Element]:
     shape = variable.shape or ()
     if not shape:
-        return [Element(variable.name, variable, 0)]
+        return [Element(variable.name, variable, 0, timing)]
     all_indices = product(*(range(1, n + 1) for n in shape))
-    return [Element(f"{variable.name}[{','.join(map(str, i))}]", variable, k) for k, i in enumerate(all_indices)]
+    return [
+        Element(f"{variable.name}[{','.join(map(str, i))}]", variable, k, timing) for k, i in enumerate(all_indices)
+    ]
