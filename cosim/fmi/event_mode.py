@@ -142,6 +142,7 @@ class EventInstance(Instance):
         self._active: dict[int, bool] = {}  # at this super-dense instant, as far as known
         self._timers = {reference: _Timer() for reference in self._timed}
         self._next_event = math.inf
+        self._due = math.inf  # the earliest of these times
         self._event_needed = False
         self._now = 0.0
 
@@ -158,6 +159,7 @@ class EventInstance(Instance):
         for reference, clock in self._timed.items():
             self._begin_clock(reference, clock)
         super().exit_initialization_mode()
+        self._schedule()
         self.mode, self.is_pending = "event", True
 
     def _begin_clock(self, reference: int, clock: ModelVariable) -> None:
@@ -229,8 +231,7 @@ class EventInstance(Instance):
             self._activate_due()
 
     def _begin_event(self) -> None:
-        is_due = any(timer.time <= self._now + self.tolerance for timer in self._timers.values())
-        if is_due or self._event_needed or self._next_event <= self._now + self.tolerance:
+        if self._is_due():
             self.change()
             self._activate_due()
         elif self.mode == "event":
@@ -247,7 +248,11 @@ class EventInstance(Instance):
         due = [r for r, timer in self._timers.items() if timer.time <= self._now + self.tolerance]
         for reference in due:
             self._timers[reference].advance()
+        self._schedule()
         self.activate(due)
+
+    def _schedule(self) -> None:
+        self._due = min((self._next_event, *(timer.time for timer in self._timers.values())))
 
     def activate(self, references: Sequence[int]) -> None:
         """Have input clocks tick."""
@@ -321,8 +326,8 @@ class EventInstance(Instance):
             is_told = kind == "tunable" and _described(clock)[0] is None
             if reference in changed or kind == "countdown" or is_told:
                 self._learn_interval(reference, kind)
-        is_due = any(timer.time <= self._now + self.tolerance for timer in self._timers.values())
-        self.is_pending = (needed.value or is_due) and not self.has_ended
+        self._schedule()
+        self.is_pending = (needed.value or self._is_due()) and not self.has_ended
 
     def _learn_interval(self, reference: int, kind: str) -> None:
         interval, qualifier = self._interval(reference)
@@ -423,12 +428,11 @@ class EventInstance(Instance):
         return StepStatus(0, has_ended=self.has_ended, reached=self._now if self.has_ended else end)
 
     def _is_due(self) -> bool:
-        times = (self._next_event, *(timer.time for timer in self._timers.values()))
-        return self._event_needed or min(times) <= self._now + self.tolerance
+        return self._event_needed or self._due <= self._now + self.tolerance
 
     def _next_stop(self, end: float, step: float) -> float:
         """Where a part of a communication step ends: at what is due before its end (s)."""
-        stop = min((self._next_event, *(timer.time for timer in self._timers.values())))
+        stop = self._due
         if stop >= end - _SAME * step:
             return end
         if not self.takes_any_step:
@@ -499,6 +503,7 @@ class EventInstance(Instance):
         self.ticked, self._ticked_between, self._late = (set(references) for references in own["ticked"])
         self._timers = {int(reference): _Timer(**timer) for reference, timer in own["timers"].items()}
         self._next_event, self._event_needed = own["next_event"], own["event_needed"]
+        self._schedule()
         self.between, self.last_set = own["between"], own["last_set"]
 
 

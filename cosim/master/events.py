@@ -48,6 +48,7 @@ class Events:
     ) -> None:
         self._instances = instances
         self._every = every
+        self._all_take_part = all(every[name] == 1 for name in instances)
         self._ticks = values.view(np.int64)
         self._clocks = clocks
         self._reads_again = reads_again
@@ -94,8 +95,10 @@ class Events:
 
         return call
 
-    def _present(self) -> dict[str, EventInstance]:
+    def _present(self) -> Mapping[str, EventInstance]:
         """Components that take part in this communication point."""
+        if self._all_take_part:
+            return self._instances
         point = self._point()
         return {name: i for name, i in self._instances.items() if point % self._every[name] == 0}
 
@@ -108,6 +111,8 @@ class Events:
 
     def _finish(self, time: float) -> None:
         present = self._present()
+        if not any(instance.is_pending or instance.ticked for instance in present.values()):
+            return
         for _ in range(MOST_UPDATES):
             pending = {name: instance for name, instance in present.items() if instance.is_pending}
             if not pending:
@@ -130,8 +135,8 @@ class Events:
             with Failing(component, time, instance):
                 instance.leave()
         for (component, reference), positions in self._clocks.items():
-            if component in present:
-                self._ticks[positions] = reference in present[component].ticked
+            if component in present and reference in present[component].ticked:  # the others are at 0 already
+                self._ticks[positions] = 1
 
     def _clear(self, component: str) -> None:
         """No clock of a component ticks by the values as they are."""

@@ -125,6 +125,8 @@ class Exchange:
         # FMI 1.0 lets nothing be read before an instance is initialised, and inputs should be set before that
         at_start = [*start_values, *samples, *first.arrange(sets, gets)]
         self.at_start = OperationTable(sorted(at_start, key=self._can_be_read_last))
+        if self.events is not None:  # a clock is set before what it lets through, whatever the order
+            sets = dict(sorted(sets.items()))
         exchange = extrapolated.algorithm.order.arrange(sets, gets)
         begin, finish = self._around_exchange()
         self.at_point = OperationTable([*samples, *begin, *exchange, *finish])

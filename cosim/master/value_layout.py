@@ -162,7 +162,7 @@ class ValueLayout:
                     key = (component, element.variable.name)
                     if key in level_of:
                         groups.setdefault((level_of[key], element.variable.type, element.timing), []).append(element)
-                for (level, *_), group in sorted(groups.items()):
+                for (level, *_), group in sorted(groups.items(), key=_clocks_first):
                     elements = tuple(sorted(group, key=partial(self._rank_of, component)))
                     transfer = Transfer(component, level, elements, first=len(self.positions))
                     self.positions |= _numbered(((component, e.name) for e in elements), transfer.first)
@@ -188,6 +188,12 @@ class ValueLayout:
 
 def _numbered(keys: Iterable[Key], first: int = 0) -> dict[Key, int]:
     return {key: number for number, key in enumerate(keys, start=first)}
+
+
+def _clocks_first(group: tuple[tuple[int, str, str], list[Element]]) -> tuple[int, bool, str, str]:
+    """Order of transfers: by level, and clocks before what they let through."""
+    level, kind, timing = group[0]
+    return level, kind != "Clock", kind, timing
 
 
 def _runs(positions: Sequence[int]) -> np.ndarray:

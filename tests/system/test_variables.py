@@ -86,7 +86,7 @@ def test_reals_hold_any_number_and_booleans_two() -> None:
 
 def test_kinds_of_all_types_that_can_be_exchanged() -> None:
     kinds = {name: known.kind for name, known in FMI_TYPES.items()}
-    others = {name: name.lower() for name in ("Boolean", "Enumeration", "String", "Binary")}
+    others = {name: name.lower() for name in ("Boolean", "Enumeration", "String", "Binary", "Clock")}
     reals = dict.fromkeys(("Real", "Float64", "Float32"), "real")
     assert kinds == reals | dict.fromkeys((*RANGES, "Integer"), "integer") | others
     (clock,) = fmi3("s Clock").find("s")
