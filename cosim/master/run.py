@@ -56,11 +56,22 @@ SHORTEST_TIME = 1e-6  # clocks have a resolution
 
 @dataclass(frozen=True)
 class Grid:
-    """The communication points `start_time + i * step_size`, i = 0 ... last_point (s)."""
+    """The communication points `start_time + i * step_size`, i = 0 ... last_point (s).
+
+    The stop time (s) is that of the last point, but for rounding; None for a run without an end.
+    """
 
     start_time: float
     step_size: float
     last_point: int
+    stop_time: float | None = None
+
+    @property
+    def told_stop_time(self) -> float | None:
+        """Stop time (s) that FMUs are told; where the last step ends later for rounding (0.2 + 0.1 > 0.3), its end."""
+        if self.stop_time is None:
+            return None
+        return max(self.stop_time, self.time(self.last_point - 1) + self.step_size)
 
     def time(self, point: int) -> float:
         """Time (s) of a point."""

@@ -356,9 +356,9 @@ class Simulation:
             Ctrl-C; its `results` hold what had been recorded.
         """
         began = clock.perf_counter()
-        grid = Grid(start_time, step_size, number_of_steps(start_time, stop_time, step_size))
+        grid = Grid(start_time, step_size, number_of_steps(start_time, stop_time, step_size), stop_time)
         samples, starts = self._prepared(grid, start or {}, signals, record_every)
-        experiments = self._experiments(grid, stop_time, tolerance)
+        experiments = self._experiments(grid, tolerance)
         pacer = None if realtime is None else Pacer(realtime)
         if checkpoint is not None:
             self._check_states()
@@ -420,9 +420,9 @@ class Simulation:
         last = _MOST_POINTS if stop_time is None else number_of_steps(start_time, stop_time, step_size)
         if stop_time is None:
             number_of_steps(start_time, start_time + step_size, step_size)  # a step that makes sense
-        grid = Grid(start_time, step_size, last)
+        grid = Grid(start_time, step_size, last, stop_time)
         samples, starts = self._prepared(grid, start or {}, signals, record_every)
-        experiments = self._experiments(grid, stop_time, tolerance)
+        experiments = self._experiments(grid, tolerance)
         growing = self._growing(grid, record_every)
         with self._stepping(grid, samples, starts, record_every, experiments, growing) as (run, _):
             yield run
@@ -514,7 +514,7 @@ class Simulation:
         starts = [s for s in self._resolved.starts if not {(s.component, e.name) for e in s.elements} <= given]
         return self._samples_of(self._drives(signals), grid), [*starts, *extra]
 
-    def _experiments(self, grid: Grid, stop_time: float | None, tolerance: float | None) -> dict[str, ExperimentSetup]:
+    def _experiments(self, grid: Grid, tolerance: float | None) -> dict[str, ExperimentSetup]:
         """What the FMU of each component is told of a run.
 
         Raises
@@ -527,7 +527,7 @@ class Simulation:
         return {
             name: ExperimentSetup(
                 grid.start_time,
-                stop_time,
+                grid.told_stop_time,
                 self._fmus[name].tolerance if tolerance is None and name in self._fmus else tolerance,
             )
             for name in self._ports
@@ -573,7 +573,7 @@ class Simulation:
         """Results without rows, that say how the run is made."""
         info = {
             "step_size": grid.step_size,
-            "stop_time": next(iter(experiments.values())).stop_time,
+            "stop_time": grid.stop_time,
             "start_time": grid.start_time,
             "order": self._order,
             "extrapolation": self._extrapolated.summary(),

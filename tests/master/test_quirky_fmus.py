@@ -95,6 +95,22 @@ def test_fmus_are_told_the_stop_time_of_the_run_and_the_tolerance_of_their_exper
     assert told(simulate(one(quirky(folder)), 1.0, 0.5)) == (1.0, -1.0)
 
 
+@pytest.mark.parametrize(("stop_time", "step_size"), [(0.3, 0.1), (15.0, 5e-3), (0.04, 1e-4), (1.0, 0.1), (1e-4, 1e-4)])
+def test_no_step_ends_after_the_stop_time_for_rounding(folder: Path, stop_time: float, step_size: float) -> None:
+    n = round(stop_time / step_size)
+    with Simulation(one(quirky(folder, Quirk.REFUSES_TO_OVERSHOOT))) as simulation:
+        results = simulation.run(stop_time, step_size)
+        assert len(results.time) == n + 1
+        assert results.time[-1] == n * step_size
+        with simulation.start(step_size=step_size, stop_time=stop_time) as run:
+            run.step(n)
+            assert run["m.y"] == results["m.y"][-1] == pytest.approx(0.5 * stop_time**2)
+
+
+def test_rounding_makes_some_of_these_steps_end_after_the_stop_time() -> None:
+    assert [n * h + h > stop for n, h, stop in ((2, 0.1, 0.3), (2999, 5e-3, 15.0), (399, 1e-4, 0.04))] == [True] * 3
+
+
 def test_fmus_that_need_a_stop_time_or_a_tolerance_get_one(folder: Path) -> None:
     assert told(simulate(one(quirky(folder, Quirk.NEEDS_STOP_TIME)), 1.0, 0.5)) == (1.0, -1.0)
     system = one(quirky(folder, Quirk.NEEDS_TOLERANCE))

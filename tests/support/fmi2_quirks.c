@@ -19,7 +19,8 @@ enum {
     REFUSES_RESET = 16,
     FAILS_TO_TERMINATE = 32,
     IS_ASYNCHRONOUS = 64, /* a step is pending until it was asked for three times */
-    COMPUTES_IN_PART = 128 /* a longer step than `longest` ends at it */
+    COMPUTES_IN_PART = 128, /* a longer step than `longest` ends at it */
+    REFUSES_TO_OVERSHOOT = 256 /* a step that ends after the stop time is an error */
 };
 
 enum { U, Y, STOP, TOLERANCE, END, INTERNAL, LONGEST, N_VARIABLES };
@@ -117,6 +118,7 @@ fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real step, fmi2Boolean
     Model *m = c;
     (void)no_set_state;
     m->time = time;
+    if ((QUIRKS & REFUSES_TO_OVERSHOOT) && m->stop_defined && time + step > m->v[STOP]) return fmi2Error;
     m->ended = time + step > m->v[END] * (1.0 + 1e-12);
     if (m->ended) return fmi2Discard;
     double internal = m->v[INTERNAL];

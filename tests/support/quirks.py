@@ -25,6 +25,7 @@ class Quirk(IntFlag):
     FAILS_TO_TERMINATE = 32
     IS_ASYNCHRONOUS = 64
     COMPUTES_IN_PART = 128
+    REFUSES_TO_OVERSHOOT = 256
 
 
 def quirky(
