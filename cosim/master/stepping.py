@@ -374,7 +374,11 @@ class SteppedRun:
     def _quantity(self, name: str) -> _Quantity:
         if name not in self._quantities:
             port, variable = split(name, self._system.ports)
-            elements = port.find(variable)
+            named = port.find(variable)
+            elements = [port.original(element) for element in named]
+            if elements != named:  # an alias
+                own = elements[0]
+                variable = own.name if variable == named[0].name else own.variable.name
             if not elements[0].is_exchanged:
                 fmi_type = elements[0].variable.type
                 raise SetupError(f"'{name}' is of type {fmi_type}, which can't be read or set during a run")

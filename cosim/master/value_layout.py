@@ -5,7 +5,7 @@ Values stand component by component, each component's in contiguous transfers: w
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass
 from functools import partial
 
@@ -14,7 +14,7 @@ import numpy as np
 from cosim.loop.binding import EXTRAPOLATED, HELD
 from cosim.master.extrapolated_inputs import ExtrapolatedInputs
 from cosim.system.resolution import ResolvedSystem
-from cosim.system.variables import Element
+from cosim.system.variables import Element, is_alias
 
 #: A variable or an element, by component and name.
 Key = tuple[str, str]
@@ -72,7 +72,7 @@ class ValueLayout:
         fed |= {(d.component, e.variable.name) for d in system.drives for e in d.targets}
         feeding = {(k.source_component, k.source.variable.name) for k in system.links}
         read = (feeding | {(component, e.variable.name) for component, e in recorded}) - fed
-        constant = {key for key in read if self._is_constant(key)}
+        constant = {key for key in read if self._is_constant(key, fed)}
         levels_of_gets = self._levels_of_gets(read - constant, feeding, fed)
         kinds = (
             self._levels_of_sets(fed, levels_of_gets),
@@ -97,10 +97,10 @@ class ValueLayout:
 
     # When
 
-    def _is_constant(self, key: Key) -> bool:
+    def _is_constant(self, key: Key, fed: Set[Key]) -> bool:
         """Whether a variable that nothing feeds keeps its value during the run."""
         variable = self._system.ports[key[0]].description_of(key[1])
-        if variable.type == "Clock":
+        if variable.type == "Clock" or (is_alias(variable) and (key[0], variable.alias.name) in fed):
             return False
         return variable.causality == "input" or variable.variability in ("constant", "fixed", "tunable")
 

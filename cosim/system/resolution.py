@@ -16,7 +16,7 @@ from cosim.fmi.types import CONVERSIONS
 from cosim.system.levels import AlgebraicLoop, Node, levels
 from cosim.system.system import AsWritten, Component, Connection, Signal, SignalFunction, System, Units
 from cosim.system.units import UnitsDiffer, conversion
-from cosim.system.variables import Element, Ports
+from cosim.system.variables import Element, Ports, is_alias
 
 
 @dataclass(frozen=True)
@@ -180,6 +180,8 @@ def _find(path: str, ports: Mapping[str, Ports], causality: str, role: str) -> t
                 f"'{path}' is a clock that ticks at times of its FMU ({element.variable.intervalVariability}); only "
                 "triggered clocks can be fed"
             )
+    if causality == "input":
+        elements = [port.original(element) for element in elements]
     return port.component, elements
 
 
@@ -260,7 +262,7 @@ def resolve_start_value(port: Ports, name: str, value: Any) -> StartValue:
     SetupError
         There is no such variable, it can't be set, or the value does not fit it.
     """
-    elements = port.find(name)
+    elements = [port.original(element) for element in port.find(name)]
     here = f"start value of '{port.component}.{name}'"
     for element in elements:
         variable = element.variable
@@ -368,7 +370,9 @@ def _check_feeding(
         (component, e.name)
         for component, port in ports.items()
         for e in port.of_causality("input")
-        if (component, e.name) not in fed and (component, e.name) not in held and not is_time_based(e.variable)
+        if (component, e.name) not in fed
+        and (component, e.name) not in held
+        and not (is_time_based(e.variable) or is_alias(e.variable))
     ]
     if missing := [f"'{component}.{name}'" for component, name in kept if component in strict]:
         raise SetupError(

@@ -168,13 +168,22 @@ class Ports:
         """
         inputs = {v.name for v in self.description.modelVariables if v.causality == "input"}
         clocked = self.clocked if self.uses_events else {}
-        return {
+        found = {
             unknown.variable.name: inputs
             if unknown.dependencies is None
             else {d.name for d in unknown.dependencies if d.name in inputs}
             | (clocked.get(unknown.variable.name, set()) & inputs)
             for unknown in self.description.outputs
         }
+        aliases = {v.name: v.alias.name for v in self.description.modelVariables if is_alias(v)}
+        return found | {alias: found[name] for alias, name in aliases.items() if name in found}
+
+    def original(self, element: Element) -> Element:
+        """The element that an element of an alias stands for; of others the element itself."""
+        if not is_alias(element.variable):
+            return element
+        variable = element.variable.alias
+        return next(e for e in self._elements.values() if e.variable is variable and e.offset == element.offset)
 
     @cached_property
     def clocked(self) -> dict[str, set[str]]:
@@ -196,6 +205,11 @@ class Ports:
         """
         declared = element.variable.declaredType
         return bool(element.variable.relativeQuantity or (declared is not None and declared.relativeQuantity))
+
+
+def is_alias(variable: ModelVariable) -> bool:
+    """FMI 3.0: whether a variable is another name of one."""
+    return isinstance(variable.alias, ModelVariable)
 
 
 def variables_of(elements: Iterable[Element]) -> list[ModelVariable]:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from fmpy.validation import validate_fmu
 
-from cosim import SetupError, SimulationError, System, simulate
+from cosim import SetupError, Simulation, SimulationError, System, simulate
 from tests.support import some
 from tests.support.fmi3_gain import DESCRIPTION, HELD, zipped
 from tests.support.tiny_models import GAIN, GAIN3, build
@@ -224,6 +224,60 @@ def test_an_initialisation_that_fails_has_no_results(gain3c):
     with pytest.raises(SimulationError, match=message) as failed:
         simulate(system, 3.0, 0.25, start_time=2.0)
     assert failed.value.results is None
+
+
+@pytest.fixture(scope="module")
+def aliased(gain3c: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The FMU with aliases: v2 and u2 of inputs, y2 and x2 of outputs."""
+    folder = tmp_path_factory.mktemp("aliased")
+    description = DESCRIPTION
+    for name in ("u", "y"):
+        begin, dimension, _ = description.partition(f'name="{name}"')[2].partition('<Dimension start="3"/>')
+        whole = f'name="{name}"{begin}{dimension}'
+        description = description.replace(whole, f'{whole}<Alias name="{name}2"/>')
+    for name in ("v", "x"):
+        begin = description.partition(f'name="{name}"')[2].partition("/>")[0]
+        whole = f'name="{name}"{begin}/>'
+        description = description.replace(whole, f'{whole[:-2]}><Alias name="{name}2"/></Float64>')
+    with zipfile.ZipFile(gain3c) as archive:
+        library = Path(archive.extract(next(n for n in archive.namelist() if "binaries" in n), folder))
+    return zipped(folder / "aliased.fmu", library, description)
+
+
+def test_an_alias_is_fed_and_read_as_its_variable(aliased):
+    names = ["u", "u2", "y", "y2", "v", "v2", "x", "x2"]
+    results = []
+    for u, v, y in (("u", "v", "y"), ("u2", "v2", "y2")):
+        system = System()
+        system.add("c", aliased, start=start("u", "v"))
+        system.add("d", aliased, start=start("u"))
+        system.drive(f"c.{u}", ramp)
+        system.drive(f"c.{v}", np.sin)
+        system.connect(f"c.{y}", f"d.{u}")
+        results.append(simulate(system, 1.0, 0.125, record=[f"{c}.{n}" for c in "cd" for n in names]))
+        assert results[-1].info["inputs_kept"] == []
+    by_name, by_alias = results
+    assert (by_alias.values == by_name.values).all()
+    for name in names[::2]:
+        assert (by_name[f"c.{name}2"] == by_name[f"c.{name}"]).all()
+    assert (by_alias["d.y2"] == 4.0 * np.array([ramp(t) for t in by_alias.time])).all()
+
+
+def test_an_alias_of_what_is_fed_is_not_fed_again(aliased):
+    system = System()
+    system.add("c", aliased, start=start("u"))
+    system.drive("c.u", ramp)
+    system.drive("c.u2[2]", lambda t: t)
+    with pytest.raises(SetupError, match=r"input 'c\.u\[2\]' is fed twice"):
+        simulate(system, 1.0, 0.125)
+    del system.signals[1]
+    with Simulation(system) as simulation, simulation.start(0.125) as run:
+        run["c.v2"] = 2.0
+        run.step(2)
+        assert run["c.v"] == run["c.v2"] == 2.0
+        assert run["c.x2"] == run["c.x"] == 0.5
+        with pytest.raises(SetupError, match=r"'c\.u2' can't be set during a run: a connection or a signal feeds it"):
+            run["c.u2"] = [1.0, 2.0, 3.0]
 
 
 def test_an_fmu_that_refuses_to_be_instantiated_is_named_with_its_log(gain3c, tmp_path):
