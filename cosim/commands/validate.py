@@ -1,14 +1,16 @@
-"""`cosim validate`: check FMU files with fmpy's validator, one line a finding."""
+"""`cosim validate`: check FMU files with fmpy's validator, and run them by the references that they bring along."""
 
 from __future__ import annotations
 
 import argparse
 import zipfile
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from fmpy.validation import validate_fmu
 
+from cosim.errors import CosimError
 from cosim.file_kinds import FMU, NPZ, SSP, WORKBOOK, kind_of, not_read
 
 
@@ -18,6 +20,12 @@ def register(subparsers: Any) -> None:
         "validate", help="check FMU files", description="Check FMU files; prints one line a finding, exits 1 on any."
     )
     parser.add_argument("fmu", nargs="+", type=Path, help="FMU file")
+    parser.add_argument(
+        "--run",
+        action="store_true",
+        dest="run_references",
+        help="also run the experiments that an FMU brings along (fmi-ls-ref), and compare with their reference results",
+    )
     parser.set_defaults(run=run)
 
 
@@ -32,6 +40,38 @@ def _problems(path: Path) -> list[str]:
         return [not_read(path, "an FMU", "not an FMU (not a zip archive)", FMU).removeprefix(f"{path}: ")]
 
 
+def _run_references(path: Path) -> bool:
+    """Run the cases that an FMU brings along, one line each; whether anything was found."""
+    from cosim.fmi.fmu_file import read_fmu
+    from cosim.regression.outcome import check
+    from cosim.regression.run import interfaces_of
+    from cosim.regression.shipped import shipped_cases
+
+    found = False
+    with TemporaryDirectory(prefix="cosim_", ignore_cleanup_errors=True) as folder:
+        try:
+            shipped = shipped_cases(path, Path(folder))
+            interfaces = interfaces_of(read_fmu(path, str(path))) if shipped.cases else []
+        except CosimError as error:
+            print(" ".join(str(error).split()))
+            return True
+        for note in shipped.notes:
+            print(f"{path}: not tried: {note}")
+        if not shipped.cases:
+            print(f"{path}: brings no references along that can be run; nothing was run")
+        for case in shipped.cases:
+            for interface in interfaces:
+                outcome = check(case, path, interface)
+                spoken = {"co_simulation": "co-simulation", "model_exchange": "model exchange"}[interface]
+                here = f"{path}: {case.name}, {spoken}"
+                for finding in outcome.findings:
+                    print(f"{here}: {' '.join(finding.split())}")
+                if not outcome.findings:
+                    print(f"{here}: {outcome.unclear or '; '.join(['ok', *outcome.notes])}")
+                found = found or bool(outcome.findings)
+    return found
+
+
 def run(args: argparse.Namespace) -> int:
     """Run `cosim validate`; returns 0 when nothing was found, else 1."""
     found = False
@@ -42,4 +82,6 @@ def run(args: argparse.Namespace) -> int:
         found = found or bool(problems)
         if not problems:
             print(f"{path}: ok")
+        if args.run_references and path.is_file():
+            found = _run_references(path) or found
     return int(found)

@@ -22,6 +22,10 @@ ENDINGS = (".csv", ".parquet", ".mat", ".npz", ".json")
 #: What inputs do between two rows of `<case>_in.csv`.
 Between = Literal["linear", "hold"]
 
+#: What integrates in model exchange: FMPy's CVode, Euler's explicit method, or the first of the two that agrees.
+Solver = Literal["CVode", "Euler", "either"]
+Method = Literal["CVode", "Euler"]
+
 
 class CaseError(CosimError):
     """A case is incomplete, or its files don't fit each other."""
@@ -98,8 +102,12 @@ class Case:
         return read_options(self.options_path) if self.options_path.is_file() else None
 
     @cached_property
-    def _tables(self) -> dict[str, Any]:
+    def _own_tables(self) -> dict[str, Any]:
         return read_toml(self.tolerances_path) if self.tolerances_path.is_file() else {}
+
+    @property
+    def _tables(self) -> dict[str, Any]:
+        return self._own_tables
 
     def tolerances(self, interface: Interface) -> Tolerances:
         """Tolerances of one interface."""
@@ -121,6 +129,33 @@ class Case:
             hint = nearest(str(between), ("linear", "hold"))
             raise CaseError(f"{self.tolerances_path}: inputs = {between!r} is unknown; {hint}")
         return between
+
+    @property
+    def solver(self) -> Solver:
+        """What integrates in model exchange."""
+        solver: Solver = self._tables.get("solver", "CVode")
+        if solver not in ("CVode", "Euler", "either"):
+            hint = nearest(str(solver), ("CVode", "Euler", "either"))
+            raise CaseError(f"{self.tolerances_path}: solver = {solver!r} is unknown; {hint}")
+        return solver
+
+    @property
+    def solver_step(self) -> float | None:
+        """Step of Euler's method (s); None where the FMU or the communication step says it."""
+        step = self._tables.get("solver_step")
+        if step is None:
+            return None
+        if not isinstance(step, (int, float)) or isinstance(step, bool) or not 0.0 < step < float("inf"):
+            raise CaseError(f"{self.tolerances_path}: solver_step = {step!r} must be a positive number (s)")
+        return float(step)
+
+    @property
+    def is_compared(self) -> bool:
+        """Whether there is a reference to compare with; else the FMU has to run to the end with finite values."""
+        compared = self._tables.get("reference", True)
+        if not isinstance(compared, bool):
+            raise CaseError(f"{self.tolerances_path}: reference = {compared!r} must be true or false")
+        return compared
 
     @property
     def start(self) -> Mapping[str, Any]:

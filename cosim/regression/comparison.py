@@ -106,6 +106,10 @@ def compare_signals(result: Results, reference: Results, tolerances: Tolerances 
         if name not in result.names:
             findings.append(f"'{name}' is missing in the result; {nearest(name, result.names)}")
             continue
+        if name in reference.typed and reference.typed[name].is_text:
+            if finding := other_times or _text_finding(name, result, reference):
+                findings.append(finding)
+            continue
         tolerance, unit = tolerances.of(name), units.get(name, "")
         if tolerance.unit is not None and unit != tolerance.unit and name in units:
             findings.append(f"'{name}' has the unit '{unit}' in the result, '{tolerance.unit}' in the tolerances")
@@ -165,6 +169,22 @@ def _compare_ends(result: Results, reference: Results) -> str:
         if not np.isclose(found, expected, rtol=1e-9, atol=1e-12):
             return f"the result {verb} at t = {found!r} s, the reference at {expected!r} s"
     return ""
+
+
+def _text_finding(name: str, result: Results, reference: Results) -> str:
+    """Where a text is another one, empty where none is; a binary value stands as digits of base 16 in a reference."""
+    column = result.typed.get(name)
+    found = [v.hex() if isinstance(v, bytes) else v for v in column.values] if column is not None else result[name]
+    expected = reference.typed[name].values
+    is_binary = column is not None and column.type == "binary"
+    differs = [i for i, (f, e) in enumerate(zip(found, expected, strict=True)) if f != (e.lower() if is_binary else e)]
+    if not differs:
+        return ""
+    i = differs[0]
+    return (
+        f"'{name}' differs at {len(differs)} of {len(expected)} times, first at t = {reference.time[i]:.9g} s: "
+        f"{found[i]!r} instead of {expected[i]!r}"
+    )
 
 
 def _allowed(reference: np.ndarray, tolerance: Tolerance) -> float:

@@ -10,9 +10,10 @@ import pytest
 
 from cosim.errors import ArgumentError, CosimError, nearest
 from cosim.fmi.fmu_file import read_fmu
-from cosim.regression.case import find_cases
 from cosim.regression.items import judged, near, no_case, reference_folder
 from cosim.regression.run import interfaces_of
+from cosim.regression.session import folder_for_shipped
+from cosim.regression.shipped import all_cases
 from cosim.regression.tolerances import Interface
 
 
@@ -51,7 +52,7 @@ class FmuRegression:
         folder = Path(reference) if reference is not None else reference_folder(self._item.config)
         try:
             interfaces = [interface] if interface else interfaces_of(read_fmu(path, str(near(path))))
-            cases = find_cases(path, folder)
+            cases = all_cases(path, folder, folder_for_shipped(self._item.config)).cases
         except CosimError as error:
             pytest.fail(str(error), pytrace=False)
         if not cases:

@@ -10,7 +10,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from cosim.errors import CosimError
-from cosim.regression.case import Case, RunError
+from cosim.regression.case import Case, Method, RunError
 from cosim.regression.run import run
 from cosim.regression.tolerances import Interface
 from cosim.results.results import Results
@@ -19,7 +19,9 @@ from cosim.results.results import Results
 _MOST_OUTPUT = 10_000
 
 
-def run_isolated(case: Case, path: Path, interface: Interface, timeout: float) -> tuple[Results, str]:
+def run_isolated(
+    case: Case, path: Path, interface: Interface, timeout: float, method: Method = "CVode"
+) -> tuple[Results, str]:
     """The same as `run`, in a child process; also what it printed.
 
     Raises
@@ -29,7 +31,7 @@ def run_isolated(case: Case, path: Path, interface: Interface, timeout: float) -
     """
     with TemporaryDirectory(prefix="cosim_", ignore_cleanup_errors=True) as name:
         answer = Path(name) / "answer"
-        (Path(name) / "task").write_bytes(pickle.dumps((case.name, str(case.folder), str(path), interface)))
+        (Path(name) / "task").write_bytes(pickle.dumps((case, path, interface, method)))
         command = [sys.executable, "-m", "cosim.regression.isolated", name]
         try:
             done = subprocess.run(
@@ -60,9 +62,9 @@ def _death(code: int) -> str:
 
 def main(folder: Path) -> None:
     """The child: run what is in a folder, and put the results there, or the one line that says why there are none."""
-    name, place, path, interface = pickle.loads((folder / "task").read_bytes())
+    case, path, interface, method = pickle.loads((folder / "task").read_bytes())
     try:
-        answer: Results | str = run(Case(name, Path(place)), Path(path), interface)
+        answer: Results | str = run(case, path, interface, method)
     except CosimError as error:
         answer = str(error)
     (folder / "unfinished").write_bytes(pickle.dumps(answer))

@@ -14,8 +14,9 @@ from cosim.regression.case import Case, find_cases
 from cosim.regression.outcome import SHORT, Outcome, check
 from cosim.regression.page import part
 from cosim.regression.rebaseline import rebaseline
-from cosim.regression.run import interfaces_of
-from cosim.regression.session import PARTS, SELECTION, WRITTEN
+from cosim.regression.run import ScheduledOnly, interfaces_of
+from cosim.regression.session import PARTS, SELECTION, WRITTEN, folder_for_shipped
+from cosim.regression.shipped import all_cases
 from cosim.regression.tolerances import Interface
 
 
@@ -43,9 +44,16 @@ class FmuFile(pytest.File):
         renewed = self.config.getoption("cosim_fmu_rebaseline")
         try:
             interfaces = interfaces_of(read_fmu(self.path, str(near(self.path))))
-            cases = find_cases(self.path, reference_folder(self.config))
+            if renewed:
+                cases = find_cases(self.path, reference_folder(self.config))
+            else:
+                found = all_cases(self.path, reference_folder(self.config), folder_for_shipped(self.config))
+                cases = found.cases
+                for note in found.notes:
+                    yield NotTried.from_parent(self, name="not tried", line=f"{self.path.name}: {note}")
         except CosimError as error:
-            yield Trouble.from_parent(self, name="FMU", line=str(error))
+            passed_over = isinstance(error, ScheduledOnly) and self.path not in self.config.stash[SELECTION].named
+            yield (NotTried if passed_over else Trouble).from_parent(self, name="FMU", line=str(error))
             return
         if renewed == self.path.stem and renewed not in [case.name for case in cases]:
             cases = [Case(renewed, (reference_folder(self.config) or Path("reference")) / renewed)]
@@ -115,6 +123,14 @@ class NoReference(Trouble):
         pytest.skip(self.line)
 
 
+class NotTried(Trouble):
+    """Something that an FMU brings along and that is not tried."""
+
+    def runtest(self) -> None:
+        """Say so."""
+        pytest.skip(self.line)
+
+
 class CaseItem(_Plain):
     """One case by one interface."""
 
@@ -131,6 +147,8 @@ class CaseItem(_Plain):
         outcome = judged(self, self._case, self.path, self._interface)
         if outcome.findings:
             raise Differences("\n".join(outcome.findings))
+        if outcome.unclear:
+            pytest.skip(outcome.unclear)
 
 
 def near(path: Path) -> Path:

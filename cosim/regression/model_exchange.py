@@ -1,7 +1,8 @@
-"""Model exchange: FMPy's solver, CVode, runs one FMU alone."""
+"""Model exchange: FMPy's solvers, CVode or Euler's explicit method, run one FMU alone."""
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -11,14 +12,20 @@ from cosim.fmi.fmu_file import LoadedFMU
 from cosim.fmi.messages import Messages
 from cosim.fmi.model_exchange import model_exchange_instance
 from cosim.fmi.unpacking import folder_for_fmus
-from cosim.regression.case import Between, Case, CaseError, RunError
+from cosim.regression.case import Between, Case, CaseError, Method, RunError
 from cosim.regression.experiment import Experiment
 from cosim.regression.inputs import input_elements
 from cosim.system.variables import Element, Ports
 
 
 def model_exchange(
-    case: Case, between: Between, fmu: LoadedFMU, ports: Ports, experiment: Experiment, wanted: list[Element]
+    case: Case,
+    between: Between,
+    fmu: LoadedFMU,
+    ports: Ports,
+    experiment: Experiment,
+    wanted: list[Element],
+    method: Method,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Times (n,) in s and values (n, len(wanted)) under the inputs of a case.
 
@@ -34,29 +41,66 @@ def model_exchange(
     messages = Messages(fmu.path.stem)
     with folder_for_fmus() as folder:
         fmu.unpack(Path(folder))
+        steps = _euler_steps(case, fmu, experiment.interval) if method == "Euler" else 1
+        outputs = [element.variable.name for element in wanted]
         try:
             with model_exchange_instance(Path(folder), fmu.description, messages) as instance:
+                last = _keep_last_row(instance, fmu, outputs)
                 table = simulate_fmu(
                     folder,
                     validate=False,
                     fmi_type="ModelExchange",
-                    solver="CVode",
+                    solver=method,
                     start_time=experiment.start_time,
                     stop_time=experiment.stop_time,
                     relative_tolerance=experiment.solver_tolerance,
-                    output_interval=experiment.interval,
+                    output_interval=experiment.interval / steps,
+                    step_size=experiment.interval / steps,
                     record_events=False,
                     start_values=start,
                     input=signals,
-                    output=[element.variable.name for element in wanted],
+                    output=outputs,
                     model_description=fmu.description,
                     fmu_instance=instance,
                 )
         except Exception as error:  # fmpy raises bare exceptions here
             why = " ".join(f"{error} {messages.last()}".split())
-            raise RunError(f"{fmu.path}: model exchange with CVode failed: {why}") from error
+            raise RunError(f"{fmu.path}: model exchange with {method} failed: {why}") from error
+    table = table[::steps]  # fmpy's Euler does one step a row
+    if len(last) and last["time"][-1] > table["time"][-1] + 1e-9 * experiment.interval:  # the FMU has ended the run
+        table = np.concatenate([table, last])
     columns = [np.asarray(table[e.variable.name], dtype=float).reshape(len(table), -1)[:, e.offset] for e in wanted]
     return _on_grid(table["time"], experiment), np.column_stack(columns)
+
+
+def _keep_last_row(instance: Any, fmu: LoadedFMU, outputs: list[str]) -> np.ndarray:
+    """A table for the row at the end of the run, which fmpy leaves out where the FMU ends it."""
+    from fmpy.simulation import Recorder
+
+    recorder = Recorder(fmu=instance, modelDescription=fmu.description, variableNames=outputs)
+    table = np.zeros(0, dtype=np.dtype(recorder.cols))
+    set_time, terminate = instance.setTime, instance.terminate
+    reached = [0.0]
+
+    def keep_time(time: float) -> Any:
+        reached[0] = time
+        return set_time(time)
+
+    def keep_row() -> Any:
+        recorder.sample(reached[0])
+        table.resize(1, refcheck=False)
+        table[:] = recorder.result()
+        return terminate()
+
+    instance.setTime, instance.terminate = keep_time, keep_row
+    return table
+
+
+def _euler_steps(case: Case, fmu: LoadedFMU, interval: float) -> int:
+    """Steps of Euler's method from row to row, by the step of the case, of the FMU's own co-simulation, or one."""
+    own = getattr(fmu.description.coSimulation, "fixedInternalStepSize", None)
+    step = case.solver_step or float(own or 0.0) or interval
+    return max(1, math.ceil(interval / step - 1e-6))
 
 
 def _on_grid(time: np.ndarray, experiment: Experiment) -> np.ndarray:

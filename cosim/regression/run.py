@@ -9,7 +9,7 @@ import numpy as np
 from cosim.errors import nearest
 from cosim.fmi.fmu_file import LoadedFMU, read_fmu
 from cosim.master.simulation import Simulation
-from cosim.regression.case import Between, Case, CaseError, RunError
+from cosim.regression.case import Between, Case, CaseError, Method, RunError
 from cosim.regression.experiment import Experiment, experiment_of
 from cosim.regression.inputs import input_elements, input_function
 from cosim.regression.model_exchange import model_exchange
@@ -20,6 +20,10 @@ from cosim.system.system import System
 from cosim.system.variables import Element, Ports
 
 _COMPONENT = "fmu"
+
+
+class ScheduledOnly(RunError):
+    """An FMU can only be run by scheduled execution."""
 
 
 def interfaces_of(fmu: LoadedFMU) -> list[Interface]:
@@ -36,14 +40,17 @@ def interfaces_of(fmu: LoadedFMU) -> list[Interface]:
     if fmu.description.modelExchange is not None:
         found.append("model_exchange")
     if not found:
+        if getattr(fmu.description, "scheduledExecution", None) is not None:
+            raise ScheduledOnly(f"{fmu.path}: has scheduled execution only, which is not run; export co-simulation too")
         raise RunError(f"{fmu.path}: has neither a co-simulation nor a model exchange interface")
     return found
 
 
-def run(case: Case, path: Path, interface: Interface) -> Results:
+def run(case: Case, path: Path, interface: Interface, method: Method = "CVode") -> Results:
     """Results of an FMU under the inputs of a case: the signals of its reference, as far as the FMU has them.
 
-    All outputs where the case has no reference yet. `info["units"]` has their units.
+    All outputs where the case has no reference. `info["units"]` has their units. `method` integrates in model exchange,
+    which has no texts.
 
     Raises
     ------
@@ -56,22 +63,28 @@ def run(case: Case, path: Path, interface: Interface) -> Results:
     fmu.check_binary()
     ports = Ports(_COMPONENT, fmu.description, case.start)
     known = {
-        element.name: element for element in ports.all_elements() if element.is_exchanged and not element.type.is_text
+        element.name: element
+        for element in ports.all_elements()
+        if element.is_exchanged and not (element.type.is_text and interface == "model_exchange")
     }
     if case.reference_path.is_file():
         reference = with_names_of(case.reference(), known)
         wanted = [known[name] for name in reference.names if name in known]
     else:
-        wanted = [known[e.name] for e in ports.of_causality("output") if e.name in known]
+        wanted = [known[e.name] for e in ports.of_causality("output") if e.name in known and not e.type.is_text]
     if not wanted:
         names = case.reference().names if case.reference_path.is_file() else []
         hint = f", such as '{names[0]}'; {nearest(names[0], known)}" if names else ""
         raise CaseError(f"case '{case.name}': {path} has none of the signals to compare{hint}")
     experiment = experiment_of(case, fmu.description)
-    runner = _co_simulation if interface == "co_simulation" else model_exchange
-    time, values = runner(case, case.between, fmu, ports, experiment, wanted)
+    if interface == "co_simulation":
+        results = _co_simulation(case, case.between, fmu, ports, experiment, wanted)
+    else:
+        time, values = model_exchange(case, case.between, fmu, ports, experiment, wanted, method)
+        results = Results(time, [], values)
     units = {e.name: unit.name if (unit := ports.unit(e)) is not None else _bare_unit(e) for e in wanted}
-    return Results(time, [e.name for e in wanted], values, {"units": units})
+    typed = {e.name: results.typed[n] for e in wanted if (n := f"{_COMPONENT}.{e.name}") in results.typed}
+    return Results(results.time, [e.name for e in wanted], results.values, {"units": units}, typed)
 
 
 def _bare_unit(element: Element) -> str:
@@ -82,7 +95,7 @@ def _bare_unit(element: Element) -> str:
 
 def _co_simulation(
     case: Case, between: Between, fmu: LoadedFMU, ports: Ports, experiment: Experiment, wanted: list[Element]
-) -> tuple[np.ndarray, np.ndarray]:
+) -> Results:
     inputs = case.inputs() or Results(np.zeros(1), [], np.zeros((1, 0)))
     inputs = with_names_of(inputs, [element.name for element in ports.of_causality("input")])
     system = System()
@@ -96,11 +109,10 @@ def _co_simulation(
     record = [f"{_COMPONENT}.{element.name}" for element in wanted]
     extrapolation = "auto" if between == "linear" else "hold"
     with Simulation(system, extrapolation=extrapolation, record=record) as simulation:
-        results = simulation.run(
+        return simulation.run(
             experiment.stop_time,
             experiment.step_size,
             start_time=experiment.start_time,
             record_every=experiment.every,
             tolerance=experiment.tolerance,
         )
-    return results.time, results.values

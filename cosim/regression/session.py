@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass, field
 from pathlib import Path
+from tempfile import TemporaryDirectory, mkdtemp
 from typing import Any
 
 import pytest
@@ -30,6 +31,9 @@ WRITTEN = pytest.StashKey[list[str]]()
 
 #: Where a test keeps its parts of the page.
 PARTS = pytest.StashKey[list[Part]]()
+
+#: Where a session keeps the folder with the files of the cases that FMUs bring along.
+_SHIPPED = pytest.StashKey[TemporaryDirectory[str]]()
 
 #: Attribute of a test report that has them; pytest-xdist sends it to the main process.
 _ATTRIBUTE = "cosim_fmu_page"
@@ -78,6 +82,14 @@ def configure(config: pytest.Config) -> None:
         config.args = [*given, *(str(fmu) for fmu in selection.fmus if fmu not in chosen)]
     if not worker and (path := config.getoption("cosim_fmu_report")):
         config.pluginmanager.register(_Page(Path(path)), "cosim_fmu_report")
+
+
+def folder_for_shipped(config: pytest.Config) -> Path:
+    """A new folder for the files of the cases that one FMU brings along, which lives as long as the session."""
+    if _SHIPPED not in config.stash:
+        config.stash[_SHIPPED] = TemporaryDirectory(prefix="cosim_", ignore_cleanup_errors=True)
+        config.add_cleanup(config.stash[_SHIPPED].cleanup)
+    return Path(mkdtemp(dir=config.stash[_SHIPPED].name))
 
 
 def pass_on(item: pytest.Item, report: pytest.TestReport) -> None:

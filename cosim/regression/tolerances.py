@@ -23,7 +23,7 @@ _NUMBERS = ("absolute", "relative", "time_shift")
 _WANTED = "a TOML file of tolerances"
 
 #: Keys of a file that say how a case is run; see `cosim.regression.case`.
-RUN_KEYS = ("fmu", "inputs", "start")
+RUN_KEYS = ("fmu", "inputs", "start", "solver", "solver_step", "reference")
 
 
 class ToleranceError(CosimError):

@@ -111,7 +111,7 @@ def test_what_is_broken_fails_in_one_line_and_the_rest_runs(session, pytester):
     dahlquist(reference)
     times = Results(np.arange(3) * 0.01, ["h"], np.ones((3, 1)))
     make_case(reference, "Crash", times, toml="fmu = 'Ball'\nstart.crash_at = 0.0")
-    make_case(reference, "Csv", times, toml="fmu = 'Ball'").reference_path.write_text('"time","h"\n0.0,x\n')
+    make_case(reference, "Csv", times, toml="fmu = 'Ball'").reference_path.write_text('"time","h"\n0.0,x\n0.01,1.0\n')
     make_case(reference, "Toml", times, toml="relative = ")
     make_case(reference, "Refuses", times)
     (fmus / "Toml.fmu").write_bytes((fmus / "Ball.fmu").read_bytes())
