@@ -174,6 +174,12 @@ def read_fmu(path: Path, here: str) -> LoadedFMU:
     except Exception as error:  # fmpy raises bare exceptions here
         why = f"not a readable FMU: {' '.join(str(error).split())}"
         raise SetupError(f"{here}: {not_read(path, 'an FMU', why, FMU).removeprefix(f'{path}: ')}") from error
+    version = str(description.fmiVersion)
+    if version.startswith("3.0-"):
+        raise SetupError(
+            f"{here}: is of FMI {version}, a draft with other functions than FMI 3.0; export it again with a tool that "
+            "writes FMI 1.0, 2.0 or 3.0"
+        )
     if description.fmiMajorVersion == 1 and fmi1_description.needs_tool(root):
         raise SetupError(
             f"{here}: is a connection to a tool, which would have to run beside (CoSimulation_Tool); export it as a "

@@ -124,6 +124,7 @@ def _decoded(
     """Content of a file, violations that can't be forgiven, and notes of those that are, with their kinds."""
     try:
         source = xmlschema.XMLResource(io.BytesIO(data), defuse="always", allow="none")
+        _check_namespace(source.root.tag, kind, where)
         schema = _schema(kind, version)
         result: Any = schema.to_objects(source, validation="lax", use_location_hints=False)
     except (xmlschema.XMLSchemaException, RecursionError) as problem:
@@ -137,6 +138,16 @@ def _decoded(
         elif note[0]:
             notes.append(note)
     return decoded, refused, notes
+
+
+def _check_namespace(tag: str, kind: Kind, where: str) -> None:
+    namespace, _, name = tag.rpartition("}")
+    if name == _ROOTS[kind] and namespace[1:] != NAMESPACES[kind]:
+        what = f"the namespace '{namespace[1:]}'" if namespace else "no namespace"
+        raise SSPError(
+            f"{where}: its root element has {what}, as in drafts of SSP, and not '{NAMESPACES[kind]}', that of SSP 1.0 "
+            "and 2.0; export it again with a tool that writes one of these"
+        )
 
 
 def _path(error: Any) -> str:

@@ -240,6 +240,12 @@ def test_a_library_of_another_name_is_named(tmp_path: Path) -> None:
     assert f"has no {binary('tank')}, which its model identifier asks for (it has Tank" in refusal(fmu)
 
 
+@pytest.mark.parametrize("version", ["3.0-beta.3", "3.0-rc.1"])
+def test_an_fmu_of_a_draft_is_refused_before_its_library_is_called(tmp_path: Path, gain3c: Path, version: str) -> None:
+    fmu = redescribed(gain3c, tmp_path / "draft.fmu", {'fmiVersion="3.0"': f'fmiVersion="{version}"'})
+    assert f"is of FMI {version}, a draft with other functions than FMI 3.0; export it again" in refusal(fmu)
+
+
 # C sources
 
 

@@ -414,6 +414,12 @@ def test_archives_that_are_none(fmus: dict[str, Path], tmp_path: Path, monkeypat
     refused(archive(tmp_path / "x.ssp", "no XML"), "not readable as XML")
     entities = good.replace("?>", '?><!DOCTYPE a [<!ENTITY b "c">]>', 1)
     refused(archive(tmp_path / "e.ssp", entities, fmus), "Entities are forbidden")
+    draft = good.replace("http://ssp-standard.org/SSP1/SystemStructureDescription", "urn:draft")
+    refused(
+        archive(tmp_path / "draft.ssp", draft, fmus), "root element has the namespace 'urn:draft', as in drafts of SSP"
+    )
+    without = description("").replace("ssd:", "")
+    refused(archive(tmp_path / "without.ssp", without, fmus), "root element has no namespace, as in drafts of SSP")
     deep = description('<ssd:Elements><ssd:System name="s">' * 3000 + "</ssd:System></ssd:Elements>" * 3000)
     refused(archive(tmp_path / "deep.ssp", deep, fmus), "not readable as XML")
     damaged = bytearray(archive(tmp_path / "d.ssp", good, fmus).read_bytes())
