@@ -66,6 +66,36 @@ def test_the_fmu_is_told_the_interval_that_its_description_gives(fmu):
     assert results["c.told"].all()
 
 
+def test_intervals_are_fractions_where_the_fmu_has_them(tmp_path):
+    fixed = ('intervalVariability="fixed"', 'intervalVariability="fixed" supportsFraction="true"')
+    results = simulate(one(clocks(tmp_path, fixed), period=0.375), 2.0, H)
+    assert ticks(results, "c.fixed") == [0.125 + 0.375 * i for i in range(6)]
+    fraction = 'supportsFraction="true" resolution="8" intervalCounter="3" shiftCounter="0"'
+    told = ('intervalVariability="tunable"', f'intervalVariability="tunable" {fraction}')
+    results = simulate(one(clocks(tmp_path, told)), 2.0, H, record=["c.tunable", "c.told"])
+    assert ticks(results, "c.tunable") == [0.375 * i for i in range(6)]
+    assert results["c.told"].all()
+
+
+def test_a_new_tunable_interval_begins_at_the_event_that_changed_it(tmp_path):
+    system = one(clocks(tmp_path, (' intervalDecimal="0.5"', "")))
+    system.drive("c.gain", lambda t: 1.0 if t < 1.0 else 3.0)
+    results = simulate(system, 3.0, H)
+    assert ticks(results, "c.tunable") == [0.0, 0.25, 0.5, 0.75, 1.0, 1.75, 2.5]
+
+
+@pytest.mark.parametrize("alarm", [0.5, 0.3])
+def test_the_time_of_the_next_event_is_kept(fmu, alarm):
+    results = simulate(one(fmu, alarm=alarm, period=4.0), 1.0, H)
+    assert results["c.changes"].tolist() == np.where(alarm <= results.time, 100, 0).tolist()
+    assert ("events_between_points" in results.info) == (alarm == 0.3)
+
+
+def test_a_clock_without_a_usable_interval_is_named(fmu):
+    with pytest.raises(SimulationError, match="c failed at t = 0 s: clock 'fixed' has no usable interval: 0 s"):
+        simulate(one(fmu, period=0.0), 1.0, H)
+
+
 def test_a_triggered_clock_ticks_where_its_signal_is_true_and_takes_values_then(fmu):
     system = one(fmu)
     system.drive("c.trigger", on(0.0, 0.5, 0.625))

@@ -14,15 +14,15 @@
 
 enum { PERIODIC, TRIGGER, COUNTDOWN, CHANGING, FIXED, TUNABLE, OUT, N_CLOCKS, CLOCKS = 1000 };
 enum { TICKS = 2000, TOTAL = 2010, CHANGES, ITERATIONS, TOLD };
-enum { U = 3000, SUM, SAMPLE, X, GAIN, LEVEL, JUMP_AT, DELAY, PERIOD, END_AT, ENDLESS, N_REALS };
+enum { U = 3000, SUM, SAMPLE, X, GAIN, LEVEL, JUMP_AT, DELAY, PERIOD, END_AT, ENDLESS, ALARM, N_REALS };
 
 typedef enum { INSTANTIATED, INITIALIZATION, EVENT, STEP } Mode;
 
 typedef struct {
     Mode mode;
-    bool active[N_CLOCKS], counted[N_CLOCKS], computed, event, counting, told, early_allowed;
+    bool active[N_CLOCKS], counted[N_CLOCKS], computed, event, counting, told, early_allowed, rung;
     int32_t ticks[N_CLOCKS], total, changes, iterations;
-    double time, real[N_REALS - U], last_level, interval;
+    double time, real[N_REALS - U], asked_gain;
     bool level_changed;
 } Model;
 
@@ -121,6 +121,11 @@ fmi3Status fmi3GetIntervalDecimal(fmi3Instance instance, const fmi3ValueReferenc
     *q = fmi3IntervalUnchanged;
     switch (*r - CLOCKS) {
         case FIXED: *v = *real(m, PERIOD); return fmi3OK;
+        case TUNABLE: /* where its description gives no interval */
+            *v = 0.25 * *real(m, GAIN);
+            if (*real(m, GAIN) != m->asked_gain) *q = fmi3IntervalChanged;
+            m->asked_gain = *real(m, GAIN);
+            return fmi3OK;
         case CHANGING: /* 1/4 s, 2/4 s, 3/4 s, ... */
             *v = 0.25 * (m->ticks[CHANGING] + 1);
             *q = fmi3IntervalChanged;
@@ -137,7 +142,32 @@ fmi3Status fmi3GetIntervalDecimal(fmi3Instance instance, const fmi3ValueReferenc
 fmi3Status fmi3GetShiftDecimal(fmi3Instance instance, const fmi3ValueReference r[], size_t n, fmi3Float64 v[]) {
     (void)instance;
     *v = 0.0;
-    return n == 1 && *r == CLOCKS + FIXED ? fmi3OK : fmi3Error;
+    return n == 1 && (*r == CLOCKS + FIXED || *r == CLOCKS + TUNABLE) ? fmi3OK : fmi3Error;
+}
+
+/* Intervals and shifts of 1/1000 s, where the description says that the FMU gives fractions. */
+fmi3Status fmi3GetIntervalFraction(fmi3Instance instance, const fmi3ValueReference r[], size_t n, fmi3UInt64 counters[],
+                                   fmi3UInt64 resolutions[], fmi3IntervalQualifier q[]) {
+    double interval = 0.0;
+    fmi3Status status = fmi3GetIntervalDecimal(instance, r, n, &interval, q);
+    *counters = (fmi3UInt64)(1000.0 * interval + 0.5);
+    *resolutions = 1000;
+    return status;
+}
+
+fmi3Status fmi3GetShiftFraction(fmi3Instance instance, const fmi3ValueReference r[], size_t n, fmi3UInt64 counters[],
+                                fmi3UInt64 resolutions[]) {
+    double shift;
+    *counters = 125;
+    *resolutions = 1000;
+    return fmi3GetShiftDecimal(instance, r, n, &shift);
+}
+
+fmi3Status fmi3SetIntervalFraction(fmi3Instance instance, const fmi3ValueReference r[], size_t n,
+                                   const fmi3UInt64 counters[], const fmi3UInt64 resolutions[]) {
+    Model *m = instance;
+    m->told = *counters == 3 && *resolutions == 8;
+    return n == 1 && *r == CLOCKS + TUNABLE && m->mode == INITIALIZATION ? fmi3OK : fmi3Error;
 }
 
 fmi3Status fmi3SetIntervalDecimal(fmi3Instance instance, const fmi3ValueReference r[], size_t n,
@@ -161,8 +191,11 @@ fmi3Status fmi3UpdateDiscreteStates(fmi3Instance instance, fmi3Boolean *need, fm
     m->event = false;
     m->iterations++;
     *end = m->time >= *real(m, END_AT);
-    *nominals = *states = *defined = false;
-    *next = 0.0;
+    *nominals = *states = false;
+    *defined = m->time < *real(m, ALARM);
+    *next = *real(m, ALARM);
+    if (!*defined && !m->rung) m->changes += 100;
+    m->rung = !*defined;
     return fmi3OK;
 }
 
@@ -224,7 +257,7 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3
     if (m == NULL) return NULL;
     m->early_allowed = early;
     *real(m, GAIN) = 1.0;
-    *real(m, JUMP_AT) = *real(m, END_AT) = 1e9;
+    *real(m, JUMP_AT) = *real(m, END_AT) = *real(m, ALARM) = 1e9;
     *real(m, DELAY) = 0.25;
     *real(m, PERIOD) = 0.5;
     return m;

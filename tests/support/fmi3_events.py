@@ -66,6 +66,7 @@ _CLOCKS = """<?xml version="1.0" encoding="UTF-8"?>
 <Float64 name="period" valueReference="3008" causality="parameter" variability="fixed" start="0.5"/>
 <Float64 name="end_at" valueReference="3009" causality="parameter" variability="fixed" start="1e9"/>
 <Float64 name="endless" valueReference="3010" causality="parameter" variability="fixed" start="0"/>
+<Float64 name="alarm" valueReference="3011" causality="parameter" variability="fixed" start="1e9"/>
 </ModelVariables>
 <ModelStructure>
 <Output valueReference="1006" dependencies="1000 1001 1002 1003 1004 1005"/>
