@@ -37,7 +37,8 @@ _CLOCKS = """<?xml version="1.0" encoding="UTF-8"?>
 <TypeDefinitions><ClockType name="Quarter" intervalVariability="constant" intervalDecimal="0.25"/></TypeDefinitions>
 <ModelVariables>
 <Float64 name="time" valueReference="0" causality="independent" variability="continuous"/>
-<Clock name="periodic" valueReference="1000" causality="input" declaredType="Quarter" shiftDecimal="0.125"/>
+<Clock name="periodic" valueReference="1000" causality="input" declaredType="Quarter" intervalVariability="constant"
+ shiftDecimal="0.125"/>
 <Clock name="trigger" valueReference="1001" causality="input" intervalVariability="triggered"/>
 <Clock name="countdown" valueReference="1002" causality="input" intervalVariability="countdown"/>
 <Clock name="changing" valueReference="1003" causality="input" intervalVariability="changing"/>
