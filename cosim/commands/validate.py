@@ -12,6 +12,7 @@ from fmpy.validation import validate_fmu
 
 from cosim.errors import CosimError
 from cosim.file_kinds import FMU, NPZ, SSP, WORKBOOK, kind_of, not_read
+from cosim.fmi.fmu_file import readable_by_fmpy
 
 
 def register(subparsers: Any) -> None:
@@ -35,7 +36,8 @@ def _problems(path: Path) -> list[str]:
     if kind_of(path) in (SSP, NPZ, WORKBOOK):
         return [not_read(path, "an FMU", "").removeprefix(f"{path}: ")]
     try:
-        return list(validate_fmu(str(path)))
+        with readable_by_fmpy(path) as readable:
+            return list(validate_fmu(str(readable)))
     except zipfile.BadZipFile:
         return [not_read(path, "an FMU", "not an FMU (not a zip archive)", FMU).removeprefix(f"{path}: ")]
 

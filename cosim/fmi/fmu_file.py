@@ -6,8 +6,11 @@ import hashlib
 import io
 import math
 import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
+from tempfile import TemporaryDirectory
 from xml.etree import ElementTree
 
 import fmpy
@@ -194,15 +197,40 @@ def read_fmu(path: Path, here: str) -> LoadedFMU:
     )
 
 
-def _with_description(data: bytes, root: ElementTree.Element) -> bytes:
-    """An archive with another model description, and all else that fmpy reads with it."""
+def _with_description(data: bytes, root: ElementTree.Element, suffix: str = ".xml") -> bytes:
+    """An archive with another model description, and of the other files those whose names end with a suffix."""
     changed = io.BytesIO()
     with zipfile.ZipFile(io.BytesIO(data)) as archive, zipfile.ZipFile(changed, "w") as target:
         target.writestr("modelDescription.xml", ElementTree.tostring(root))
         for name in archive.namelist():
-            if name.endswith(".xml") and name != "modelDescription.xml":
+            if name.endswith(suffix) and name != "modelDescription.xml":
                 target.writestr(name, archive.read(name))
     return changed.getvalue()
+
+
+@contextmanager
+def readable_by_fmpy(path: Path) -> Iterator[Path]:
+    """An FMU file as fmpy can read it: itself, or a copy without the types of clocks that it does not know.
+
+    Raises
+    ------
+    BadZipFile
+        The file is no archive.
+    """
+    data, name = path.read_bytes(), "modelDescription.xml"
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        xml = archive.read(name) if name in archive.namelist() else b""
+    root = None
+    if b"<ClockType" in xml:
+        with suppress(ElementTree.ParseError):  # which fmpy will find
+            root = ElementTree.fromstring(xml)
+    if root is None or not expand_clock_types(root):
+        yield path
+        return
+    with TemporaryDirectory(prefix="cosim_fmu_") as folder:
+        copy = Path(folder) / path.name
+        copy.write_bytes(_with_description(data, root, suffix=""))
+        yield copy
 
 
 def _says_reset_is_complete(root: ElementTree.Element) -> bool:

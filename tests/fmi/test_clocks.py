@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from cosim import Checkpoint, RunState, SetupError, Simulation, SimulationError, System, simulate
+from cosim.__main__ import main
 from cosim.results.results import Results
 from tests.support import some
 from tests.support.fmi3_events import clocks
@@ -59,6 +60,11 @@ def test_clocks_of_all_kinds_tick_when_their_fmu_says(fmu):
     assert results.info["fmus"]["c"]["event_mode"] is True
     assert "events_between_points" not in results.info
     assert results.typed["c.periodic"].type == "bool"
+
+
+def test_the_fmu_is_valid(fmu, capsys):
+    assert main(["validate", str(fmu)]) == 0
+    assert capsys.readouterr().out == f"{fmu}: ok\n"
 
 
 def test_the_fmu_is_told_the_interval_that_its_description_gives(fmu):

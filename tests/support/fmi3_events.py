@@ -83,6 +83,7 @@ _CLOCKS = """<?xml version="1.0" encoding="UTF-8"?>
 <Output valueReference="3001" dependencies="1001 3000"/>
 <Output valueReference="3002" dependencies=""/>
 <Output valueReference="3003" dependencies=""/>
+<InitialUnknown valueReference="1006"/><InitialUnknown valueReference="2011"/><InitialUnknown valueReference="3003"/>
 </ModelStructure>
 </fmiModelDescription>
 """
