@@ -60,7 +60,7 @@ BY_HAND = """## By hand
 The loop is in C, which cosmic-ray can't change. So mutants of `loop.c` (18: derivatives, histories, jumps,
 evaluation) and of algorithms, extrapolated inputs, levels, stepping by hand, states, sampling and recording (42)
 were made by hand. When they were first tried 23 survived, most of them because nothing tested the extrapolation
-through more than two values. Tests have been added that notice 17 of them. Four do the same as the code:
+through more than two values. Tests have been added that notice 19 of them. The other four do the same as the code:
 
 - `extrapolate` in `loop.c`, `d + 1 >= known` as `d >= known`: with so few points known the weights of that
   derivative are 0.
@@ -68,9 +68,7 @@ through more than two values. Tests have been added that notice 17 of them. Four
   the stack.
 - `SteppedRun.restore` without forgetting what was set: values are exchanged once more, with the same result.
 - `restore_history` without the time of the point: the next step writes it before an FMU asks.
-
-Two are not explained: `_Quantity.set` without reading an array before one of its elements is set, and
-`Samples.begin_at` without the samples that the loop looks back to."""
+"""
 
 
 def _first(folder: str, *quick: str) -> tuple[str, ...]:

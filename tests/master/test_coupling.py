@@ -549,6 +549,25 @@ def test_a_jump_of_a_held_signal_in_the_window_before_is_seen(fmus: Path, monkey
     assert simulate(system, 20.0, 1.0)["i.x"].tolist() == whole["i.x"].tolist()
 
 
+def test_a_restored_run_knows_of_the_jump_before_its_state(fmus: Path) -> None:
+    """The state is that of point 8, from which `i` makes its next step of 2; the signal has jumped at point 7."""
+    system = System()
+    system.add("g", fmus / "fmi2" / "Gain.fmu", start={"K": 1.0, "u[2]": 0.0})
+    system.add("i", fmus / "fmi2" / "Integrator.fmu", every=2)
+    system.drive("g.u[1]", lambda t: t if t < 7.0 else 100.0 + t, breakpoints=(7.0,))
+    system.connect("g.y[1]", "i.u")
+    with Simulation(system) as simulation:
+        whole = simulation.run(20.0, 1.0)
+        assert whole.info["extrapolation"]["linear"] == ["g.u[1]", "i.u"]
+        with simulation.start(step_size=1.0) as run:
+            run.advance_to(8.0)
+            state = run.save()
+        with simulation.start(step_size=1.0) as run:
+            run.restore(state)
+            run.advance_to(20.0)
+        assert run.results["i.x"].tolist() == whole["i.x"].tolist()
+
+
 # Extrapolation through more than two values
 
 #: Derivatives of the polynomials through the last three and four values.

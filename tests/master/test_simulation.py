@@ -603,3 +603,17 @@ def test_two_threads_run_a_simulation_each(fmus: Path, temporary: Path, flavour:
         assert len(found[which]) == 20
         for results in found[which]:
             assert_equal(results, expected[which])
+
+
+@pytest.mark.parametrize(
+    ("start", "stop"),
+    [
+        (2.0**53 - 4.0, 2.0**53 + 8.0),  # the numbers around the stop time are 2 apart, around the start time 1
+        (-(2.0**53) - 8.0, 4.0 - 2.0**53),  # and the other way round
+    ],
+)
+def test_a_step_that_either_end_can_not_tell_apart_is_refused(fmus: Path, start: float, stop: float) -> None:
+    system = System()
+    system.add("i", fmus / "fmi2" / "Integrator.fmu", start={"u": 1.0})
+    with Simulation(system) as simulation, pytest.raises(SetupError, match=r"a step of 0\.75 s is too short"):
+        simulation.run(stop, 0.75, start_time=start)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -164,3 +165,26 @@ def test_a_file_that_is_no_state_is_one_line(tmp_path: Path, content: bytes | No
     with pytest.raises(SetupError, match=r"run\.state: can't be read as the state of a run") as error:
         RunState.read(path)
     assert "\n" not in str(error.value)
+
+
+class Touches:
+    """Pickled, it makes a file where it is read."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __reduce__(self) -> tuple[Any, tuple[Path]]:
+        return Path.touch, (self.path,)
+
+
+def test_what_reads_a_state_runs_no_code_of_the_file(tmp_path: Path) -> None:
+    """A state may come from somebody else; numpy's files can hold pickled objects, which do what they like."""
+    head = np.empty((), dtype=object)
+    head[()] = Touches(tmp_path / "touched")
+    np.savez(tmp_path / "state.npz", head=head)
+    with pytest.raises(SetupError, match=r"state\.npz: can't be read as the state of a run"):
+        RunState.read(tmp_path / "state.npz")
+    assert not (tmp_path / "touched").exists()
+    with np.load(tmp_path / "state.npz", allow_pickle=True) as data:  # the file is what it should be
+        assert data["head"] is not None
+    assert (tmp_path / "touched").exists()

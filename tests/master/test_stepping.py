@@ -178,6 +178,19 @@ def test_an_element_of_an_array_is_set_and_the_others_stay(gain3c: Path) -> None
     with Simulation(system) as simulation, simulation.start(step_size=STEP) as run:
         run["c.u[2]"] = 20.0
         assert run["c.u"].tolist() == [1.0, 20.0, 100.0]
+        assert run["c.y"].tolist() == [2.0, 40.0, 200.0]  # what the FMU makes of the inputs that it has
+
+
+def test_what_is_neither_exchanged_nor_recorded_is_read_from_the_fmu(tiny: Path) -> None:
+    system = System()
+    system.add("a", tiny / "Gain.fmu", start={"u": [3.0, 5.0], "K": 4.0})
+    with Simulation(system, record=["a.y[2]"]) as simulation, simulation.start(step_size=STEP) as run:
+        assert (run["a.K"], run["a.u[2]"], run["a.y[2]"]) == (4.0, 5.0, 20.0)
+        assert run["a.u"].tolist() == [3.0, 5.0]
+        assert run["a.y"].tolist() == [12.0, 20.0]
+        run["a.u[1]"] = -1.0
+        assert run["a.u"].tolist() == [-1.0, 5.0]
+        assert run["a.y"].tolist() == [-4.0, 20.0]
 
 
 def test_a_time_may_be_rounded_by_a_millionth_for_each_step(tiny: Path) -> None:

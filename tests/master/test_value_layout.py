@@ -112,6 +112,12 @@ def test_a_local_variable_may_depend_on_every_input() -> None:
     assert calls(layout, "gets") == [(0, "a", "y"), (1, "b", "x")]
 
 
+def test_what_depends_on_nothing_is_read_first() -> None:
+    """Also of a component that has neither inputs nor outputs, and so no place among the levels."""
+    layout = layout_of(system_of("a"), {"a": fmi2("x local Real")}, "a.x")
+    assert calls(layout, "gets") == [(0, "a", "x")]
+
+
 def test_around_an_algebraic_loop_all_is_on_one_level() -> None:
     system = system_of("a", "b", connect="a.y>b.u b.y>a.u")
     layout = layout_of(system, {n: fmi2(*GAIN, guid=n, feedthrough=True) for n in "ab"})
