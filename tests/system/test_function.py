@@ -72,6 +72,7 @@ def added(**options: Any) -> System:
         ({"inputs": {"u": 0}}, r"'u' has the shape \(0,\); its sizes must be positive whole numbers"),
         ({"inputs": ["u[1..0]"]}, r"'u\[1..0\]' has the shape \(0,\)"),
         ({"inputs": {"u": ("rad", (3, 1.5))}}, "its sizes must be positive whole numbers"),
+        ({"inputs": {"u": ("rad", 3, 4)}}, "its sizes must be positive whole numbers"),
         ({"inputs": {"u": True}}, "its sizes must be positive whole numbers"),
         ({"inputs": {"u": 1.5}}, "'u' is described by 1.5; write its unit or type, its shape, or both"),
         ({"inputs": {"u": complex}}, "is described by <class 'complex'>"),
@@ -86,6 +87,97 @@ def added(**options: Any) -> System:
 def test_a_function_that_is_not_described_is_refused(options: dict[str, Any], message: str) -> None:
     with pytest.raises(SetupError, match=message):
         added(**options)
+
+
+@pytest.mark.parametrize(
+    ("spec", "expected"),
+    [
+        (None, ("Float64", None, ())),
+        ("rad", ("Float64", "rad", ())),
+        (bool, ("Boolean", None, ())),
+        (1, ("Float64", None, (1,))),
+        (np.int32(3), ("Float64", None, (3,))),
+        (("rad", 3), ("Float64", "rad", (3,))),
+        ([int, [2, np.int64(1)]], ("Int64", None, (2, 1))),
+        ((2, 3), ("Float64", None, (2, 3))),
+    ],
+)
+def test_what_a_variable_is(spec: Any, expected: tuple[Any, ...]) -> None:
+    (variable,) = PythonFunction("c", law, {"u": spec}, (), direct_feedthrough=True).inputs
+    assert (variable.name, variable.type, variable.unit, variable.shape) == ("u", *expected)
+
+
+class Keeps:
+    """An object that keeps how often it was called."""
+
+    def __init__(self) -> None:
+        self.calls = 5
+
+    def __call__(self, time: float) -> float:
+        self.calls += 1
+        return time
+
+
+class Resets(Keeps):
+    def reset(self) -> None:
+        self.calls = 0
+
+
+class Saves(Keeps):
+    def save(self) -> bytes:
+        return bytes([self.calls])
+
+    def restore(self, state: bytes) -> None:
+        (self.calls,) = state
+
+
+class Full:
+    """Nobody can tell whether it is alive."""
+
+    __slots__ = ()
+
+    def __call__(self, time: float) -> float:
+        return time
+
+
+def of(function: Any) -> PythonFunction:
+    return PythonFunction("c", function, (), (), direct_feedthrough=True)
+
+
+@pytest.mark.parametrize(("kind", "begins_with"), [(Resets, 0), (Saves, 5)])
+def test_each_run_begins_where_the_first_one_did(kind: type[Keeps], begins_with: int) -> None:
+    function = of(kind())
+    for run in (1, 2, 3):
+        assert function.begin() == run
+        assert function.owner.calls == begins_with
+        function.function(0.0)
+
+
+def test_an_object_that_can_not_go_back_takes_part_in_one_run() -> None:
+    one, other = Keeps(), Keeps()
+    assert (of(one).begin(), of(other).begin()) == (1, 1)
+    for function in (of(one), of(other)):  # also in another simulation
+        with pytest.raises(SetupError, match=r"component 'c': a Keeps has taken part in a run before .*reset\(\)"):
+            function.begin()
+    plain = of(law)
+    assert (plain.begin(), plain.begin()) == (0, 0)  # keeps nothing
+
+
+def test_an_object_that_can_not_be_told_from_an_earlier_one_is_refused() -> None:
+    with pytest.raises(SetupError, match="component 'c': a Full can't be told from one that has taken part"):
+        of(Full()).begin()
+
+
+def test_its_state_is_that_of_its_object() -> None:
+    function = of(Saves())
+    state = function.save()
+    function.function(0.0)
+    assert (state, function.save()) == (bytes([5]), bytes([6]))
+    function.restore(state)
+    assert function.owner.calls == 5
+    plain = of(law)
+    plain.restore(plain.save())
+    assert plain.save() == b""
 
 
 def test_its_name_is_its_own(tiny: Path) -> None:

@@ -210,6 +210,8 @@ def test_numbers_of_vectors() -> None:
         ("v input Boolean", True, 1.0),
         ("v input Boolean", False, 0.0),
         ("v input Boolean", 1, 1.0),
+        ("v input Boolean", "false", 0.0),
+        ("v input Boolean", "true", 1.0),
         ("v input String", "text", "text"),
         ("v input String", "", ""),
         ("v input Real min=-1 max=2", -1, -1.0),
@@ -268,6 +270,34 @@ def pair(order: str, *connections: tuple[str, str]) -> ResolvedSystem:
 def test_levels_follow_the_connections(order: str) -> None:
     levels = pair(order, ("a.y", "b.v")).levels
     assert levels == {("a", "u"): 0, ("a", "v"): 0, ("a", "y"): 0, ("b", "u"): 0, ("b", "v"): 1, ("b", "y"): 1}
+
+
+def test_an_input_on_which_nothing_depends_has_a_level_too() -> None:
+    system = System()
+    system.add("a", "a.fmu", start={"u": 0.0, "v": 0.0})
+    system.add("b", "b.fmu", start={"u": 0.0})
+    system.connect("a.y", "b.v")
+    variables = "y output Real", "u input Real", "v input Real"
+    here = ports(a=fmi2(*variables), b=fmi2(*variables, guid="{b}"))
+    levels = resolved_for("sequential", system, here).levels
+    assert levels == {("a", "u"): 0, ("a", "v"): 0, ("a", "y"): 0, ("b", "u"): 0, ("b", "v"): 1, ("b", "y"): 0}
+
+
+@pytest.mark.parametrize(
+    ("source", "depends_on"),
+    [
+        ("x local Real variability=continuous", {"u"}),
+        ("x local Real variability=fixed", set()),
+        ("x calculatedParameter Real variability=tunable", set()),
+    ],
+)
+def test_what_a_source_that_is_no_output_depends_on(source: str, depends_on: set[str]) -> None:
+    system = System()
+    system.add("a", "a.fmu", start={"u": 0.0})
+    system.add("b", "b.fmu")
+    system.connect("a.x", "b.u")
+    here = ports(a=fmi2("u input Real", source), b=fmi2("u input Real", guid="{b}"))
+    assert resolved_for("sequential", system, here).feedthrough["a"] == {"x": depends_on}
 
 
 def test_only_the_parallel_order_has_no_levels_in_a_loop() -> None:

@@ -11,6 +11,7 @@ from fmpy import read_model_description
 from cosim import SetupError, System
 from cosim.errors import ArgumentError
 from cosim.fmi.types import FMI_TYPES
+from cosim.system.resolution import Link
 from cosim.system.system import Connection
 from cosim.system.variables import Element, Ports, variables_of
 from tests.support.descriptions import fmi2
@@ -91,6 +92,40 @@ def test_kinds_of_all_types_that_can_be_exchanged() -> None:
     assert kinds == reals | dict.fromkeys((*RANGES, "Integer"), "integer") | others
     (clock,) = fmi3("s Clock").find("s")
     assert (clock.kind, clock.is_exchanged) == ("clock", False)
+
+
+@pytest.mark.parametrize("source", RANGES)
+@pytest.mark.parametrize("target", RANGES)
+def test_a_link_between_integers_carries_what_both_types_hold(source: str, target: str) -> None:
+    """A link that can't fail is a copy, unless one end alone is kept without a sign."""
+    (a,), (b,) = fmi3(f"v {source}").find("v"), fmi3(f"v {target}").find("v")
+    link = Link("a", a, "b", b, 1.0, 0.0)
+    (smallest, largest), (lower, upper) = RANGES[source], RANGES[target]
+    fits_always = lower <= smallest and largest <= upper
+    assert link.converts == (not fits_always or [source, target].count("UInt64") == 1)
+    for number in (smallest, largest, lower - 1, lower, 0, upper, upper + 1):
+        assert link.carries(number) == (lower <= number <= upper)
+
+
+@pytest.mark.parametrize(("target", "digits"), [("Float32", 24), ("Float64", 53)])
+def test_a_link_carries_whole_numbers_that_are_exact_as_real_ones(target: str, digits: int) -> None:
+    (a,), (b,) = fmi3("v Int64").find("v"), fmi3(f"v {target}").find("v")
+    link = Link("a", a, "b", b, 1.0, 0.0)
+    assert [link.carries(2**digits + n) for n in (-1, 0, 1, 2)] == [True, True, False, True]
+
+
+@pytest.mark.parametrize(
+    ("variable", "tunable"),
+    [
+        ("v parameter Real variability=tunable", True),
+        ("v parameter Real variability=fixed", False),
+        ("v calculatedParameter Real variability=tunable", False),
+        ("v input Real variability=discrete", False),
+    ],
+)
+def test_a_tunable_parameter_is_one_that_may_be_set_in_a_run(variable: str, tunable: bool) -> None:
+    (element,) = Ports("c", fmi2(variable)).find("v")
+    assert element.is_tunable is tunable
 
 
 # Names
