@@ -19,10 +19,10 @@ from cosim.errors import CosimError
 #: The file that says how a run was made, and which files of the folder belong to it.
 SUMMARY = "summary.json"
 
-#: Where files are written before they get their places.
+#: Folder of files that are not complete yet.
 _UNFINISHED = ".unfinished"
 
-#: What else has a folder for itself: file that marks it -> what it is.
+#: Other owners of whole folders: file that marks it -> its name.
 _OTHERS = {"sweep.json": "a sweep"}
 
 
@@ -278,7 +278,7 @@ def _is_unchanged(path: Path, sha256: str | None) -> bool:
 
 
 def _read(summary: Path) -> dict[str, Any]:
-    """What a summary says; nothing if there is none, or another file of that name."""
+    """Contents of a summary; nothing if there is none, or another file of that name."""
     try:
         data = json.loads(summary.read_text(encoding="utf-8"))
     except (OSError, ValueError):

@@ -22,7 +22,7 @@ _CXX = ("c++", "g++", "clang++")
 #: So much of what a compiler says is passed on (characters).
 _MOST_SAID = 300
 
-#: What was compiled in this process: hash of the FMU file and model identifier -> library.
+#: Libraries that were compiled in this process: hash of the FMU file and model identifier -> library.
 _compiled: dict[tuple[str, str], bytes] = {}
 
 

@@ -70,7 +70,7 @@ class CallFailed(CosimError):
 
 @dataclass(frozen=True)
 class StepStatus:
-    """How a call of a step ended: the status, whether the FMU ended the simulation, and the time (s) it has reached.
+    """End of a call of a step: the status, whether the FMU ended the simulation, and the time (s) it has reached.
 
     `gave_up`: it ended the simulation for an error, which it has logged.
     """
@@ -99,7 +99,7 @@ class StepStatus:
 
 @dataclass(frozen=True)
 class ExperimentSetup:
-    """What an FMU is told of a run: start time, stop time if there is one (s), relative tolerance if one is wanted."""
+    """Set-up of an experiment for an FMU: start time, stop time if there is one (s), relative tolerance if any."""
 
     start_time: float
     stop_time: float | None = None
@@ -148,7 +148,7 @@ class Instance:
         The FMU can't be loaded.
     """
 
-    #: What stands behind the component, in messages.
+    #: Name for the implementation of the component, in messages.
     noun = "FMU"
 
     #: Whether the importer handles events of the FMU, see `cosim.fmi.event_mode`; by default the FMU does.
@@ -234,7 +234,7 @@ class Instance:
     # Messages
 
     def log(self) -> str:
-        """What the FMU has said last that was not just information, as one line; it is then forgotten."""
+        """The last message of the FMU that was not just information, as one line; it is then forgotten."""
         return self.messages.last()
 
     def _choose_messages(self) -> None:
@@ -409,7 +409,7 @@ class Instance:
         return StepStatus(code, ended.value, reached.value, early.value)
 
     def status_of_step(self, code: int, time: float) -> StepStatus:
-        """What lies behind a status that a step from a time (s) on returned, for FMI 1.0 and 2.0."""
+        """Result of a step from a time (s) on that returned a status, for FMI 1.0 and 2.0."""
         if code == _WARNING:
             self.messages.warned(self.step_function.replace("fmi1", "fmi"))
         if code != _DISCARD:

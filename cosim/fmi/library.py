@@ -125,7 +125,7 @@ def library_names(version: int, identifier: str) -> tuple[str, str]:
 
 
 def library_path(folder: Path, version: int, identifier: str) -> Path:
-    """Where an unpacked FMU of a version of FMI has its library for this machine.
+    """Path of the library for this machine in an unpacked FMU of a version of FMI.
 
     Raises
     ------

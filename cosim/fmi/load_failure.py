@@ -13,7 +13,7 @@ _MISSING = re.compile(
     r"|Library not loaded: (?:\S*/)?(?P<macos>[^\s/]+)"
 )
 
-#: What the loader says -> cause and remedy.
+#: Message of the system's loader -> cause and remedy.
 _CAUSES = (
     (
         r"undefined symbol: (?P<name>[^\s,]+)|symbol not found[^']*'(?P<macos>\w+)'",
@@ -91,7 +91,7 @@ def why_not_loaded(said: str, path: Path) -> str:
 
 
 def _how_to_get(name: str) -> str:
-    """How to get a shared library."""
+    """Remedy for a missing shared library."""
     stem, ending, number = name.partition(".so.")
     if not ending:
         return "install it, or name its folder in LD_LIBRARY_PATH before the program starts"
@@ -103,7 +103,7 @@ def _how_to_get(name: str) -> str:
 
 
 def system_of(path: Path) -> str:
-    """What a library or program is built for, by its first bytes: "64-bit x86 Linux", "Windows", "macOS"."""
+    """Platform of a library or program, by its first bytes: "64-bit x86 Linux", "Windows", "macOS"."""
     try:
         with path.open("rb") as file:
             head = file.read(20)

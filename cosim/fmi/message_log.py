@@ -16,7 +16,7 @@ from cosim.errors import SetupError, nearest
 #: Level of a log -> the least grave message that it takes. `all` asks the FMUs besides for all that they can say.
 LEVELS = {"none": 3, "error": 2, "warning": 1, "info": 0, "all": 0}
 
-#: How grave a message is.
+#: Severity of a message.
 INFO, WARNING, ERROR = range(3)
 _LEVELS_OF_LOGGING = (logging.INFO, logging.WARNING, logging.ERROR)
 
@@ -27,7 +27,7 @@ _MOST_LAST_LINES = 1000
 
 @dataclass(frozen=True)
 class Log:
-    """Which messages of the FMUs are written, and where to.
+    """Choice of messages of the FMUs, and the file that they are written to.
 
     Parameters
     ----------
@@ -159,7 +159,7 @@ class LogWriter:
             self._problem = error.strerror or str(error)
 
     def about(self) -> dict[str, Any]:
-        """What results say of the log."""
+        """Entry of results about the log."""
         about: dict[str, Any] = {"level": self.log.level, "categories": list(self.log.categories)}
         if self.log.file is not None:
             about["file"] = str(self.log.file)

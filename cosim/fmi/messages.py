@@ -54,7 +54,7 @@ class _Kind:
 
 
 class Messages:
-    """What the FMU of a component says, and what warnings its functions return.
+    """Messages of the FMU of a component, and warnings that its functions return.
 
     Parameters
     ----------
@@ -141,7 +141,7 @@ class Messages:
         return text
 
     def about(self) -> dict[str, Any] | None:
-        """How many messages there were, and the first ones; None where the FMU has said nothing."""
+        """Number of messages, and the first ones; None if there were none."""
         with self._lock:
             if not any(self._counts):
                 return None
@@ -206,7 +206,7 @@ def summary(messages: Iterable[Messages]) -> dict[str, Any]:
 
 
 def notes(messages: dict[str, Any]) -> list[str]:
-    """What results say of messages, in lines for people."""
+    """Lines for users about the messages in results."""
     lines = []
     for component, about in messages.items():
         counts = [_counted(about[key], key[:-1]) for key in ("warnings", "errors") if about[key]]

@@ -88,14 +88,14 @@ class FmiType:
 
     @cached_property
     def slot(self) -> np.dtype[Any]:
-        """How the loop keeps a value."""
+        """NumPy type of a value in the loop."""
         if self.kind == "real":
             return np.dtype(np.float64)
         return np.dtype(np.uint64 if self.name == "UInt64" else np.int64)
 
     @cached_property
     def recorded(self) -> np.dtype[Any]:
-        """How results have a value."""
+        """NumPy type of a value in results."""
         if self.is_text:
             return np.dtype(object)
         return np.dtype(np.bool_) if self.kind in ("boolean", "clock") else self.slot

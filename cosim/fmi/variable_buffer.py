@@ -113,7 +113,7 @@ class VariableBuffer:
         self._instance.call(self.setter_name, *self._arguments)
 
     def _texts(self) -> list[str | bytes]:
-        """What an FMU has written into the buffer: pointers to its own memory."""
+        """Values that an FMU has written into the buffer: pointers to its own memory."""
         if self._sizes is None:
             return [(value or b"").decode("utf-8", "replace") for value in self._buffer]
         sizes = list(self._sizes)

@@ -30,7 +30,7 @@ class LoopLibraryError(CosimError):
 
 
 class Kind(IntEnum):
-    """What an operation does."""
+    """Kinds of operations; see loop.c."""
 
     SAMPLE = 0
     SET = 1
@@ -62,12 +62,12 @@ class Cell(ctypes.Structure):
 Called = ctypes.CFUNCTYPE(ctypes.c_int, c_double)
 
 
-#: What the loop's logger hands messages to: environment, name of the instance, status, category, text.
+#: Receiver of messages from the loop's logger: environment, name of the instance, status, category, text.
 TakeMessage = ctypes.CFUNCTYPE(None, c_void_p, c_char_p, ctypes.c_int, c_char_p, c_char_p)
 
 
 class Extrapolated(ctypes.Structure):
-    """How the inputs of an FMU change over a step; see loop.c."""
+    """Extrapolation of the inputs of an FMU over a step; see loop.c."""
 
     _fields_ = (
         ("history", POINTER(c_double)),
@@ -83,7 +83,7 @@ class Extrapolated(ctypes.Structure):
 
 
 class Conversion(ctypes.Structure):
-    """What a connection between two types may carry; see loop.c."""
+    """Range of values that a connection between two types may carry; see loop.c."""
 
     _fields_ = (("smallest", c_int64), ("largest", c_uint64), ("from", c_int32), ("to", c_int32))
 
@@ -109,12 +109,12 @@ class Operation(ctypes.Structure):
     )
 
 
-#: What the loop tells of an operation that returned a warning.
+#: Receiver of operations that returned a warning.
 Warned = ctypes.CFUNCTYPE(None, POINTER(Operation))
 
 
 class Loop(ctypes.Structure):
-    """What the loop needs to know, and where it says how it ended; see loop.c."""
+    """Input of the loop, and its report of how it ended; see loop.c."""
 
     _fields_ = (
         ("start_time", c_double),
@@ -146,7 +146,7 @@ class Loop(ctypes.Structure):
 
 
 class _Field(ctypes.Structure):
-    """Where a field lies in its struct, as the loop says; a struct as a whole too."""
+    """Offset and size of a field in its struct, or of a whole struct, as the loop reports them."""
 
     _fields_ = (("name", c_char_p), ("offset", c_size_t), ("size", c_size_t))
 

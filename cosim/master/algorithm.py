@@ -43,7 +43,7 @@ class Order:
 
 @dataclass(frozen=True)
 class Extrapolation:
-    """What a connected input does between two communication points: a polynomial through its last values.
+    """A polynomial through the last values of a connected input, which it follows between two communication points.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Which inputs are extrapolated between communication points, and which are held.
+"""The choice of inputs that are extrapolated between communication points; the others are held.
 
 A held input is late by half a step on average, which makes the coupling first-order accurate. An FMU that can
 interpolate its inputs takes their derivatives with them (`fmi2SetRealInputDerivatives`), or asks for its inputs during
@@ -20,7 +20,7 @@ from cosim.system.variables import Element
 
 @dataclass(frozen=True)
 class ExtrapolatedInputs:
-    """What is extrapolated.
+    """Links whose inputs are extrapolated.
 
     Attributes
     ----------

@@ -97,7 +97,7 @@ class FunctionInstance(Instance):
         return ctypes.cast(self._called, ctypes.c_void_p).value or 0
 
     def _call(self, time: float) -> int:
-        """What the loop calls; no exception may leave it."""
+        """The callback of the loop; no exception may leave it."""
         try:
             if self.interrupt.requested:  # while an FMU computed
                 raise KeyboardInterrupt
@@ -173,7 +173,7 @@ class FunctionInstance(Instance):
         view[...] = array
 
     def raised(self) -> BaseException:
-        """What has ended the last call; it is then forgotten."""
+        """The exception that ended the last call; it is then forgotten."""
         error, self._error = self._error, None
         assert error is not None
         return error

@@ -144,14 +144,14 @@ class Exchange:
         return element.type.from_slots(slots, self._instances[component].texts).tolist()[0]
 
     def _can_be_read_last(self, row: NamedOperation) -> bool:
-        """Whether an operation reads what feeds nothing, from an FMU of FMI 1.0."""
+        """Whether an operation reads outputs that feed nothing, from an FMU of FMI 1.0."""
         if row.operation.kind != Kind.GET or self._instances[row.component].version != 1:
             return False
         feeding = self._sources(self._links_from.get(row.component, ()))
         return not any(0 <= position - row.operation.first < row.operation.n for position in feeding)
 
     def history(self) -> np.ndarray:
-        """What extrapolated inputs know of earlier communication points, as numbers (n,)."""
+        """Values of extrapolated inputs at earlier communication points, as numbers (n,)."""
         return np.array([number for inputs, n in self._extrapolated for number in _history_of(inputs, n)])
 
     def forget_history(self) -> None:

@@ -1,4 +1,4 @@
-"""Where the stepping loop records to: an array for the whole run, or a buffer that is passed on chunk by chunk."""
+"""Memory that the stepping loop records to: an array for the whole run, or a buffer passed on chunk by chunk."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _BUFFERED_VALUES = 1_000_000
 
 
 class RecordedColumns:
-    """What the columns of the records are: slots of some types.
+    """The columns of the records: slots of some types.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ class RecordedColumns:
 
 
 class Recorder(Protocol):
-    """What the loop needs: room for rows, and to say how many have come."""
+    """Interface that the loop needs: memory for rows, and a report of how many are full."""
 
     def room(self, first: int, end: int) -> tuple[np.ndarray, int]:
         """Array for the rows first ... end - 1, and the number of its first row."""

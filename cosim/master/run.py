@@ -342,7 +342,7 @@ class Run:
         return self._sampled_end
 
     def history(self) -> np.ndarray:
-        """What extrapolated inputs know of earlier communication points, as numbers (n,)."""
+        """Values of extrapolated inputs at earlier communication points, as numbers (n,)."""
         return self._exchange.history()
 
     def forget_history(self) -> None:
@@ -357,7 +357,7 @@ class Run:
         self._sampled_end = 0
 
     def recorded_now(self) -> np.ndarray:
-        """What is recorded (columns,) of the values as they are."""
+        """The recorded values (columns,) at this moment."""
         runs = self._exchange.recorded_runs
         return np.concatenate([self.values[a : a + n] for a, n in runs.tolist()] or [np.empty(0)])
 
@@ -487,7 +487,7 @@ class Run:
         return str(instance.failure(row.function, status))
 
     def _misfit(self, row: NamedOperation) -> str:
-        """Which value of links between different types does not fit its target."""
+        """The value of a link between different types that does not fit its target, in words."""
         for link in row.converted:
             value = self._exchange.value(link.source_component, link.source)
             if not link.carries(value):
@@ -499,7 +499,7 @@ class Run:
         raise AssertionError("a value that fits was refused")
 
 
-#: What an operation that returns a warning was about.
+#: Kinds of operations, in the words of a warning.
 _DOINGS = {Kind.SET: "setting inputs", Kind.GET: "reading outputs", Kind.EXTRAPOLATE: "setting derivatives of inputs"}
 
 

@@ -470,7 +470,7 @@ class Simulation:
         return Growing(self._times(grid, record_every), len(self._names))
 
     def _described(self, starts: Sequence[StartValue]) -> dict[str, Any]:
-        """What a state must know of the system, besides what results say."""
+        """Properties of the system that a state must match, besides those in the results."""
         return {
             "components": {name: component.every for name, component in self._resolved.components.items()},
             "start_values": {
@@ -515,7 +515,7 @@ class Simulation:
         return self._samples_of(self._drives(signals), grid), [*starts, *extra]
 
     def _experiments(self, grid: Grid, tolerance: float | None) -> dict[str, ExperimentSetup]:
-        """What the FMU of each component is told of a run.
+        """Start time, stop time and tolerance that the FMU of each component is told.
 
         Raises
         ------
@@ -764,7 +764,7 @@ def _timed(results: Results, began: float) -> Iterator[None]:
 
 
 def number_of_steps(start_time: float, stop_time: float, step_size: float) -> int:
-    """How many steps (s) there are from start to stop time (s).
+    """Number of steps (s) from start to stop time (s).
 
     Raises
     ------

@@ -19,7 +19,7 @@ from cosim.output import write_whole
 _FORMAT = 1
 
 
-#: How messages call what a run was made with, in part.
+#: Names in messages for properties of a run.
 _WORDS = {
     "fmus": "FMU file of",
     "tolerances": "tolerance of",
@@ -37,7 +37,7 @@ def _said(value: Any) -> str:
 
 @dataclass(frozen=True)
 class RunState:
-    """What a run was at a communication point; `SteppedRun.save` gives it, and `SteppedRun.restore` takes it.
+    """The state of a run at a communication point; `SteppedRun.save` gives it, and `SteppedRun.restore` takes it.
 
     Attributes
     ----------
@@ -70,7 +70,7 @@ class RunState:
     notes: Mapping[str, float] = field(default_factory=dict)
 
     def differences(self, made_with: Mapping[str, Any]) -> list[str]:
-        """What another run was made with otherwise, in words; what only one of them knows of does not count."""
+        """Differences to how another run was made, in words; a property that only one of them has does not count."""
         found = []
         for key in (key for key in made_with if key in self.made_with):
             then, now = self.made_with[key], json.loads(json.dumps(made_with[key]))

@@ -80,7 +80,7 @@ class _Quantity:
         self._buffer.set()
 
     def value(self, slots: np.ndarray) -> Any:
-        """What a user gets for slots (n,): a number or a text of a scalar, an array (n,) of a vector."""
+        """The value of slots (n,) for a user: a number or a text of a scalar, an array (n,) of a vector."""
         values = slots if self.type.kind == "real" else self.type.from_slots(slots, self.texts)
         return values.tolist()[0] if self.is_scalar else values
 
@@ -164,7 +164,7 @@ class SteppedRun:
 
     @property
     def results(self) -> Results:
-        """What has been recorded so far, that of this communication point included where it is one to record."""
+        """The records so far, including this communication point if it is one to record."""
         self._exchange_again()
         time, values = self._recorder.result()
         if self._point % self._record_every == 0 and not self._ended:
@@ -402,7 +402,7 @@ class SteppedRun:
         return quantity.type.slots(values, quantity.texts)
 
     def _exchange_again(self) -> None:
-        """What was set reaches, at this communication point, all that depends on it directly."""
+        """Propagate the values that were set to all values with direct feedthrough, at this communication point."""
         if self._set_since and not self._ended:
             components = None if self._exchanges_by_level else self._set_since
             self._set_since = set()

@@ -1,4 +1,4 @@
-"""Where the values of a system stand in the one array that the loop works on, and when they are exchanged.
+"""Layout of the values of a system in the one array that the loop works on, and the points of their exchange.
 
 Values stand component by component, each component's in contiguous transfers: what one call of an FMU sets or gets.
 """
@@ -91,7 +91,7 @@ class ValueLayout:
         return tuple(e for e in transfer.elements if self._rank_of(transfer.component, e))
 
     def source_of_derivatives(self, component: str, element: Element) -> int:
-        """Where the derivatives of an extrapolated input come from: a column of the samples, EXTRAPOLATED or HELD."""
+        """Source of the derivatives of an extrapolated input: a column of the samples, EXTRAPOLATED or HELD."""
         key = (component, element.name)
         return self.columns.get(key, EXTRAPOLATED) if key in self._moving else HELD
 

@@ -19,10 +19,10 @@ from cosim.results.results import Results
 #: Endings of tables of a case; the first is that of a new reference.
 ENDINGS = (".csv", ".parquet", ".mat", ".npz", ".json")
 
-#: What inputs do between two rows of `<case>_in.csv`.
+#: Interpolations of inputs between two rows of `<case>_in.csv`.
 Between = Literal["linear", "hold"]
 
-#: What integrates in model exchange: FMPy's CVode, Euler's explicit method, or the first of the two that agrees.
+#: Solvers of model exchange: FMPy's CVode, Euler's explicit method, or the first of the two that agrees.
 Solver = Literal["CVode", "Euler", "either"]
 Method = Literal["CVode", "Euler"]
 
@@ -123,7 +123,7 @@ class Case:
 
     @property
     def between(self) -> Between:
-        """What inputs do between two rows."""
+        """Interpolation of inputs between two rows."""
         between: Between = self._tables.get("inputs", "linear")
         if between not in ("linear", "hold"):
             hint = nearest(str(between), ("linear", "hold"))

@@ -15,7 +15,7 @@ from cosim.results.results import Results
 
 @dataclass(frozen=True)
 class SignalComparison:
-    """What there is to say about one signal.
+    """Result of the comparison of one signal.
 
     Attributes
     ----------
@@ -158,7 +158,7 @@ def _compare_times(result: Results, reference: Results) -> str:
 
 
 def _compare_ends(result: Results, reference: Results) -> str:
-    """What keeps two curves with times of their own from being compared."""
+    """Reason why two curves with times of their own can't be compared, or none."""
     for name, time in (("result", result.time), ("reference", reference.time)):
         if not len(time):
             return f"the {name} has no rows"

@@ -42,7 +42,7 @@ class Experiment:
 
 
 def experiment_of(case: Case, description: ModelDescription) -> Experiment:
-    """What the options of a case say; then its reference, its inputs, and the default experiment of the FMU.
+    """Experiment by the options of a case; then by its reference, its inputs, and the default experiment of the FMU.
 
     Raises
     ------

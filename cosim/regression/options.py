@@ -27,7 +27,7 @@ class OptionsError(CosimError):
 
 @dataclass(frozen=True)
 class Options:
-    """What a reference was made with.
+    """Options that a reference was made with.
 
     Attributes
     ----------

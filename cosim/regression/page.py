@@ -11,7 +11,7 @@ from cosim.regression.comparison import SignalComparison
 from cosim.regression.outcome import Outcome, share
 from cosim.regression.plot import plot
 
-#: What the page needs of one case; texts and flags only, for it may come from another process.
+#: Content of the page for one case; texts and flags only, for it may come from another process.
 Part = dict[str, str | bool]
 
 

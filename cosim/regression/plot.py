@@ -62,7 +62,7 @@ def plot(signal: SignalComparison) -> str:
 
 
 def _place(signal: SignalComparison) -> np.ndarray:
-    """Where in its band a result is: -1 at the lower bound, 1 at the upper one."""
+    """Relative position of a result in its band: -1 at the lower bound, 1 at the upper one."""
     time, values = signal.result.time, signal.result.values
     low, high = (np.interp(time, c.time, c.values) for c in (signal.lower, signal.upper))
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -117,7 +117,7 @@ class _Panel:
         return "".join(words)
 
     def area(self, lower: Curve, upper: Curve) -> str:
-        """What lies between two curves; nothing where one is not finite."""
+        """Area between two curves; empty where one is not finite."""
         there, back = _thinned(upper), _thinned(lower)
         points = [*zip(*there, strict=True), *zip(*(a[::-1] for a in back), strict=True)]
         return "M" + "L".join(f"{self.x(t):.1f} {self.y(v):.1f}" for t, v in points if math.isfinite(v)) + "Z"

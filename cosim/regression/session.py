@@ -23,13 +23,13 @@ class Selection:
     troubles: list[str] = field(default_factory=list)
 
 
-#: Where a session keeps its selection.
+#: Key of a session's selection.
 SELECTION = pytest.StashKey[Selection]()
 
-#: Where a session keeps what references were written.
+#: Key of a session's written references.
 WRITTEN = pytest.StashKey[list[str]]()
 
-#: Where a test keeps its parts of the page.
+#: Key of a test's sections of the page.
 PARTS = pytest.StashKey[list[Part]]()
 
 #: Where a session keeps the folder with the files of the cases that FMUs bring along.

@@ -1,4 +1,4 @@
-"""How far a result may be from its reference, signal by signal, from a TOML file."""
+"""Tolerances between a result and its reference, signal by signal, from a TOML file."""
 
 from __future__ import annotations
 

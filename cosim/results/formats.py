@@ -34,7 +34,7 @@ class FormatError(CosimError):
 
 @dataclass(frozen=True)
 class Table:
-    """What a file holds: times (n,) in s, and values (n, columns) with their names and, as far as known, units.
+    """Contents of a file: times (n,) in s, and values (n, columns) with their names and, as far as known, units.
 
     `typed` has the columns of what is no real number, by name.
     """

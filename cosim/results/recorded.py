@@ -1,4 +1,4 @@
-"""What a run recorded, wherever it is kept: values by name, for people, plots and other libraries."""
+"""Records of a run, in memory or in a file: values by name, for users, plots and other libraries."""
 
 from __future__ import annotations
 
@@ -154,7 +154,7 @@ class Recorded(ABC):
         return draw(self.time[::every], self.panels(chosen, every))
 
     def panels(self, chosen: Mapping[str, int | list[int]], every: int = 1) -> list[Panel]:
-        """What is drawn of variables, whose elements stand at these positions: every so many-th row."""
+        """Values to draw of variables, whose elements are at these positions: every N-th row."""
         from cosim.results.plotting import Panel  # matplotlib takes a while to import
 
         panels = []

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @dataclass(repr=False)
 class Results(Recorded):
-    """What a run recorded.
+    """Records of a run.
 
     It is an Arrow stream (`__arrow_c_stream__`): `polars.DataFrame(results)`, `pandas.DataFrame.from_arrow(results)`,
     `pyarrow.table(results)` and DuckDB's `select ... from results` take it as it is.

@@ -75,7 +75,7 @@ class ScenarioFamily:
         self.add_options(parser)
 
     def alternatives(self, options: argparse.Namespace) -> tuple[str, Sequence[str]]:  # noqa: ARG002 -- for subclasses
-        """What a sweep can vary besides variables, as kinds of FMUs: the name of the factor and its values."""
+        """A further factor of sweeps, such as the kind of FMUs: its name and its values."""
         return "", [""]
 
     def prepared_alternative(

@@ -59,7 +59,7 @@ class Metric:
 
     @property
     def variables(self) -> tuple[str, ...]:
-        """What must be recorded for it."""
+        """Variables that must be recorded for it."""
         return (self.of,) if self.minus is None else (self.of, self.minus)
 
     def value(self, results: Results | StoredResults) -> float | None:

@@ -217,7 +217,7 @@ def _check_path(where: str, path: str, components: Collection[str], family: Scen
 
 
 def _run(data: Mapping[str, Any], kind: type[Scenario]) -> dict[str, Any]:
-    """What a run of the scenario is, by the fields of its class."""
+    """Fields of the scenario's class that describe its run."""
     of_all = {field.name for field in dataclasses.fields(Scenario)}
     further = {field.name: float for field in dataclasses.fields(kind) if field.name not in of_all}
     demanded = {field.name for field in dataclasses.fields(kind) if field.default is dataclasses.MISSING}

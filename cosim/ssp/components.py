@@ -87,7 +87,7 @@ def _elements(path: str, ports: dict[str, Ports]) -> tuple[str, list[Element]]:
 
 
 def _sources(fmus: dict[str, LoadedFMU]) -> dict[str, str]:
-    """Where each FMU goes in the archive: once, however many components it has."""
+    """Path of each FMU in the archive: one, however many components it has."""
     sources: dict[str, str] = {}
     taken: dict[str, str] = {}
     for name, fmu in fmus.items():

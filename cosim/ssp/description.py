@@ -16,7 +16,7 @@ from cosim.ssp.schema import NAMESPACES
 from cosim.system.variables import Element, Ports
 from cosim.versions import versions
 
-#: How libcosim and OMSimulator note the communication step, which the standard has no element for.
+#: Annotations of libcosim and OMSimulator for the communication step, for which the standard has no element.
 _ANNOTATIONS: dict[str, tuple[str, tuple[str, ...], Callable[[str], dict[str, str]]]] = {
     "com.opensimulationplatform": (
         "http://opensimulationplatform.com/SSP/OSPAnnotations",

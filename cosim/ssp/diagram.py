@@ -1,4 +1,4 @@
-"""Where the elements of a system stand on its diagram, and how its connections run: left to right, in right angles.
+"""Diagram of a system: places of its elements, and paths of its connections, left to right, in right angles.
 
 Lengths are in mm, x to the right and y up, as SSP has them. Components stand in columns by their distance from those
 that need nothing from others. A connection to the next column runs between the two; others run above all components.

@@ -1,4 +1,4 @@
-"""A description with what its parts need to be understood: where its files are, its units, its enumerations."""
+"""A description with its context: its package of files, its units, its enumerations."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 #: Attributes by which other tools note the communication step: libcosim, OMSimulator.
 _STEP_SIZES = {"FixedStepAlgorithm": "baseStepSize", "FixedStepMaster": "stepSize"}
 
-#: How libcosim notes the step of a component.
+#: Annotation of libcosim for the step of a component.
 _STEP_OF_COMPONENT = {"StepSizeHint": "value"}
 
 

@@ -1,4 +1,4 @@
-"""What feeds the inputs of components, through the connectors of the systems and signal dictionaries on the way."""
+"""Sources of the inputs of components, through the connectors of the systems and signal dictionaries on the way."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class Hop:
 
 @dataclass(frozen=True)
 class Feed:
-    """Where the value of an input comes from, and the hops from there on."""
+    """Source of the value of an input, and the hops from there on."""
 
     source: Node
     hops: tuple[Hop, ...]
@@ -170,7 +170,7 @@ class Flow:
                     self._join(part)
 
     def into(self, node: Node) -> Feed | None:
-        """What feeds a value: an output of a component, or a connector of a system which nothing feeds.
+        """Source of a value: an output of a component, or a connector of a system which nothing feeds.
 
         Raises
         ------

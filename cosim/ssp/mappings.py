@@ -59,7 +59,7 @@ def add_mapping(
 
 
 def _by_number(hops: Sequence[Hop], source: Element, target: Element) -> dict[int, int]:
-    """What becomes of the number of each item of the source, by the names of items."""
+    """Number of an item of the target for that of each item of the source, by the names of items."""
     if not source.items or not target.items:
         raise SSPError(f"{hops[0].here} maps names of items, but not both ends are enumerations")
     found = {}

@@ -1,4 +1,4 @@
-"""Where the files of an SSP are: in an archive, or in a folder; found by the URIs of its descriptions."""
+"""The files of an SSP, in an archive or in a folder, found by the URIs of its descriptions."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ DESCRIPTION = "SystemStructure.ssd"
 #: XML files that are larger are refused: they would not fit into memory once decoded.
 MOST_XML_BYTES = 64 * 1024**2
 
-#: What to do about a source that is no file of this machine.
+#: Remedies for sources that are no files of this machine.
 _REMEDIES = {
     "http": "download it and give its path",
     "https": "download it and give its path",
@@ -46,7 +46,7 @@ class Package(AbstractContextManager["Package"], ABC):
         Takes notes of sources that were found in another way than they are written.
     """
 
-    #: What it is, for messages.
+    #: Kind of the package, for messages.
     kind = "archive"
 
     def __init__(self, path: Path, findings: Findings) -> None:

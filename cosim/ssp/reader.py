@@ -86,7 +86,7 @@ def read_ssp(
 
 
 def _file(package: Package, name: str) -> str:
-    """What messages of a package begin with."""
+    """Beginning of messages about a package."""
     return f"{package.path}" if package.where(name).startswith(f"{package.path}: ") else package.where(name)
 
 

@@ -442,7 +442,7 @@ def find_connector(system: Part, element: str | None, name: str, here: str) -> t
 
 
 def variable_nodes(part: Part, name: str) -> list[tuple[Part, str]]:
-    """What a hierarchical name stands for: connectors of systems and variables of components; there may be several."""
+    """Connectors of systems and variables of components that have a hierarchical name; there may be several."""
     if part.ports is not None:
         return [(part, name)] if name in part.variables else []
     found = [(part, name)] if name in part.connectors and part.dictionary is None else []

@@ -234,7 +234,7 @@ def transformation_of(element: DataElement) -> DataElement | None:
 
 
 def table_of(transformation: DataElement, here: str) -> dict[Any, Any]:
-    """What a mapping transformation replaces by what; values that it does not name stay as they are.
+    """Values that a mapping transformation replaces, and by what; other values stay as they are.
 
     Raises
     ------

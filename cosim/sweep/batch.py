@@ -10,7 +10,7 @@ import numpy as np
 
 from cosim.sweep.points import Value
 
-#: What a row has under a name: a number, an array (n,) of numbers, or nothing.
+#: Value in a row: a number, an array (n,) of numbers, or nothing.
 RowValue = float | np.ndarray | None
 
 #: Time (s) that a batch should take: long against the few ms that Dask spends on a task, short enough for a lost worker
@@ -23,7 +23,7 @@ _MOST_BATCHES = 100
 #: Runs in a batch at most, for its rows to fit one message.
 _MOST_RUNS = 5_000
 
-#: What is left of the batches before in the mean time of a run, at each new batch.
+#: Weight of the earlier batches in the mean time of a run, at each new batch.
 _MEMORY = 0.7
 
 

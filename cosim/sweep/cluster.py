@@ -1,4 +1,4 @@
-"""Where the runs are made: processes of this machine, or a Dask cluster that is there; and how FMUs get there."""
+"""Clusters for the runs: processes of this machine, or an existing Dask cluster; and the transfer of FMUs to them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ with needs("sweep"):
     from dask.system import CPU_COUNT
     from distributed import Client, LocalCluster, WorkerPlugin
 
-#: How long (s) to wait for a scheduler to answer, and for a first worker.
+#: Longest time (s) to wait for an answer of the scheduler, and for a first worker.
 _ANSWER, _FIRST_WORKER = 30.0, 30.0
 
 #: Workers that a task of a local sweep may be involved in losing before it is run in isolation.

@@ -37,10 +37,10 @@ _BATCHES_EACH = 2
 #: Time (s) between two looks at Ctrl-C, and between two counts of the workers.
 _LOOK, _COUNT = 0.2, 2.0
 
-#: How often a batch may find its worker unable before the sweep ends.
+#: Number of times that a batch may find its worker unable before the sweep ends.
 _RETRIES = 2
 
-#: How often Dask may give up on a batch for lost workers before the sweep ends.
+#: Number of times that Dask may give up on a batch for lost workers before the sweep ends.
 _MOST_LOSSES = 3
 
 _GO_ON = "start the same command again: it goes on where it stopped"

@@ -1,4 +1,4 @@
-"""What can go wrong with a sweep as a whole; a run that fails is a row."""
+"""Errors of a sweep as a whole; a run that fails is a row."""
 
 from __future__ import annotations
 

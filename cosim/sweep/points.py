@@ -1,4 +1,4 @@
-"""What is varied, and which points a sweep runs: all combinations of levels, a Latin hypercube, or Sobol's sequence."""
+"""Factors and points of a sweep: all combinations of levels, a Latin hypercube, or Sobol' sequence."""
 
 from __future__ import annotations
 
@@ -231,7 +231,7 @@ def design(kind: str, factors: Sequence[Factor], points: int | None = None, seed
 
 
 def advice(kind: str, points: int) -> str:
-    """What should be known about a number of points, empty if nothing."""
+    """Warning about a number of points, empty if there is none."""
     if kind != "sobol" or points & (points - 1) == 0:
         return ""
     lower = 1 << (points.bit_length() - 1)

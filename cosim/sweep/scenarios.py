@@ -85,11 +85,11 @@ class ScenarioStudy:
         return () if self.curve_period is None else tuple(map(curve_name, self._curve_variables()))
 
     def _curve_variables(self) -> list[str]:
-        """What curves are of: all variables of metrics."""
+        """Variables of the curves: all variables of metrics."""
         return list(dict.fromkeys(v for scenario in self.scenarios.values() for v in _variables(scenario)))
 
     def recorded(self, scenario: Scenario) -> list[str]:
-        """What is recorded, for metrics and curves; nothing else is."""
+        """The recorded variables: those of metrics and curves."""
         return _variables(scenario)
 
     def measured(self, scenario: Scenario, results: Results) -> Mapping[str, float | None]:

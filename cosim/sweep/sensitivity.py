@@ -1,4 +1,4 @@
-"""Which uncertain factor a result depends on: Saltelli's design for a sweep, and Sobol' indices from its rows.
+"""Sensitivity of a result to uncertain factors: Saltelli's design for a sweep, and Sobol' indices from its rows.
 
 Saltelli et al., Computer Physics Communications 181(2), 2010: two independent samples A and B of all factors, and for
 each group of factors A with that group taken from B. All rows have the same distribution, so that they are a Monte

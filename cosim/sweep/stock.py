@@ -1,4 +1,4 @@
-"""What has arrived at this worker process: files known by the SHA-256 of their contents."""
+"""Files that this worker process has received, by the SHA-256 of their contents."""
 
 from __future__ import annotations
 

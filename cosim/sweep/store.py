@@ -1,4 +1,4 @@
-"""Where a sweep's results are: a folder of Parquet files that can be added to, and read at any time.
+"""The store of a sweep's results: a folder of Parquet files that can be added to, and read at any time.
 
     sweep.json              what was asked for, and its fingerprint
     plan.parquet            all points
@@ -42,7 +42,7 @@ _MOST_ROWS = 100_000
 
 @dataclass(frozen=True)
 class SweepSummary:
-    """How far a sweep is, and how it got there.
+    """Progress of a sweep.
 
     Attributes
     ----------
@@ -196,7 +196,7 @@ class Store:
         )
 
     def summary(self) -> SweepSummary:
-        """How far the sweep is, by what is on disk."""
+        """Progress of the sweep, by the rows on the disk."""
         done = len(self._points) - len(self.missing())
         errors = _without_repeats(_scan(self.folder, ["index", "error"], pc.field("error").is_valid()))
         first = f"point {errors['index'][0]}: {errors['error'][0]}" if len(errors) else ""

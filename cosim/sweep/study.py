@@ -1,4 +1,4 @@
-"""What a point of a sweep means: the part that each application writes for itself."""
+"""The study: the meaning of the points of a sweep, which each application defines."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a worker does with a batch: run its points one by one on simulations that stay open."""
+"""A worker's run of a batch: point by point, on simulations that stay open."""
 
 from __future__ import annotations
 

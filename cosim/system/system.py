@@ -1,4 +1,4 @@
-"""What is simulated: components (FMUs, functions in Python), connections between them, and input signals."""
+"""Systems: components (FMUs, functions in Python), connections between them, and input signals."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ class AsWritten(str):
     __slots__ = ()
 
 
-#: What a connection does where the units of its ends differ: an error, a conversion, or nothing.
+#: Treatment of different units at the ends of a connection: an error, a conversion, or nothing.
 Units = Literal["equal", "convert", "ignore"]
 
 
 @dataclass(frozen=True)
 class Component:
-    """What takes part in a system: an FMU, or a function in Python; see `System.add` and `System.add_function`."""
+    """A component of a system: an FMU, or a function in Python; see `System.add` and `System.add_function`."""
 
     name: str
     fmu: Path | None
