@@ -29,7 +29,7 @@ class LoopLibraryError(CosimError):
     """The compiled loop is missing, or belongs to another version of its source."""
 
 
-class Kind(IntEnum):
+class OperationKind(IntEnum):
     """Kinds of operations; see loop.c."""
 
     SAMPLE = 0

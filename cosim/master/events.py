@@ -14,7 +14,7 @@ import numpy as np
 
 from cosim.fmi.event_mode import MOST_UPDATES, EventInstance
 from cosim.fmi.instance import function_address
-from cosim.loop.binding import Called, Kind, Operation
+from cosim.loop.binding import Called, Operation, OperationKind
 from cosim.master.failures import Failing
 
 _OK, _ERROR = 0, 3
@@ -73,7 +73,7 @@ class Events:
     def operations(self) -> tuple[Operation, Operation]:
         """What the loop is to perform before and after the exchange, but after signals have been sampled."""
         begin, finish = (
-            Operation(kind=Kind.CALL, every=1, version=3, function=function_address(callback))
+            Operation(kind=OperationKind.CALL, every=1, version=3, function=function_address(callback))
             for callback in self._callbacks
         )
         return begin, finish

@@ -22,7 +22,7 @@ from cosim.fmi.instance import Instance
 from cosim.fmi.types import FmiType, type_code
 from cosim.fmi.variable_buffer import VariableBuffer
 from cosim.loop.arena import Arena
-from cosim.loop.binding import EXTRAPOLATED, NONE, Conversion, Extrapolated, Kind, Operation
+from cosim.loop.binding import EXTRAPOLATED, NONE, Conversion, Extrapolated, Operation, OperationKind
 from cosim.master.algorithm import ORDERS, Extrapolation
 from cosim.master.events import Events, events_of
 from cosim.master.extrapolated_inputs import ExtrapolatedInputs
@@ -145,7 +145,7 @@ class Exchange:
 
     def _can_be_read_last(self, row: NamedOperation) -> bool:
         """Whether an operation reads outputs that feed nothing, from an FMU of FMI 1.0."""
-        if row.operation.kind != Kind.GET or self._instances[row.component].version != 1:
+        if row.operation.kind != OperationKind.GET or self._instances[row.component].version != 1:
             return False
         feeding = self._sources(self._links_from.get(row.component, ()))
         return not any(0 <= position - row.operation.first < row.operation.n for position in feeding)
@@ -193,11 +193,11 @@ class Exchange:
         """FMI 3.0: the first operation that extrapolates an FMU's inputs answers, and finds the others behind it."""
         asking: set[str] = set()
         for row, operation in zip(self.at_step.rows, self.at_step.operations, strict=True):
-            if operation.kind == Kind.EXTRAPOLATE and operation.version == 3 and row.component not in asking:
+            if operation.kind == OperationKind.EXTRAPOLATE and operation.version == 3 and row.component not in asking:
                 self._instances[row.component].let_ask_for_inputs(operation)
                 asking.add(row.component)
 
-    def _operation(self, kind: Kind, component: str, **fields: Any) -> Operation:
+    def _operation(self, kind: OperationKind, component: str, **fields: Any) -> Operation:
         instance = self._instances[component]
         return Operation(
             kind=kind,
@@ -216,7 +216,7 @@ class Exchange:
             if not isinstance(instance, FunctionInstance):
                 continue
             level = max((t.level for t in layout.sets if t.component == component), default=0)
-            operation = self._operation(Kind.CALL, component, function=instance.call_address)
+            operation = self._operation(OperationKind.CALL, component, function=instance.call_address)
             row = NamedOperation(operation, component)
             calls.setdefault(level if instance.function.direct_feedthrough else _BEFORE_ALL, []).append(row)
         return calls
@@ -233,20 +233,20 @@ class Exchange:
     def _sample(self, component: str, positions: Sequence[int], columns: Sequence[int]) -> NamedOperation:
         targets = self._arena.integers([*positions, *columns])
         return NamedOperation(
-            self._operation(Kind.SAMPLE, component, targets=targets, n_targets=len(positions)), component
+            self._operation(OperationKind.SAMPLE, component, targets=targets, n_targets=len(positions)), component
         )
 
-    def _exchange(self, kind: Kind, transfer: Transfer, **fields: Any) -> tuple[Operation, str]:
+    def _exchange(self, kind: OperationKind, transfer: Transfer, **fields: Any) -> tuple[Operation, str]:
         instance, n = self._instances[transfer.component], len(transfer.elements)
         variables, slots = variables_of(transfer.elements), self.values[transfer.first : transfer.first + n]
         timing, buffer = transfer.elements[0].timing, VariableBuffer(instance, variables, slots)
         if isinstance(instance, EventInstance) and timing:
-            reads = kind is Kind.GET
+            reads = kind is OperationKind.GET
             buffer = EventBuffer(instance, variables, slots, timing, reads=reads)
             if not reads or transfer in self._layout.gets:  # and not what is read once
                 instance.keep_buffer(buffer)
         self._buffers.append(buffer)
-        name = buffer.setter_name if kind is Kind.SET else buffer.getter_name
+        name = buffer.setter_name if kind is OperationKind.SET else buffer.getter_name
         operation = self._operation(
             kind,
             transfer.component,
@@ -269,7 +269,7 @@ class Exchange:
             if e.name in feeding and e.kind == "real"
         )
         positions = self._arena.integers([position for _, position in finite])
-        operation, name = self._exchange(Kind.GET, transfer, targets=positions, n_targets=len(finite))
+        operation, name = self._exchange(OperationKind.GET, transfer, targets=positions, n_targets=len(finite))
         return NamedOperation(operation, transfer.component, name, finite)
 
     def _set(self, transfer: Transfer) -> list[NamedOperation]:
@@ -280,7 +280,7 @@ class Exchange:
         transformed = [k for k in links if self._is_transformed(k)]
         copied = [k for k in links if not k.converts and not self._is_transformed(k)]
         targets = self._arena.integers([*self._targets(copied), *self._sources(copied)])
-        operation, name = self._exchange(Kind.SET, transfer, targets=targets, n_targets=len(copied))
+        operation, name = self._exchange(OperationKind.SET, transfer, targets=targets, n_targets=len(copied))
         row = NamedOperation(operation, transfer.component, name)
         # whole numbers become real ones before they are scaled, and real ones are scaled before they become shorter
         scaled_after = [k for k in converted if k.source.kind != "real"]
@@ -309,7 +309,7 @@ class Exchange:
         # a whole number stands in its target as a real one already
         sources = [target if k.source.kind != "real" else source for k, target, source in pairs]
         operation = self._operation(
-            Kind.TRANSFORM,
+            OperationKind.TRANSFORM,
             component,
             targets=self._arena.integers([*self._targets(links), *sources, *added]),
             data=ctypes.addressof(numbers),
@@ -326,7 +326,7 @@ class Exchange:
             version = self._instances[component].version
             _describe(conversion, link.source.type, link.target.type.code(version), link.target.bounds)
         operation = self._operation(
-            Kind.CONVERT,
+            OperationKind.CONVERT,
             component,
             targets=self._arena.integers([*self._targets(links), *sources]),
             data=ctypes.addressof(conversions),
@@ -369,7 +369,7 @@ class Exchange:
         self._extrapolated.append((inputs, n))
         name = f"fmi{instance.version}SetRealInputDerivatives" if instance.version < 3 else "fmi3SetFloat64"
         operation = self._operation(
-            Kind.EXTRAPOLATE,
+            OperationKind.EXTRAPOLATE,
             transfer.component,
             function=instance.function_address(name),
             references=self._arena.references(references),
@@ -387,7 +387,7 @@ class Exchange:
         name = f"fmi{instance.version}DoStep"
         by_events = instance.step_address if isinstance(instance, EventInstance) else 0
         operation = self._operation(
-            Kind.STEP,
+            OperationKind.STEP,
             component,
             function=by_events or instance.function_address(name),
             data=ctypes.addressof(self._arena.zeros(1)),

@@ -24,9 +24,9 @@ from cosim.loop.binding import (
     NOT_FINITE,
     RETURNED_EARLY,
     WANTS_TO_END,
-    Kind,
     Loop,
     Operation,
+    OperationKind,
     Warned,
     loop_library,
 )
@@ -180,7 +180,7 @@ class Run:
         table, done = self._exchange.at_start, 0
         waiting = {component for component, instance in self._instances.items() if instance.version == 1}
         for i, row in enumerate(table.rows if waiting else ()):
-            if row.operation.kind == Kind.GET and row.component in waiting:
+            if row.operation.kind == OperationKind.GET and row.component in waiting:
                 self._perform_operations(table, done, i, 0)
                 done = i
                 self._initialize_alone(row.component, experiments[row.component])
@@ -407,11 +407,13 @@ class Run:
         k = loop.failed
         while True:
             row, operation = table.rows[k], table.operations[k]
-            if operation.kind != Kind.STEP:
+            if operation.kind != OperationKind.STEP:
                 raise self._failure(table)
             time, step = self._grid.time(point), operation.every * self._grid.step_size
             inputs = [
-                o for o in table.operations[:k] if o.kind == Kind.EXTRAPOLATE and o.instance == operation.instance
+                o
+                for o in table.operations[:k]
+                if o.kind == OperationKind.EXTRAPOLATE and o.instance == operation.instance
             ]
             with Failing(row.component, time, self._instances[row.component]):
                 status = self._status_of_step(row, operation, loop.status, time)
@@ -472,7 +474,7 @@ class Run:
             error: BaseException = row.raised()
             return error
         instance = self._instances[row.component]
-        if isinstance(instance, FunctionInstance) and row.operation.kind == Kind.CALL:
+        if isinstance(instance, FunctionInstance) and row.operation.kind == OperationKind.CALL:
             return _failure_of_call(row.component, time, instance.raised())
         what = self._reason(row, self._loop.status, instance)
         return SimulationError(row.component, time, what, instance.log())
@@ -500,7 +502,11 @@ class Run:
 
 
 #: Kinds of operations, in the words of a warning.
-_DOINGS = {Kind.SET: "setting inputs", Kind.GET: "reading outputs", Kind.EXTRAPOLATE: "setting derivatives of inputs"}
+_DOINGS = {
+    OperationKind.SET: "setting inputs",
+    OperationKind.GET: "reading outputs",
+    OperationKind.EXTRAPOLATE: "setting derivatives of inputs",
+}
 
 
 def _counting_warnings(instances: Mapping[str, Instance]) -> Any:
@@ -537,7 +543,7 @@ def _from(table: OperationTable, first: int) -> Any:
 def _reads(table: OperationTable, components: Collection[str]) -> Iterator[tuple[int, int]]:
     """Places of the operations that compute and read outputs of components."""
     for i, row in enumerate(table.rows):
-        if row.operation.kind in (Kind.GET, Kind.CALL) and row.component in components:
+        if row.operation.kind in (OperationKind.GET, OperationKind.CALL) and row.component in components:
             yield i, 1
 
 

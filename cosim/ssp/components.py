@@ -15,8 +15,8 @@ from cosim.system.variables import Element, Ports
 
 
 @dataclass
-class Member:
-    """A component: its FMU, where that is in the archive, its connected inputs and the start values of the others."""
+class PackagedComponent:
+    """A component: its FMU, its path in the archive, its connected inputs and the start values of the others."""
 
     fmu: LoadedFMU
     ports: Ports
@@ -31,23 +31,23 @@ class Member:
 
 
 @dataclass
-class Members:
-    """All components, and connections between scalar values, each with the connection of the system that it is of."""
+class SystemContent:
+    """All components, and connections between scalar values, each with its connection of the system."""
 
-    components: dict[str, Member]
+    components: dict[str, PackagedComponent]
     wires: list[Wire]
     connections: list[Connection]
 
 
-def members_of(system: System) -> Members:
-    """Check a system and take it apart.
+def content_of(system: System) -> SystemContent:
+    """Check a system, and collect its content for an SSP.
 
     Raises
     ------
     SetupError
         It can't be simulated.
     SSPError
-        It has what an SSP can't describe.
+        An SSP can't describe a part of it.
     """
     fmus: dict[str, LoadedFMU] = {}
     for name, c in system.components.items():
@@ -57,7 +57,7 @@ def members_of(system: System) -> Members:
     ports = {name: Ports(name, fmu.description, system.components[name].start) for name, fmu in fmus.items()}
     resolve(system, ports, needs_levels=False)
     sources = _sources(fmus)
-    members = Members({n: Member(f, ports[n], sources[n]) for n, f in fmus.items()}, [], [])
+    content = SystemContent({n: PackagedComponent(f, ports[n], sources[n]) for n, f in fmus.items()}, [], [])
     for component in system.components.values():
         if component.every != 1:
             raise SSPError(f"component '{component.name}' has steps of its own (every); an SSP can't describe that")
@@ -67,18 +67,18 @@ def members_of(system: System) -> Members:
     for connection in system.connections:
         (source, elements), (target, inputs) = (_elements(p, ports) for p in (connection.source, connection.target))
         for a, b in zip(elements, inputs, strict=True):
-            members.wires.append(((source, a.name), (target, b.name)))
-            members.connections.append(connection)
-    fed = {target for _, target in members.wires}
-    for name, member in members.components.items():
-        member.inputs = [e for e in member.ports.of_causality("input") if (name, e.name) in fed]
+            content.wires.append(((source, a.name), (target, b.name)))
+            content.connections.append(connection)
+    fed = {target for _, target in content.wires}
+    for name, packaged in content.components.items():
+        packaged.inputs = [e for e in packaged.ports.of_causality("input") if (name, e.name) in fed]
         for variable, value in system.components[name].start.items():
-            elements = member.ports.find(variable)
+            elements = packaged.ports.find(variable)
             values = list(value) if isinstance(value, Iterable) and not isinstance(value, str) else [value]
             for element, v in zip(elements, values * len(elements) if len(values) == 1 else values, strict=True):
                 if (name, element.name) not in fed:
-                    member.start[element.name] = (element, v)
-    return members
+                    packaged.start[element.name] = (element, v)
+    return content
 
 
 def _elements(path: str, ports: dict[str, Ports]) -> tuple[str, list[Element]]:

@@ -9,7 +9,7 @@ from xml.etree.ElementTree import SubElement
 
 from fmpy.model_description import BaseUnit, SimpleType, Unit
 
-from cosim.ssp.components import Member, Members
+from cosim.ssp.components import PackagedComponent, SystemContent
 from cosim.ssp.diagram import Box, Layout, arrange
 from cosim.ssp.errors import SSPError
 from cosim.ssp.schema import NAMESPACES
@@ -34,7 +34,7 @@ _BASE = {"kg": 0, "m": 0, "s": 0, "A": 0, "K": 0, "mol": 0, "cd": 0, "rad": 0, "
 
 
 def description_file(
-    members: Members,
+    content: SystemContent,
     bindings: Mapping[str, Sequence[str]],
     name: str,
     description: str,
@@ -45,7 +45,7 @@ def description_file(
 
     Parameters
     ----------
-    members : Members
+    content : SystemContent
     bindings : mapping
         Component -> parameter sets in the archive that it takes, in order.
     name, description : str
@@ -54,18 +54,18 @@ def description_file(
     version : {"1.0", "2.0"}
     """
     layout = arrange(
-        {n: [e.name for e in m.inputs] for n, m in members.components.items()},
-        {n: [e.name for e in m.outputs] for n, m in members.components.items()},
-        members.wires,
+        {n: [e.name for e in m.inputs] for n, m in content.components.items()},
+        {n: [e.name for e in m.outputs] for n, m in content.components.items()},
+        content.wires,
     )
     definitions = _Definitions()
     root = _root("ssd:SystemStructureDescription", name, description, version)
     system = _sub(root, "ssd:System", name=_identifier(name))
     elements = _sub(system, "ssd:Elements")
-    for component, member in members.components.items():
-        _component(elements, component, member, bindings.get(component, ()), layout, definitions, version)
-    if members.wires:
-        _connections(_sub(system, "ssd:Connections"), members, layout)
+    for component, packaged in content.components.items():
+        _component(elements, component, packaged, bindings.get(component, ()), layout, definitions, version)
+    if content.wires:
+        _connections(_sub(system, "ssd:Connections"), content, layout)
     _sub(system, "ssd:SystemGeometry", **_corners(layout.canvas))
     start, stop, step = times
     _annotate(system, "org.openmodelica", step)
@@ -153,22 +153,22 @@ def _exponents(base: BaseUnit) -> dict[str, float]:
 def _component(
     elements: ElementTree.Element,
     name: str,
-    member: Member,
+    packaged: PackagedComponent,
     bindings: Iterable[str],
     layout: Layout,
     definitions: _Definitions,
     version: str,
 ) -> None:
-    component = _sub(elements, "ssd:Component", name=name, source=member.source, implementation="CoSimulation")
-    if member.fmu.description.description:
-        component.set("description", member.fmu.description.description)
+    component = _sub(elements, "ssd:Component", name=name, source=packaged.source, implementation="CoSimulation")
+    if packaged.fmu.description.description:
+        component.set("description", packaged.fmu.description.description)
     connectors = _sub(component, "ssd:Connectors")
     # no connectors of inputs that nothing feeds: fmpy 0.3 would feed them with what feeds the one before
-    for element in (*member.inputs, *member.outputs):
+    for element in (*packaged.inputs, *packaged.outputs):
         connector = _sub(connectors, "ssd:Connector", name=element.name, kind=element.variable.causality)
         if element.variable.description:
             connector.set("description", element.variable.description)
-        kind, attributes = _type(element, member.ports, definitions, version)
+        kind, attributes = _type(element, packaged.ports, definitions, version)
         _sub(connector, f"ssc:{kind}", **attributes)
         x, y = layout.connectors[name, element.name]
         _sub(connector, "ssd:ConnectorGeometry", x=_number(x), y=_number(y))
@@ -191,8 +191,8 @@ def _type(element: Element, ports: Ports, definitions: _Definitions, version: st
     return kind, definitions.unit(ports.unit(element)) if element.kind == "real" else {}
 
 
-def _connections(parent: ElementTree.Element, members: Members, layout: Layout) -> None:
-    for (source, target), connection, line in zip(members.wires, members.connections, layout.lines, strict=True):
+def _connections(parent: ElementTree.Element, content: SystemContent, layout: Layout) -> None:
+    for (source, target), connection, line in zip(content.wires, content.connections, layout.lines, strict=True):
         names = ("startElement", "startConnector", "endElement", "endConnector")
         element = _sub(parent, "ssd:Connection", **dict(zip(names, (*source, *target), strict=True)))
         if connection.units == "ignore":

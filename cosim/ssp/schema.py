@@ -23,7 +23,7 @@ with needs("ssp"):
     from xmlschema import DataElement
 
 #: Description of the system, parameter set, parameter mapping, signal dictionary.
-Kind = Literal["ssd", "ssv", "ssm", "ssb"]
+DocumentKind = Literal["ssd", "ssv", "ssm", "ssb"]
 
 NAMESPACES = {
     "ssd": "http://ssp-standard.org/SSP1/SystemStructureDescription",
@@ -78,7 +78,7 @@ _KNOWN = (
 )
 
 
-def parse(data: bytes, kind: Kind, where: str, findings: Findings | None = None) -> DataElement:
+def parse(data: bytes, kind: DocumentKind, where: str, findings: Findings | None = None) -> DataElement:
     """Validate an XML file and decode it.
 
     Parameters
@@ -119,7 +119,7 @@ def parse(data: bytes, kind: Kind, where: str, findings: Findings | None = None)
 
 
 def _decoded(
-    data: bytes, kind: Kind, version: int, where: str, findings: Findings | None
+    data: bytes, kind: DocumentKind, version: int, where: str, findings: Findings | None
 ) -> tuple[Any, list[str], list[tuple[str, str]]]:
     """Content of a file, violations that can't be forgiven, and notes of those that are, with their kinds."""
     try:
@@ -140,7 +140,7 @@ def _decoded(
     return decoded, refused, notes
 
 
-def _check_namespace(tag: str, kind: Kind, where: str) -> None:
+def _check_namespace(tag: str, kind: DocumentKind, where: str) -> None:
     namespace, _, name = tag.rpartition("}")
     if name == _ROOTS[kind] and namespace[1:] != NAMESPACES[kind]:
         what = f"the namespace '{namespace[1:]}'" if namespace else "no namespace"
@@ -197,7 +197,7 @@ def local_name(element: DataElement) -> str:
 
 
 @cache
-def _schema(kind: Kind, version: int) -> xmlschema.XMLSchemaBase:
+def _schema(kind: DocumentKind, version: int) -> xmlschema.XMLSchemaBase:
     spec = importlib.util.find_spec("pyssp_standard")  # not imported, which takes most of a second
     if spec is None:
         raise MissingExtra("ssp", "pyssp-standard")

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Literal
 
 from cosim.errors import nearest
-from cosim.ssp.components import Members, members_of
+from cosim.ssp.components import SystemContent, content_of
 from cosim.ssp.description import description_file, parameter_file
 from cosim.ssp.errors import SSPError
 from cosim.ssp.package import DESCRIPTION
@@ -90,13 +90,13 @@ def write_ssp(
     OSError
         The file can't be written.
     """
-    members = members_of(system)
-    files, bindings = _parameter_files(members, parameter_sets, version)
+    system_content = content_of(system)
+    files, bindings = _parameter_files(system_content, parameter_sets, version)
     times = (experiment.start_time, experiment.stop_time, experiment.step_size)
-    files = {DESCRIPTION: description_file(members, bindings, name, description, times, version)} | files
+    files = {DESCRIPTION: description_file(system_content, bindings, name, description, times, version)} | files
     for file, content in files.items():
         parse(content, "ssd" if file == DESCRIPTION else "ssv", file)
-    files |= {m.source: m.fmu.path.read_bytes() for m in members.components.values()}
+    files |= {m.source: m.fmu.path.read_bytes() for m in system_content.components.values()}
     data = io.BytesIO()
     with zipfile.ZipFile(data, "w") as archive:
         for member, content in files.items():
@@ -107,25 +107,25 @@ def write_ssp(
 
 
 def _parameter_files(
-    members: Members, parameter_sets: Sequence[ParameterSet], version: str
+    system_content: SystemContent, parameter_sets: Sequence[ParameterSet], version: str
 ) -> tuple[dict[str, bytes], dict[str, list[str]]]:
     """Parameter sets by their place in the archive, and those that each component takes, in order."""
     files: dict[str, bytes] = {}
     bindings: dict[str, list[str]] = {}
-    for name, member in members.components.items():
-        if member.start:
+    for name, component in system_content.components.items():
+        if component.start:
             source = f"resources/{name}.ssv".replace("/", "_").replace("resources_", "resources/", 1)
-            values = {n: value for n, (_, value) in member.start.items()}
-            files[source] = parameter_file(name, f"Start values of {name}", values, member.ports, version)
+            values = {n: value for n, (_, value) in component.start.items()}
+            files[source] = parameter_file(name, f"Start values of {name}", values, component.ports, version)
             bindings[name] = [source]
     for parameters in parameter_sets:
-        if parameters.component not in members.components:
-            hint = nearest(parameters.component, members.components)
+        if parameters.component not in system_content.components:
+            hint = nearest(parameters.component, system_content.components)
             raise SSPError(f"parameter set '{parameters.file}': there is no component '{parameters.component}'; {hint}")
         source = f"resources/{parameters.file}.ssv"
         if source in files:
             raise SSPError(f"there are two parameter sets named '{parameters.file}'; rename one")
-        ports = members.components[parameters.component].ports
+        ports = system_content.components[parameters.component].ports
         files[source] = parameter_file(parameters.file, parameters.description, parameters.values, ports, version)
         if parameters.bound:
             bindings.setdefault(parameters.component, []).append(source)

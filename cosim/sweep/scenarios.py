@@ -197,7 +197,7 @@ class ScenarioStudy:
                     yield label, chosen
 
 
-Kind = TypeVar("Kind", bound=ScenarioStudy)
+StudyType = TypeVar("StudyType", bound=ScenarioStudy)
 
 
 def scenario_study(
@@ -236,14 +236,14 @@ def scenario_study(
 
 
 def study_of_alternatives(
-    kind: type[Kind],
+    kind: type[StudyType],
     scenarios: Mapping[str, Mapping[str, Scenario]],
     own_fmus: Mapping[str, Sequence[Path]],
     *,
     alternative: str = "",
     optional_inputs: Mapping[str, Any] | None = None,
     curve_period: float | None = None,
-) -> tuple[Kind, dict[str, Path]]:
+) -> tuple[StudyType, dict[str, Path]]:
     """A study of scenarios that differ in their FMUs only, by alternative, and all FMU files by SHA-256.
 
     Parameters

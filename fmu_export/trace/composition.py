@@ -1,7 +1,7 @@
 """Several connected models as one `Model`, so that one FMU holds a whole system.
 
-Variables are named `part.variable`; FMI's structured names take the dot for a level of hierarchy. Between the parts
-nothing is sampled: the composed model is the continuous system.
+Variables are named `component.variable`; the dot is a level of hierarchy in FMI's structured names. Nothing is
+sampled between the components: the composed model is the continuous system.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from fmu_export.errors import ModelError
 from fmu_export.modelling.model import Array, DefaultExperiment, Layout, Model, ModelFunction, Requirement, Variable
 from fmu_export.trace.trace import feedthrough
 
-#: Where the value of a scalar input comes from: ("input", position in the whole) or (part, position in its outputs).
+#: Source of a scalar input: ("input", position in the whole) or (component, position in its outputs).
 _Source = tuple[str, int]
 _OUTSIDE = ""
 
@@ -28,7 +28,7 @@ class CompositionError(ModelError, ValueError):
 def compose(
     name: str,
     description: str,
-    parts: Mapping[str, Model],
+    components: Mapping[str, Model],
     connections: Iterable[tuple[str, str]],
     default_experiment: DefaultExperiment,
 ) -> Model:
@@ -38,82 +38,98 @@ def compose(
     ----------
     name, description : str
         Of the whole.
-    parts : mapping
-        Name of a part -> its model.
+    components : mapping
+        Name of a component -> its model.
     connections : iterable of (str, str)
-        (output, input), both `part.variable`, whole variables of one size and unit. Each input is fed once at most;
-        those that nothing feeds are the inputs of the whole.
+        (output, input), both `component.variable`, whole variables of one size and unit. At most one
+        connection feeds an input; those that nothing feeds are the inputs of the whole.
     default_experiment : DefaultExperiment
         Of the whole.
 
     Returns
     -------
     Model
-        Its parameters, outputs, states and requirements are those of all parts, in the order of `parts`.
+        Its parameters, outputs, states and requirements are those of all components, in the order of `components`.
 
     Raises
     ------
     CompositionError
-        A part's name is no identifier, a connection is wrong, or there is an algebraic loop.
+        A component's name is no identifier, a connection is wrong, or there is an algebraic loop.
     """
-    for part in parts:
-        if not part.isidentifier():
-            raise CompositionError(f"part {part!r}: the name must be an identifier, since variables are named by it")
-    fed = _fed_inputs(parts, connections)
-    inputs = Layout([v for part, m in parts.items() for v in _prefixed(part, m.inputs) if v.name not in fed])
-    states = _slices(len(model.state_layout) for model in parts.values())
-    parameters = _slices(len(model.parameters) for model in parts.values())
-    sources = {part: _sources(part, model, parts, fed, inputs) for part, model in parts.items()}
+    for component in components:
+        if not component.isidentifier():
+            raise CompositionError(
+                f"component {component!r}: the name must be an identifier, since variables are named by it"
+            )
+    fed = _fed_inputs(components, connections)
+    inputs = Layout(
+        [v for component, m in components.items() for v in _prefixed(component, m.inputs) if v.name not in fed]
+    )
+    states = _slices(len(model.state_layout) for model in components.values())
+    parameters = _slices(len(model.parameters) for model in components.values())
+    sources = {
+        component: _sources(component, model, components, fed, inputs) for component, model in components.items()
+    }
     wiring = _Wiring(
-        parts={part: _Part(model, next(states), next(parameters)) for part, model in parts.items()},
+        components={
+            component: _Component(model, next(states), next(parameters)) for component, model in components.items()
+        },
         sources=sources,
-        schedule=_schedule(parts, sources),
+        schedule=_schedule(components, sources),
     )
 
     def derivatives(t: Any, x: Array, u: Array, p: Array) -> Array:
         inputs_of = wiring.inputs(t, x, u, p)
         return np.concatenate(
-            [part.model.derivatives(t, x[part.x], inputs_of[n], p[part.p]) for n, part in wiring.parts.items()]
+            [
+                component.model.derivatives(t, x[component.x], inputs_of[n], p[component.p])
+                for n, component in wiring.components.items()
+            ]
         )
 
     def output_values(t: Any, x: Array, u: Array, p: Array) -> Array:
         inputs_of = wiring.inputs(t, x, u, p)
         return np.concatenate(
-            [part.model.output_values(t, x[part.x], inputs_of[n], p[part.p]) for n, part in wiring.parts.items()]
+            [
+                component.model.output_values(t, x[component.x], inputs_of[n], p[component.p])
+                for n, component in wiring.components.items()
+            ]
         )
 
     def margin(n: str, requirement: Requirement) -> ModelFunction:
-        part = wiring.parts[n]
+        component = wiring.components[n]
 
         def value(t: Any, x: Array, u: Array, p: Array) -> Any:
             if requirement.at == "start":  # depends on parameters only, and there is no state yet
-                return requirement.margin(t, x[part.x], part.model.inputs.starts, p[part.p])
+                return requirement.margin(t, x[component.x], component.model.inputs.starts, p[component.p])
             inputs_of = wiring.inputs(t, x, u, p)
-            return requirement.margin(t, x[part.x], inputs_of[n], p[part.p])
+            return requirement.margin(t, x[component.x], inputs_of[n], p[component.p])
 
         return value
 
     return Model(
         name=name,
         description=description,
-        parameters=Layout([v for part, m in parts.items() for v in _prefixed(part, m.parameters)]),
+        parameters=Layout([v for component, m in components.items() for v in _prefixed(component, m.parameters)]),
         inputs=inputs,
-        outputs=Layout([v for part, m in parts.items() for v in _prefixed(part, m.outputs)]),
-        states=tuple(f"{part}.{state}" for part, m in parts.items() for state in m.states),
-        initial_state=lambda p: np.concatenate([part.model.initial_state(p[part.p]) for part in wiring.parts.values()]),
+        outputs=Layout([v for component, m in components.items() for v in _prefixed(component, m.outputs)]),
+        states=tuple(f"{component}.{state}" for component, m in components.items() for state in m.states),
+        initial_state=lambda p: np.concatenate(
+            [component.model.initial_state(p[component.p]) for component in wiring.components.values()]
+        ),
         derivatives=derivatives,
         output_values=output_values,
         default_experiment=default_experiment,
         requirements=tuple(
-            replace(r, message=f"{part}: {r.message}", margin=margin(part, r))
-            for part, m in parts.items()
+            replace(r, message=f"{component}: {r.message}", margin=margin(component, r))
+            for component, m in components.items()
             for r in m.requirements
         ),
     )
 
 
 @dataclass(frozen=True)
-class _Part:
+class _Component:
     """A model, and where its states and parameters are in those of the whole."""
 
     model: Model
@@ -123,26 +139,28 @@ class _Part:
 
 @dataclass(frozen=True)
 class _Wiring:
-    """The parts, where the value of each scalar input of each part comes from, and how to find all of them."""
+    """The components, the source of each scalar input of each component, and the order of evaluation."""
 
-    parts: Mapping[str, _Part]
+    components: Mapping[str, _Component]
     sources: Mapping[str, tuple[_Source, ...]]
     schedule: tuple[str, ...]
 
     def inputs(self, t: Any, x: Array, u: Array, p: Array) -> dict[str, Array]:
-        """Inputs of each part, by evaluating the parts that the schedule names, one after the other.
+        """Inputs of each component, by evaluating the components that the schedule names, one after the other.
 
-        What is not known yet is replaced by start values: no output that the schedule takes from a part at that place
-        depends on them.
+        Start values replace inputs that are not known yet: no output that the schedule takes from a component at that
+        place depends on them.
         """
         outputs: dict[str, Array] = {}
         for n in self.schedule:
-            part = self.parts[n]
-            outputs[n] = part.model.output_values(t, x[part.x], self._inputs_of(n, u, outputs), p[part.p])
-        return {n: self._inputs_of(n, u, outputs) for n in self.parts}
+            component = self.components[n]
+            outputs[n] = component.model.output_values(
+                t, x[component.x], self._inputs_of(n, u, outputs), p[component.p]
+            )
+        return {n: self._inputs_of(n, u, outputs) for n in self.components}
 
     def _inputs_of(self, n: str, u: Array, outputs: Mapping[str, Array]) -> Array:
-        starts = self.parts[n].model.inputs.starts
+        starts = self.components[n].model.inputs.starts
         values = [
             u[i] if source == _OUTSIDE else outputs[source][i] if source in outputs else start
             for (source, i), start in zip(self.sources[n], starts, strict=True)
@@ -150,20 +168,20 @@ class _Wiring:
         return np.stack(values) if values else starts
 
 
-def _schedule(parts: Mapping[str, Model], sources: Mapping[str, tuple[_Source, ...]]) -> tuple[str, ...]:
-    """Which parts to evaluate in which order, some more than once, until all connected outputs are known.
+def _schedule(components: Mapping[str, Model], sources: Mapping[str, tuple[_Source, ...]]) -> tuple[str, ...]:
+    """Which components to evaluate in which order, some more than once, until all connected outputs are known.
 
     Raises
     ------
     CompositionError
         There is an algebraic loop.
     """
-    dependencies = {n: feedthrough(model) for n, model in parts.items()}
+    dependencies = {n: feedthrough(model) for n, model in components.items()}
     unknown = {source for wanted in sources.values() for source in wanted if source[0] != _OUTSIDE}
     schedule: list[str] = []
     while unknown:
         before = len(unknown)
-        for n in parts:
+        for n in components:
             found = {
                 (n, i)
                 for i, on in enumerate(dependencies[n])
@@ -173,17 +191,17 @@ def _schedule(parts: Mapping[str, Model], sources: Mapping[str, tuple[_Source, .
                 schedule.append(n)
                 unknown -= found
         if len(unknown) == before:
-            loop = ", ".join(sorted(f"{n}.{parts[n].outputs.names[i]}" for n, i in unknown))
+            loop = ", ".join(sorted(f"{n}.{components[n].outputs.names[i]}" for n, i in unknown))
             raise CompositionError(
                 f"algebraic loop: each of {loop} depends directly on another of them; break the loop by a state"
             )
     return tuple(schedule)
 
 
-def _fed_inputs(parts: Mapping[str, Model], connections: Iterable[tuple[str, str]]) -> dict[str, str]:
+def _fed_inputs(components: Mapping[str, Model], connections: Iterable[tuple[str, str]]) -> dict[str, str]:
     """Input -> output of the connections, checked."""
-    outputs = {v.name: v for part, m in parts.items() for v in _prefixed(part, m.outputs)}
-    inputs = {v.name: v for part, m in parts.items() for v in _prefixed(part, m.inputs)}
+    outputs = {v.name: v for component, m in components.items() for v in _prefixed(component, m.outputs)}
+    inputs = {v.name: v for component, m in components.items() for v in _prefixed(component, m.inputs)}
     fed: dict[str, str] = {}
     for source, target in connections:
         here = f"connection {source} -> {target}"
@@ -201,15 +219,15 @@ def _fed_inputs(parts: Mapping[str, Model], connections: Iterable[tuple[str, str
 
 
 def _sources(
-    part: str, model: Model, parts: Mapping[str, Model], fed: Mapping[str, str], inputs: Layout
+    component: str, model: Model, components: Mapping[str, Model], fed: Mapping[str, str], inputs: Layout
 ) -> tuple[_Source, ...]:
-    """Where the scalar inputs of a part come from."""
+    """Where the scalar inputs of a component come from."""
     found: list[_Source] = []
     for v in model.inputs.variables:
-        path = f"{part}.{v.name}"
+        path = f"{component}.{v.name}"
         if path in fed:
             owner, _, output = fed[path].partition(".")
-            found += [(owner, i) for i in _positions(parts[owner].outputs, output)]
+            found += [(owner, i) for i in _positions(components[owner].outputs, output)]
         else:
             found += [(_OUTSIDE, i) for i in _positions(inputs, path)]
     return tuple(found)
@@ -220,8 +238,8 @@ def _positions(layout: Layout, name: str) -> list[int]:
     return [int(i) for i in np.ravel(positions)]
 
 
-def _prefixed(part: str, layout: Layout) -> list[Variable]:
-    return [replace(v, name=f"{part}.{v.name}") for v in layout.variables]
+def _prefixed(component: str, layout: Layout) -> list[Variable]:
+    return [replace(v, name=f"{component}.{v.name}") for v in layout.variables]
 
 
 def _slices(lengths: Iterable[int]) -> Iterator[slice]:

@@ -13,8 +13,8 @@ from fmu_export.trace.trace import trace
 from tests.support.tiny_models import CROSS, FRAGILE, FRAGILE_MESSAGE, GAIN, GAIN3, INTEGRATOR, LAG, UNITS
 
 
-def composed(parts: Mapping[str, Model], *connections: tuple[str, str]) -> Model:
-    return compose("Whole", "Parts, connected", parts, connections, DefaultExperiment(1.0, 0.1))
+def composed(components: Mapping[str, Model], *connections: tuple[str, str]) -> Model:
+    return compose("Whole", "Parts, connected", components, connections, DefaultExperiment(1.0, 0.1))
 
 
 def outputs(model: Model, u: Sequence[float], x: Sequence[float] = ()) -> dict[str, float]:
@@ -25,7 +25,7 @@ def outputs(model: Model, u: Sequence[float], x: Sequence[float] = ()) -> dict[s
     return dict(zip(model.outputs.names, values, strict=True))
 
 
-def test_variables_have_the_names_of_their_parts() -> None:
+def test_variables_have_the_names_of_their_components() -> None:
     whole = composed({"a": GAIN, "b": GAIN}, ("a.y", "b.u"))
     assert whole.inputs.names == ("a.u[1]", "a.u[2]")
     assert whole.outputs.names == ("a.y[1]", "a.y[2]", "b.y[1]", "b.y[2]")
@@ -34,8 +34,8 @@ def test_variables_have_the_names_of_their_parts() -> None:
     assert (kept.min, kept.max, kept.start, kept.description) == (-10.0, 10.0, 2.0, "Test quantity K")
 
 
-def test_states_and_parameters_are_those_of_the_parts() -> None:
-    """Derivatives and states in the order of the parts, each with its own parameters."""
+def test_states_and_parameters_are_those_of_the_components() -> None:
+    """Derivatives and states in the order of the components, each with its own parameters."""
     whole = composed({"one": INTEGRATOR, "two": LAG}, ("two.x", "one.u"), ("one.x", "two.u"))
     assert whole.states == ("one.x", "two.x")
     p = whole.parameters.pack(**{"one.x_start": 3.0, "one.T": 0.5, "two.x_start": 5.0, "two.T": 4.0})
@@ -45,22 +45,22 @@ def test_states_and_parameters_are_those_of_the_parts() -> None:
 
 
 def test_parts_that_feed_each_other_without_a_loop_are_evaluated_in_turns() -> None:
-    """P = a + 1, q = 2 b: a.p -> b.b, b.q -> a.b passes both parts twice, and closes no loop."""
+    """P = a + 1, q = 2 b: a.p -> b.b, b.q -> a.b passes both components twice, and closes no loop."""
     whole = composed({"one": CROSS, "two": CROSS}, ("one.p", "two.b"), ("two.q", "one.b"))
     assert whole.inputs.names == ("one.a", "two.a")
     values = outputs(whole, [10.0, 20.0])
     assert values == {"one.p": 11.0, "two.q": 22.0, "one.q": 44.0, "two.p": 21.0}
 
 
-def test_a_part_may_feed_itself_where_that_is_no_loop() -> None:
+def test_a_component_may_feed_itself_where_that_is_no_loop() -> None:
     assert outputs(composed({"one": CROSS}, ("one.p", "one.b")), [1.0]) == {"one.p": 2.0, "one.q": 4.0}
 
 
 @pytest.mark.parametrize("backwards", [False, True])
 def test_a_chain_is_evaluated_from_its_beginning(backwards: bool) -> None:
     names = ["first", "second", "third"]
-    parts = dict.fromkeys(reversed(names) if backwards else names, GAIN)
-    whole = composed(parts, ("first.y", "second.u"), ("second.y", "third.u"))
+    components = dict.fromkeys(reversed(names) if backwards else names, GAIN)
+    whole = composed(components, ("first.y", "second.u"), ("second.y", "third.u"))
     values = outputs(whole, [1.0, -3.0])
     assert [values[f"{name}.y[{i}]"] for name in names for i in (1, 2)] == [2.0, -6.0, 4.0, -12.0, 8.0, -24.0]
 
@@ -77,7 +77,7 @@ def test_a_loop_through_a_state_is_none() -> None:
     np.testing.assert_array_equal(whole.derivatives(0.0, np.array([7.0]), np.zeros(0), p), [0.0])
 
 
-def test_requirements_name_their_part_and_see_what_it_sees() -> None:
+def test_requirements_name_their_component_and_see_what_it_sees() -> None:
     whole = composed({"plant": INTEGRATOR, "sensor": FRAGILE}, ("plant.x", "sensor.u"))
     (requirement,) = whole.requirements
     assert requirement.message == f"sensor: {FRAGILE_MESSAGE}"
@@ -86,10 +86,10 @@ def test_requirements_name_their_part_and_see_what_it_sees() -> None:
 
 
 @pytest.mark.parametrize(
-    ("parts", "connections", "message"),
+    ("components", "connections", "message"),
     [
-        ({"a b": GAIN}, [], "part 'a b': the name must be an identifier"),
-        ({"a.b": GAIN}, [], "part 'a.b': the name must be an identifier"),
+        ({"a b": GAIN}, [], "component 'a b': the name must be an identifier"),
+        ({"a.b": GAIN}, [], "component 'a.b': the name must be an identifier"),
         ({"a": GAIN, "b": GAIN}, [("a.z", "b.u")], "a.z -> b.u: there is no output 'a.z'; known are a.y, b.y"),
         ({"a": GAIN, "b": GAIN}, [("a.y", "b.y")], "a.y -> b.y: there is no input 'b.y'; known are a.u, b.u"),
         ({"a": GAIN, "b": GAIN3}, [("a.y", "b.u")], "a.y -> b.u: the sizes differ: 2 and 3"),
@@ -101,6 +101,8 @@ def test_requirements_name_their_part_and_see_what_it_sees() -> None:
         ),
     ],
 )
-def test_wrong_systems_are_refused(parts: dict[str, Model], connections: list[tuple[str, str]], message: str) -> None:
+def test_wrong_systems_are_refused(
+    components: dict[str, Model], connections: list[tuple[str, str]], message: str
+) -> None:
     with pytest.raises(CompositionError, match=message.replace("(", r"\(")):
-        composed(parts, *connections)
+        composed(components, *connections)
