@@ -35,10 +35,10 @@ class FileKind:
 
     def advice(self, path: Path) -> str:
         """What to do with a file of this kind."""
-        remedy = self.remedy.format(path=path)
         if self.endings and path.suffix.lower() not in self.endings:
-            return f"let its name end in {self.endings[0]}, and {remedy}"
-        return remedy
+            renamed = path.with_suffix(self.endings[0])
+            return f"name it {renamed.name}, and {self.remedy.format(path=renamed)}"
+        return self.remedy.format(path=path)
 
 
 _RUN = "run it with: cosim run {path}"

@@ -45,11 +45,11 @@ def register(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run `cosim compare`; returns 0 when nothing was found, else 1."""
     began = clock.perf_counter()
+    result, reference = Results.read(args.result), Results.read(args.reference)
     beside = args.reference.with_suffix(".toml")
     path = args.tolerances if args.tolerances is not None else (beside if beside.is_file() else None)
     tolerances = _with_options(Tolerances() if path is None else Tolerances.from_toml(path), args)
-    reference = Results.read(args.reference)
-    comparison = compare_signals(Results.read(args.result), reference, tolerances)
+    comparison = compare_signals(result, reference, tolerances)
     for finding in comparison.findings:
         print(finding)
     if not comparison.findings:

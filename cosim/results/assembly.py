@@ -29,10 +29,14 @@ def name_and_unit(text: str) -> tuple[str, str]:
     ('motor.tau', 'N.m')
     >>> name_and_unit("motor.tau[2]")
     ('motor.tau[2]', '')
+    >>> name_and_unit("motor.ratio [1]")
+    ('motor.ratio', '1')
     """
     found = _UNIT.fullmatch(text)
     unit = (found["bracket"] or found["parenthesis"]) if found else ""
-    return (found["name"], unit) if found and not _INDICES.fullmatch(unit) else (text, "")
+    if not found or (_INDICES.fullmatch(unit) and not text.endswith(" [1]")):  # [1] behind a space is the unit one
+        return text, ""
+    return found["name"], unit
 
 
 def is_time(text: str) -> bool:

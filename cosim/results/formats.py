@@ -143,7 +143,7 @@ class _CsvWriter:
         self._file = pa.OSFile(str(path), "wb")
         if units_row:
             units = [(field.metadata or {}).get(b"unit", b"").decode() for field in schema]
-            for row in (schema.names, units):
+            for row in (schema.names, ["s", *units[1:]]):
                 cells = ('"{}"'.format(cell.replace('"', '""')) for cell in row)
                 self._file.write((",".join(cells) + "\n").encode())
         options = csv.WriteOptions(include_header=not units_row)

@@ -62,7 +62,7 @@ def _read_parquet(path: Path) -> Table:
     from pyarrow import parquet
 
     try:
-        table = parquet.read_table(path)
+        table = parquet.ParquetFile(path).read()
     except pa.ArrowInvalid as error:
         raise ResultsError(f"{path}: can't be read as Parquet: {' '.join(str(error).split())}") from error
     columns, units = {}, {}

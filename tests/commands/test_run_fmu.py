@@ -132,6 +132,47 @@ def test_continuous_inputs_are_linear_between_rows_and_others_held(fmu: str) -> 
 
 
 @pytest.mark.usefixtures("here")
+@pytest.mark.parametrize("name", ["in.csv", "in.parquet", "in.npz", "in.mat", "in.json"])
+def test_inputs_of_any_format(capsys: pytest.CaptureFixture[str], name: str) -> None:
+    Path("comma.csv").write_text("Time;b;a [1]\n0;0;0\n1;0;0,5\n", encoding="utf-8")
+    Results.read("comma.csv").save(name)
+    assert main(["run", "Tank.fmu", "--input", name]) == 0
+    found = results("Tank")
+    assert found["Tank.a"] == pytest.approx(0.5 * found.time, abs=1e-15)
+    assert summary("Tank")["driven"] == ["b", "a"]
+
+
+@pytest.mark.usefixtures("here")
+def test_a_trajectory_drives_the_inputs_and_the_rest_is_said(capsys: pytest.CaptureFixture[str]) -> None:
+    Results(np.arange(2.0), ["a", "x", "other"], np.ones((2, 3))).save("all.mat")
+    assert main(["run", "Tank.fmu", "--input", "all.mat"]) == 0
+    assert "note: all.mat has 2 columns more, which are no inputs of the FMU" in capsys.readouterr().out
+    assert summary("Tank")["driven"] == ["a"]
+    Results(np.arange(2.0), ["x", "other"], np.ones((2, 2))).save("all.mat")
+    assert main(["run", "Tank.fmu", "--input", "all.mat"]) == 1
+    assert "all.mat: the FMU has no input 'x'" in error_line(capsys)
+
+
+@pytest.mark.usefixtures("here")
+def test_an_input_in_another_unit_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    Path("in.csv").write_text("time,a [furlong]\n0,1\n1,1\n", encoding="utf-8")
+    assert main(["run", "Tank.fmu", "--input", "in.csv"]) == 1
+    assert "in.csv: column 'a' is in 'furlong', the input in '" in error_line(capsys)
+
+
+@pytest.mark.usefixtures("here")
+def test_booleans_whole_numbers_and_units_of_a_table() -> None:
+    Path("in.csv").write_text("time;b;u\n0;true;0,5\n1;FALSE;1,5\n", encoding="utf-8")
+    options = ["--stop", "1", "--step", "0.5", "--units-row", "--extrapolation", "hold"]
+    assert main(["run", "probe.fmu", "--input", "in.csv", *options]) == 0
+    found = results("probe")
+    assert found["probe.b"].tolist() == [1.0, 1.0, 0.0]
+    lines = Path("results/probe/results.csv").read_text(encoding="utf-8").splitlines()
+    assert lines[1].startswith('"s",')
+    assert len(lines) == 5
+
+
+@pytest.mark.usefixtures("here")
 def test_the_integral_of_a_linear_input_is_exact_across_its_jump() -> None:
     Path("in.csv").write_text("time,a\n0,0\n0.5,2\n0.5,-1\n1,-1\n", encoding="utf-8")
     assert main(["run", "Tank.fmu", "--input", "in.csv"]) == 0
@@ -191,3 +232,16 @@ def test_options_that_make_no_sense_are_one_line(
 def test_a_file_that_is_none_is_one_line(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["run", "none.fmu"]) == 1
     assert "none.fmu: there is no such FMU file" in error_line(capsys)
+
+
+def test_a_mat_file_has_no_room_for_texts_and_it_is_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, no_figures: None, capsys: pytest.CaptureFixture[str]
+) -> None:
+    compiled(tmp_path, "fmi3_types")
+    monkeypatch.chdir(tmp_path)
+    options = ["--stop", "1", "--step", "0.5", "--format", "mat", "--format", "csv"]
+    assert main(["run", "types.fmu", *options]) == 0
+    whole, left = results("types"), Results.read("results/types/results.mat")
+    texts = [name for name in whole.names if name not in left.names]
+    assert texts
+    assert f"note: .mat has no room for texts and leaves out {', '.join(texts)}\n" in capsys.readouterr().out

@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from cosim import CosimError
 from cosim.regression import Case, Tolerance, check, find_cases
 from cosim.regression.experiment import experiment_of
 from cosim.regression.options import Options, OptionsError, read_options, write_options
@@ -113,3 +114,17 @@ def test_the_example_of_the_page_is_a_file_that_can_be_read(tmp_path):
     assert (case.fmu, case.between, case.start) == ("Pump", "hold", {"speed": 157.0})
     assert case.tolerances("co_simulation").of("force[2]") == Tolerance(0.0, 1e-9, 0.0, "N")
     assert case.tolerances("model_exchange").of("pressure") == Tolerance(50.0, 1e-6, 0.0, "Pa")
+
+
+@pytest.mark.parametrize("ending", [".mat", ".parquet", ".json", ".npz"])
+def test_a_reference_of_another_format(tmp_path, ending):
+    time = np.linspace(0.0, 0.4, 5)
+    drop = Results(time, ["h"], (1.0 - 9.81 / 2.0 * time**2)[:, np.newaxis])
+    case = make_case(tmp_path, "Ball", drop, toml="absolute = 1e-2")
+    drop.save(case.folder / f"Ball_ref{ending}")
+    with pytest.raises(CosimError, match="are both there"):
+        case.reference()
+    (case.folder / "Ball_ref.csv").unlink()
+    assert case.reference_path.suffix == ending
+    assert check(case, built_fmus() / "Ball.fmu", "co_simulation", isolated=False).findings == []
+    assert find_cases(Path("Ball.fmu"), tmp_path) == [case]

@@ -451,3 +451,42 @@ def test_equal_infinities_print_no_warning(files, capsys):
     made(plant_x_E=(5, math.inf)).to_csv("infinite.csv")
     assert main(["compare", "infinite.csv", "infinite.csv"]) == 0
     assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize("name", ["reference.parquet", "reference.mat", "reference.npz", "reference.json"])
+def test_references_of_any_format(files, capsys, name):
+    made().save(name)
+    made().save("same.mat")
+    assert main(["compare", "same.mat", name]) == 0
+    assert main(["compare", "result.csv", name]) == 1
+    assert "'plant.y_E' differs" in capsys.readouterr().out
+
+
+def test_tolerances_of_the_command_line(files, capsys):
+    assert main(["compare", "result.csv", "reference.csv", "--atol", "2e-3"]) == 0
+    assert main(["compare", "result.csv", "reference.csv", "--rtol", "1e-3"]) == 0
+    assert main(["compare", "result.csv", "reference.csv", "--rtol", "1e-4", "--atol", "1e-4"]) == 1
+    toml(files, "absolute = 2e-3", "reference.toml")
+    assert main(["compare", "result.csv", "reference.csv", "--atol", "1e-6"]) == 1
+    toml(files, "[signals.'plant.y_E']\nabsolute = 2e-3", "reference.toml")  # what a signal has of its own stays
+    assert main(["compare", "result.csv", "reference.csv", "--atol", "1e-6"]) == 0
+    capsys.readouterr()
+    assert main(["compare", "result.csv", "reference.csv", "--rtol", "-1"]) == 1
+    assert "--rtol -1.0: must be a finite number, 0 or greater" in one_line(capsys)
+
+
+def test_texts_units_and_flat_arrays_are_compared(files, capsys):
+    Path("a.csv").write_text("time,mode,M [m]\n0,idle,1 2 3 4\n1,on,5 6 7 8\n", encoding="utf-8")
+    shaped = 'time,mode,"M[1,1]","M[1,2]","M[2,1]","M[2,2]"\n0,idle,1,2,3,4\n1,on,5,6,7,8\n'
+    Path("b.csv").write_text(shaped, encoding="utf-8")
+    assert main(["compare", "a.csv", "b.csv"]) == 0
+    assert main(["compare", "b.csv", "a.csv"]) == 0
+    Path("b.csv").write_text(shaped.replace("on", "off"), encoding="utf-8")
+    capsys.readouterr()
+    assert main(["compare", "b.csv", "a.csv"]) == 1
+    assert capsys.readouterr().out == "'mode' differs at 1 of 2 times, first at t = 1 s: 'off' instead of 'on'\n"
+    Path("c.csv").write_text("time,mode,M [mm]\n0,1,1 2 3 4\n1,2,5 6 7 8\n", encoding="utf-8")
+    assert main(["compare", "c.csv", "a.csv"]) == 1
+    shown = capsys.readouterr().out
+    assert "'mode' is text in the reference, a number in the result" in shown
+    assert "'M[1]' has the unit 'mm' in the result, 'm' in the reference" in shown

@@ -324,6 +324,7 @@ def test_a_folder_without_a_study_is_one_line(finished, tmp_path, capsys):
     ("option", "value", "says"),
     [
         ("--runs", "0", "0 runs can't be made"),
+        ("--runs", "10", "10 runs are too few for sensitivities; ask for at least 11"),
         ("--levels", "1", "a grid of 1 levels has no front"),
         ("--seed", "-1", "seed -1 must be 0 or greater"),
         ("--workers", "0", "at least one"),
