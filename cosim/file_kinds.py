@@ -163,7 +163,7 @@ def not_read(path: Path, wanted: str, why: str, *kinds: FileKind) -> str:
     kind = kind_of(path)
     if kind is None or kind in (*kinds, BINARY, EMPTY, ARCHIVE, FOLDER):
         return f"{path}: {why}"
-    reason = f" ({why})" if kind is TEXT and not why.startswith(f"not {wanted}") else ""
+    reason = f" ({why.removeprefix(f'not {wanted} (').removesuffix(')')})" if kind is TEXT else ""
     return f"{path}: is {kind.name}, not {wanted}{reason}; {kind.advice(path)}"
 
 

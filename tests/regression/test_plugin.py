@@ -127,7 +127,7 @@ def test_what_is_broken_fails_in_one_line_and_the_rest_runs(session, pytester):
             "*fmus?Refuses.fmu *nstantiate*",
             "*Toml_ref.toml: can't be read as TOML: *",
             "*Csv_ref.csv: line 2: a cell 'x' is no number, as others of its column are",
-            "fmus?NoZip.fmu: is a text, not an FMU; *",
+            "fmus?NoZip.fmu: is a text, not an FMU (not a zip archive); *",
             "--fmu empty: there is no FMU file in this folder",
             "--fmu text.txt: the name of an FMU file ends with .fmu",
         ]
