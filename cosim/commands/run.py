@@ -72,12 +72,12 @@ def register(subparsers: Any) -> None:
         "--checkpoint",
         type=float,
         metavar="EVERY",
-        help="keep the state of the run in the folder of the results, each EVERY simulated seconds and at Ctrl-C",
+        help="save the state of the run in the folder of the results, every EVERY simulated seconds and at Ctrl-C",
     )
     parser.add_argument(
         "--resume",
         action="store_true",
-        help="go on from the checkpoint in the folder of the results, with the same bits",
+        help="resume from the checkpoint in the folder of the results; the results are equal to the last bit",
     )
     add_log_options(parser)
     parser.add_argument("--seed", type=int, help="seed of the random signals")

@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 _DESCRIPTION = """\
 Run a system at many points: start values of variables, seeds, scenarios, FMU files.
 
-Each run becomes a row of metrics in Parquet files, also a run that fails. A sweep that was stopped
-goes on when the same command is given again. docs/sweeps.md plans large ones.
+Each run becomes a row of metrics in Parquet files, also a run that fails. The same command
+resumes a sweep that was stopped. docs/sweeps.md helps to plan large sweeps.
 
 Scenarios: {names}TOML files, or SSP files; several of them are a factor.
 """
@@ -59,7 +59,7 @@ def register(subparsers: Any) -> None:
     defaults = [family.default for family in known.values() if family.default is not None]
     default = f" (default {defaults[0]})" if len(defaults) == 1 else ""
     parser.add_argument("scenario", nargs="*", help=f"names or paths{default}")
-    what = parser.add_argument_group("what is varied")
+    what = parser.add_argument_group("factors")
     what.add_argument(
         "--vary",
         action="append",
@@ -77,16 +77,16 @@ def register(subparsers: Any) -> None:
         metavar="COMPONENT=FILE,FILE",
         help="FMU files of a component in place of those of the scenario, as controller=a.fmu,b.fmu; may be repeated",
     )
-    points = parser.add_argument_group("which points")
+    points = parser.add_argument_group("points")
     points.add_argument(
         "--design",
         choices=DESIGNS,
         default="grid",
-        help="all combinations of levels (default), a Latin hypercube, or Sobol's sequence",
+        help="all combinations of levels (default), a Latin hypercube, or the Sobol' sequence",
     )
     points.add_argument("--points", type=int, metavar="N", help="number of points of lhs and sobol")
     points.add_argument("--design-seed", type=int, default=0, metavar="S", help="fixes lhs and sobol (default 0)")
-    measured = parser.add_argument_group("what is measured")
+    measured = parser.add_argument_group("metrics")
     measured.add_argument(
         "--metric",
         action="append",
@@ -96,9 +96,9 @@ def register(subparsers: Any) -> None:
         "NAME=MEASURE:VARIABLE:OTHER for a difference, @T behind it for the part from T on; may be repeated",
     )
     measured.add_argument(
-        "--curves", type=float, metavar="P", help="keep what is measured over time too, with a point each P s"
+        "--curves", type=float, metavar="P", help="also keep the variables of metrics over time, with a point every P s"
     )
-    run_ = parser.add_argument_group("how they run")
+    run_ = parser.add_argument_group("execution")
     run_.add_argument("--stop", type=float, metavar="T", help="stop time in s")
     add_algorithm_options(run_)
     run_.add_argument("--out", type=Path, metavar="DIR", help="results folder (default results/sweep-<scenario>)")

@@ -199,7 +199,7 @@ def design(kind: str, factors: Sequence[Factor], points: int | None = None, seed
     Parameters
     ----------
     kind : {"grid", "lhs", "sobol"}
-        All combinations of levels, the last factor varying fastest; a Latin hypercube; Sobol's sequence, scrambled.
+        All combinations of levels, the last factor varying fastest; a Latin hypercube; the Sobol' sequence, scrambled.
     factors : sequence of Factor
         A grid has no ranges. In the other designs levels are drawn as evenly as ranges are.
     points : int, optional

@@ -85,7 +85,7 @@ def saltelli(uncertain: Sequence[Uncertain], base: int, seed: int = 0) -> Points
     ----------
     uncertain : sequence of Uncertain
     base : int
-        Size of A and B, a power of two: Sobol's sequence is balanced then.
+        Size of A and B, a power of two, for which the Sobol' sequence is balanced.
     seed : int
         Fixes the scrambling.
 

@@ -1,4 +1,4 @@
-"""`cosim robustness`: Monte Carlo over what is uncertain, and the Pareto front over the gains."""
+"""`cosim robustness`: Monte Carlo over all uncertainties, and the Pareto front over the gains."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ if TYPE_CHECKING:
     from parallel_robot.paper.robustness.content import Robustness
 
 _DESCRIPTION = """\
-How robust is the closed loop? Many runs of the paper's 15 s over everything that is uncertain (the
+Study the robustness of the closed loop: Monte Carlo runs of the paper's 15 s over all uncertainties (the
 fuzzy mass change, start point, disturbance, sensor noise, communication step), what the steady error
 depends on (Sobol' indices), and the Pareto front of steady error against control effort over
 (alpha, beta), with the paper's optima on it.
 
-The same command goes on where it was stopped. Writes the rows of both sweeps (monte-carlo/, gains/),
+The same command resumes a stopped study. It writes the rows of both sweeps (monte-carlo/, gains/),
 figures/, bands.csv, robustness.json, robustness.md and summary.json.
 """
 
@@ -32,7 +32,7 @@ def register(subparsers: Any) -> None:
     """Add the parser of `cosim robustness`."""
     parser = subparsers.add_parser(
         "robustness",
-        help="Monte Carlo over what is uncertain, sensitivities, Pareto front over the gains",
+        help="Monte Carlo over all uncertainties, sensitivities, Pareto front over the gains",
         description=_DESCRIPTION,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

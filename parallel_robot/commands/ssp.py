@@ -23,13 +23,13 @@ def register(subparsers: Any) -> None:
     parser.add_argument(
         "--out", type=Path, default=Path("RobotClosedLoop.ssp"), metavar="FILE", help="file (default %(default)s)"
     )
-    parser.add_argument("--flavour", choices=FLAVOURS, help="of the FMUs (default fmi2)")
+    parser.add_argument("--flavour", choices=FLAVOURS, help="flavour of the FMUs (default fmi2)")
     parser.add_argument("--fmus", type=Path, default=Path("fmus"), metavar="DIR", help="FMU folder (default fmus)")
     parser.add_argument(
         "--mu", type=float, default=1.0, metavar="M", help="row of Table 1 for the controller (default 1)"
     )
-    parser.add_argument("--nu", type=float, default=1.0, metavar="N", help="and its nu (default 1)")
-    parser.add_argument("--version", choices=("1.0", "2.0"), default="1.0", help="of SSP (default %(default)s)")
+    parser.add_argument("--nu", type=float, default=1.0, metavar="N", help="nu of that row (default 1)")
+    parser.add_argument("--version", choices=("1.0", "2.0"), default="1.0", help="version of SSP (default %(default)s)")
     parser.set_defaults(run=run)
 
 

@@ -1,4 +1,4 @@
-"""The two sweeps of the study: Monte Carlo over what is uncertain, and a grid over the gains."""
+"""The two sweeps of the study: Monte Carlo over all uncertainties, and a grid over the gains."""
 
 from __future__ import annotations
 
