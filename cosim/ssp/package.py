@@ -12,7 +12,7 @@ from abc import ABC, abstractmethod
 from contextlib import AbstractContextManager
 from pathlib import Path
 from types import TracebackType
-from urllib.parse import SplitResult, unquote, urlsplit
+from urllib.parse import SplitResult, parse_qs, unquote, urlsplit
 from urllib.request import url2pathname
 
 from cosim.errors import nearest
@@ -31,7 +31,7 @@ MOST_XML_BYTES = 64 * 1024**2
 _REMEDIES = {
     "http": "download it and give its path",
     "https": "download it and give its path",
-    "proxyfmu": "it is meant for libcosim's proxies; give the path of the FMU itself",
+    "proxyfmu": "it is meant for libcosim's proxies on another machine; give the path of the FMU itself",
 }
 
 
@@ -104,6 +104,13 @@ class Package(AbstractContextManager["Package"], ABC):
             There is no such file, or it is not one of this package.
         """
         parts = self._split(uri)
+        if (
+            parts.scheme == "proxyfmu"
+            and parts.netloc in ("", "localhost")
+            and (file := parse_qs(parts.query).get("file"))
+        ):
+            self.findings.note(f"{self.path}: '{uri}' is for a process of its own; the FMU runs in this one", "proxies")
+            uri, parts = file[0], self._split(file[0])
         if parts.scheme:
             return self._outside(uri, parts)
         folder = posixpath.dirname(base)

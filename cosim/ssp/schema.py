@@ -52,6 +52,9 @@ _ROOTS = {
     "ssb": "SignalDictionary",
 }
 
+#: The prefix of an attribute in a tag.
+_PREFIXED = rb"\s([A-Za-z_][\w.-]*):[\w.-]+\s*=\s*[\"']"
+
 #: Elements that the reader finds wherever among their siblings they are.
 _KNOWN = (
     "Connectors",
@@ -98,6 +101,8 @@ def parse(data: bytes, kind: DocumentKind, where: str, findings: Findings | None
     MissingExtra
         The package with the schemas is not installed.
     """
+    if findings is not None:
+        data = _with_namespaces(data, where, findings)
     # a later version in the same namespace: the root element tells
     later = re.search(rb"<[^?!][^>]*\sversion\s*=\s*[\"']2[.]", data[:65536]) is not None
     decoded, refused, notes = _decoded(data, kind, 2 if later else 1, where, findings)
@@ -138,6 +143,23 @@ def _decoded(
         elif note[0]:
             notes.append(note)
     return decoded, refused, notes
+
+
+def _with_namespaces(data: bytes, where: str, findings: Findings) -> bytes:
+    """The file with namespaces for prefixes that it uses and declares none for."""
+    plain = re.sub(rb"<!--.*?-->|<!\[CDATA\[.*?\]\]>", lambda text: b" " * len(text[0]), data, flags=re.DOTALL)
+    root = re.search(rb"<[A-Za-z_][^\s/>]*", plain)
+    if root is None:
+        return data
+    used = re.findall(rb"<([A-Za-z_][\w.-]*):", plain)
+    used += [prefix for tag in re.findall(rb"<[A-Za-z_][^<>]*>", plain) for prefix in re.findall(_PREFIXED, tag)]
+    declared = {b"xml", b"xmlns", *re.findall(rb"xmlns:([\w.-]+)\s*=", plain)}
+    added = ""
+    for name in (prefix.decode() for prefix in dict.fromkeys(used) if prefix not in declared):
+        added += f' xmlns:{name}="{NAMESPACES.get(name, f"urn:undeclared:{name}")}"'
+        meant = "it is taken as that of SSP" if name in NAMESPACES else "what has it is ignored"
+        findings.note(f"{where}: the prefix '{name}' has no namespace; {meant}")
+    return data[: root.end()] + added.encode() + data[root.end() :]
 
 
 def _check_namespace(tag: str, kind: DocumentKind, where: str) -> None:

@@ -313,7 +313,7 @@ def test_what_is_noted(fmus: Path, tmp_path: Path) -> None:
 def test_all_that_is_wrong_is_said_at_once(fmus: Path, tmp_path: Path) -> None:
     sims = (
         simulator("a", "None.fmu")
-        + simulator("b", "proxyfmu://localhost?file=Gain.fmu")
+        + simulator("b", "proxyfmu://host:9090?file=Gain.fmu")
         + simulator("c", "Gain.fmu", "KK Real 1.0", "K Real x")
     )
     ways = variables("a.y", "c.u[1]") + variables("d.y", "c.u[1]") + variables("c.y[3]", "c.u[1]")
@@ -324,7 +324,7 @@ def test_all_that_is_wrong_is_said_at_once(fmus: Path, tmp_path: Path) -> None:
     file = folder / "OspSystemStructure.xml"
     assert message.startswith(f"{file}: 6 things are wrong: (1) simulator 'a': has no 'None.fmu'; ")
     for part in (
-        "(2) simulator 'b': 'proxyfmu://localhost?file=Gain.fmu' is no file of this folder; it is meant for libcosim's",
+        "(2) simulator 'b': 'proxyfmu://host:9090?file=Gain.fmu' is no file of this folder; it is meant for libcosim's",
         "(3) simulator 'c': initial value of 'KK', which the FMU does not have; did you mean 'K'?",
         "(4) simulator 'c': initial value of 'K': 'x' is no Real; mend it",
         "(5) connection of variable 'y': there is no simulator 'd'",

@@ -125,11 +125,32 @@ def test_a_file_of_this_machine_is_taken_with_a_note(fmus: dict[str, Path], tmp_
     assert_equal_runs(found.system, loop_by_hand(fmus))
 
 
+def test_an_fmu_for_a_proxy_on_this_machine_is_taken_with_a_note(fmus: dict[str, Path], tmp_path: Path) -> None:
+    uri = "proxyfmu://localhost?file=resources/gain.fmu"
+    found = read(archive(tmp_path / "s.ssp", description(LOOP.replace("resources/gain.fmu", uri)), fmus))
+    assert found.notes == (f"{tmp_path}/s.ssp: '{uri}' is for a process of its own; the FMU runs in this one",)
+    assert_equal_runs(found.system, loop_by_hand(fmus))
+
+
+def test_prefixes_without_a_namespace_are_given_one(fmus: dict[str, Path], tmp_path: Path) -> None:
+    """As some descriptions have it that the Open Simulation Platform publishes."""
+    foreign = '<ssd:Annotations><ssc:Annotation type="x"><osp:Step x:size="1"/></ssc:Annotation></ssd:Annotations>'
+    text = description(LOOP.replace("<ssd:Elements>", f"<!-- <no:thing/> -->{foreign}<ssd:Elements>", 1))
+    text = re.sub(r' xmlns:ssc="[^"]*"', "", text).replace("?>", "?><!-- <first:thing/> -->", 1)
+    found = read(archive(tmp_path / "s.ssp", text, fmus))
+    assert "prefix 'ssc' has no namespace; it is taken as that of SSP" in " ".join(found.notes)
+    assert "prefix 'osp' has no namespace; what has it is ignored" in " ".join(found.notes)
+    assert "'no'" not in " ".join(found.notes)
+    assert_equal_runs(found.system, loop_by_hand(fmus))
+
+
 @pytest.mark.parametrize(
     ("source", "message"),
     [
         ("https://example.org/gain.fmu", r"'https://.*' is no file of this archive; download it and give its path$"),
-        ("proxyfmu://localhost?file=gain.fmu", r"it is meant for libcosim's proxies; give the path of the FMU itself$"),
+        ("proxyfmu://host:9090?file=gain.fmu", r"it is meant for libcosim's proxies on another machine; give the path"),
+        ("proxyfmu://localhost", r"it is meant for libcosim's proxies"),
+        ("proxyfmu://localhost?file=none.fmu", r"has no 'none.fmu'; known are"),
         ("file:///nowhere/gain.fmu", r"there is no file '/nowhere/gain.fmu' for 'file:///nowhere/gain.fmu'; mend"),
         ("file://host/gain.fmu", r"'file://host/gain.fmu' is no file of this archive"),
         ("C:/models/gain.fmu", r"'C:/models/gain.fmu' is no file of this archive; sources must be relative"),
