@@ -486,7 +486,12 @@ class Run:
             return f"{len(wrong)} outputs are not finite, the first is {wrong[0]}"
         if status == DOES_NOT_FIT:
             return self._misfit(row)
-        return str(instance.failure(row.function, status))
+        what = str(instance.failure(row.function, status))
+        if row.operation.kind == OperationKind.EXTRAPOLATE:
+            what += (
+                ", though it says that it interpolates inputs; use extrapolation='hold' (option --extrapolation hold)"
+            )
+        return what
 
     def _misfit(self, row: NamedOperation) -> str:
         """The value of a link between different types that does not fit its target, in words."""

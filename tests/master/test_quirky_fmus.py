@@ -107,6 +107,13 @@ def test_no_step_ends_after_the_stop_time_for_rounding(folder: Path, stop_time: 
             assert run["m.y"] == results["m.y"][-1] == pytest.approx(0.5 * stop_time**2)
 
 
+def test_an_fmu_that_takes_no_derivatives_though_it_says_so_runs_with_held_inputs(folder: Path) -> None:
+    system = one(quirky(folder, Quirk.REFUSES_DERIVATIVES))
+    with pytest.raises(SimulationError, match=r"returned error, though it says that .*; use extrapolation='hold'"):
+        simulate(system, 2.0, 0.5)
+    assert y(simulate(system, 2.0, 0.5, extrapolation="hold")) == [0.0, 0.0, 0.25, 0.75, 1.5]
+
+
 def test_rounding_makes_some_of_these_steps_end_after_the_stop_time() -> None:
     assert [n * h + h > stop for n, h, stop in ((2, 0.1, 0.3), (2999, 5e-3, 15.0), (399, 1e-4, 0.04))] == [True] * 3
 

@@ -20,7 +20,8 @@ enum {
     FAILS_TO_TERMINATE = 32,
     IS_ASYNCHRONOUS = 64, /* a step is pending until it was asked for three times */
     COMPUTES_IN_PART = 128, /* a longer step than `longest` ends at it */
-    REFUSES_TO_OVERSHOOT = 256 /* a step that ends after the stop time is an error */
+    REFUSES_TO_OVERSHOOT = 256, /* a step that ends after the stop time is an error */
+    REFUSES_DERIVATIVES = 512 /* of inputs, which it says that it takes */
 };
 
 enum { U, Y, STOP, TOLERANCE, END, INTERNAL, LONGEST, N_VARIABLES };
@@ -102,7 +103,7 @@ fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference r[], size_t n, 
 
 fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference r[], size_t n,
                                        const fmi2Integer orders[], const fmi2Real v[]) {
-    if (n != 1 || r[0] != U || orders[0] != 1) return fmi2Error;
+    if (n != 1 || r[0] != U || orders[0] != 1 || (QUIRKS & REFUSES_DERIVATIVES)) return fmi2Error;
     ((Model *)c)->rate = v[0];
     return fmi2OK;
 }

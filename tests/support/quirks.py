@@ -26,6 +26,7 @@ class Quirk(IntFlag):
     IS_ASYNCHRONOUS = 64
     COMPUTES_IN_PART = 128
     REFUSES_TO_OVERSHOOT = 256
+    REFUSES_DERIVATIVES = 512
 
 
 def quirky(
