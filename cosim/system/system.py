@@ -103,7 +103,7 @@ class System:
             FMU file (FMI 1.0, 2.0 or 3.0 co-simulation).
         start : mapping, optional
             Start values of parameters and inputs; whole vectors by their common name. An input that has one needs
-            no connection.
+            no connection. Sizes of arrays follow start values of structural parameters.
         every : int
             The component communicates at every so many communication points; its step is that multiple of the
             communication step. Its last step may end after the stop time.
@@ -194,7 +194,7 @@ class System:
     ) -> None:
         """Connect an output to an input; scalars, or whole vectors of equal size.
 
-        The input becomes `factor` * output + `offset`.
+        The input becomes `factor` * output + `offset`. An input clock ticks when the output clock does.
 
         Parameters
         ----------
@@ -221,7 +221,8 @@ class System:
         Parameters
         ----------
         target : str
-            Input `component.variable`, a scalar or a vector.
+            Input `component.variable`, a scalar or a vector. A triggered clock ticks at the communication points where
+            the function is true.
         function : callable
             function(t) -> value, or a sequence of values for a vector; must depend on the time alone. Or an object
             whose `for_size(size)` gives that function for the number of elements of the input.
