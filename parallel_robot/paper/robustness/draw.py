@@ -100,7 +100,7 @@ def sensitivities(found: Sequence[Sensitivity], runs: int) -> tuple[Draw, StudyF
     best = ranked[-1]
     return draw, StudyFigure(
         "sensitivity",
-        "What the steady error depends on",
+        "Sensitivity of the steady error",
         f"Sobol' indices of the steady error (rms of the end effector's distance from 8 s on) and of the control "
         f"effort (rms of |tau_a| over the run) from {runs} runs, with 95 % confidence intervals by bootstrap.",
         f"Dots with error bars for {len(groups)} sources of uncertainty. The steady error depends most on the "

@@ -52,7 +52,7 @@ def findings(
 def _bounded(runs: int, failed: int, spreads: Sequence[Spread]) -> Finding:
     error = spreads[0]
     return Finding(
-        "Does the tracking stay good under everything that is uncertain?",
+        "Does the tracking stay accurate under all uncertainties?",
         f"{failed} of {runs} runs failed. The steady error is {error.median:.3g} {error.unit} in the median, in 90 % "
         f"of the runs between {error.low:.3g} and {error.high:.3g} {error.unit}, at worst {error.largest:.3g} "
         f"{error.unit}; in the paper's case it is {error.nominal:.3g} {error.unit}.",
@@ -160,7 +160,7 @@ def in_markdown(study: Robustness) -> str:
     """Findings, tables and figures; the same study gives the same text."""
     parts = [
         "# Robustness of the closed loop",
-        f"{study.runs} runs of 15 s over everything that is uncertain, with the gains of (mu, nu) = (1, 1), and a grid "
+        f"{study.runs} runs of 15 s over all uncertainties, with the gains of (mu, nu) = (1, 1), and a grid "
         f"of {study.levels} x {study.levels} gains. Written by `cosim robustness`.",
         "## Findings",
         "\n".join(f"- **{finding.question}** {finding.answer}" for finding in study.findings),
@@ -170,7 +170,7 @@ def in_markdown(study: Robustness) -> str:
             ((f"`{s.name}`", s.group, s.unit, s.distribution) for s in study.sources),
         ),
         "## Results over all runs",
-        "Steady: from 8 s on. Steady error: root mean square of the end effector's distance from where it should be. "
+        "Steady: from 8 s on. Steady error: root mean square of the end effector's distance from its desired position. "
         "Control effort: root mean square of |tau_a| over the run. Nominal: the paper's case, without noise.",
         _table(
             ("", "unit", "nominal", "5 %", "median", "95 %", "largest"),
