@@ -81,7 +81,7 @@ ROOMS = {
         ("plant_fmu", "controller_fmu", "trajectory_fmu", "fmu_export/modelling"),
         ("tests/fmu_export/modelling", *_first("tests/models", "declarations", "controller", "membership")),
     ),
-    "system": Room(("cosim/system",), _first("tests/system", "resolution", "variables", "levels")),
+    "system": Room(("cosim/system",), _first("tests/system", "resolution", "variables", "levels", "read", "function")),
     "master": Room(
         ("cosim/master", "cosim/loop"),
         (*_first("tests/master", "sampling", "value_layout", "recording", "coupling", "stepping"), "tests/loop"),
@@ -439,10 +439,10 @@ def page(measurements: dict[str, Measurement], explained: Sequence[dict[str, str
         counts = (m.places, m.drawn, m.killed, m.time_limit, len(m.survivors), told)
         share = f"{100.0 * _noticed(m, explained) / m.drawn:.0f} %"
         tests = " ".join(f"`{test}`" for test in ROOMS[name].tests)
-        rows.append(" | ".join(map(str, [name, *counts, share, m.date, tests])))
+        rows.append(" | ".join(map(str, [name, *counts, share, m.seed, m.date, tests])))
     header = (
         *("room", "places to change", "drawn", "killed", "time limit", "survived", "of these explained"),
-        *("killed or explained", "date", "tests"),
+        *("killed or explained", "seed", "date", "tests"),
     )
     table = "\n".join(f"| {row} |" for row in (" | ".join(header), " | ".join("---" for _ in header), *rows))
     absent = [name for name in ROOMS if name not in measurements]
