@@ -70,6 +70,7 @@ def build_native(
     targets: Sequence[Target] | None = None,
     page: str | None = None,
     figures: Mapping[str, bytes] | None = None,
+    unchecked: bool = False,
 ) -> Path:
     """Write `<folder>/<model name>.fmu`.
 
@@ -88,23 +89,29 @@ def build_native(
         The model's page in Markdown, for the documentation in the archive; without it there is none.
     figures : mapping of str to bytes, optional
         The pictures that the page shows, by file name.
+    unchecked : bool, optional
+        Build it also where the traced equations are not compared with what numpy computes, or differ; the model
+        description says so in `generationTool`.
 
     Raises
     ------
+    TraceError
+        The model can't be traced, or its trace computes something else than numpy.
     ToolchainError
         There is no C compiler, or it fails.
     OSError
         The file can't be written; an older one is unchanged.
     """
-    traced = trace(model)
+    traced = trace(model, unchecked)
+    tool = "C code, equations unchecked" if unchecked else "C code"
     interface = interface_of(traced)
     adapter = _adapter_sources(flavour)
     c_files = sorted(name for name in (*adapter, "model.c") if name.endswith(".c"))
 
     def description(guid: str) -> bytes:
         if flavour == "fmi2":
-            return description_fmi2.model_description(model, interface, guid, _INTERFACES["fmi2"], "C code", c_files)
-        return description_fmi3.model_description(model, interface, guid, _INTERFACES["fmi3"], "C code")
+            return description_fmi2.model_description(model, interface, guid, _INTERFACES["fmi2"], tool, c_files)
+        return description_fmi3.model_description(model, interface, guid, _INTERFACES["fmi3"], tool)
 
     digest = hashlib.sha256(description(guid=""))
     for name, source in sorted((adapter | model_sources(traced, interface, guid="")).items()):

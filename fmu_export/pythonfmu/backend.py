@@ -59,7 +59,11 @@ _ARGUMENTS = {
 
 
 def build_pythonfmu(
-    model: Model, folder: Path, page: str | None = None, figures: Mapping[str, bytes] | None = None
+    model: Model,
+    folder: Path,
+    page: str | None = None,
+    figures: Mapping[str, bytes] | None = None,
+    unchecked: bool = False,
 ) -> Path:
     """Write `<folder>/<model name>.fmu`; the same sources give the same bytes.
 
@@ -71,18 +75,23 @@ def build_pythonfmu(
         The model's page in Markdown, for the documentation in the archive; without it there is none.
     figures : mapping of str to bytes, optional
         The pictures that the page shows, by file name.
+    unchecked : bool, optional
+        Build it also where the traced equations are not compared with what numpy computes, or differ; the model
+        description says so in `generationTool`.
 
     Raises
     ------
+    TraceError
+        The model can't be traced, or its trace computes something else than numpy.
     OSError
         The file can't be written; an older one is unchanged.
     BinariesMissing
         The installed pythonfmu has no binaries.
     """
-    traced = trace(model)
+    traced = trace(model, unchecked)
     interface = interface_of(traced)
     # without its guid the description holds nothing that depends on the fingerprint
-    unstamped = _description(model, interface, guid="")
+    unstamped = _description(model, interface, "", unchecked)
     modules = _modules(traced, interface)
     digest = hashlib.sha256(unstamped + _ENTRY.encode())
     for name in sorted(modules):
@@ -93,7 +102,7 @@ def build_pythonfmu(
     modules["interface.py"] += f"FINGERPRINT = {fingerprint!r}\n".encode()
     path = folder / f"{model.name}.fmu"
     members = {
-        "modelDescription.xml": _description(model, interface, guid=_guid(fingerprint)),
+        "modelDescription.xml": _description(model, interface, _guid(fingerprint), unchecked),
         "resources/slavemodule.txt": entry.encode(),
         f"resources/{entry}.py": _ENTRY.format(name=model.name, package=package).encode(),
         **{f"resources/{package}/{name}": source for name, source in modules.items()},
@@ -109,8 +118,9 @@ def build_pythonfmu(
     return path
 
 
-def _description(model: Model, interface: Interface, guid: str) -> bytes:
-    return model_description(model, interface, guid, {"CoSimulation": _OPTIONS}, f"PythonFMU {version('pythonfmu')}")
+def _description(model: Model, interface: Interface, guid: str, unchecked: bool) -> bytes:
+    tool = f"PythonFMU {version('pythonfmu')}" + (", equations unchecked" if unchecked else "")
+    return model_description(model, interface, guid, {"CoSimulation": _OPTIONS}, tool)
 
 
 def _guid(fingerprint: str) -> str:

@@ -52,6 +52,24 @@ TEMPLATES = {
     ca.OP_FMIN: "minimum({0}, {1})",
     ca.OP_FMAX: "maximum({0}, {1})",
     ca.OP_IF_ELSE_ZERO: "chosen({0}, {1})",
+    ca.OP_ASINH: "asinh({0})",
+    ca.OP_ACOSH: "acosh({0})",
+    ca.OP_ATANH: "atanh({0})",
+    ca.OP_LOG1P: "log1p({0})",
+    ca.OP_EXPM1: "expm1({0})",
+    ca.OP_FMOD: "fmod({0}, {1})",
+    ca.OP_COPYSIGN: "copysign({0}, {1})",
+}
+
+#: Functions of C and of Python's module `math` that only some models need.
+SELDOM = {
+    ca.OP_ASINH: "asinh",
+    ca.OP_ACOSH: "acosh",
+    ca.OP_ATANH: "atanh",
+    ca.OP_LOG1P: "log1p",
+    ca.OP_EXPM1: "expm1",
+    ca.OP_FMOD: "fmod",
+    ca.OP_COPYSIGN: "copysign",
 }
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from fmu_export.errors import needs
-from fmu_export.trace.operations import helpers, template
+from fmu_export.trace.operations import SELDOM, helpers, template
 
 with needs("export"):
     import casadi as ca
@@ -25,8 +25,11 @@ def python_source(functions: Sequence[tuple[ca.Function, Sequence[str]]]) -> str
     functions : sequence of (function, argument names)
         Scalar arguments come as floats, the others as sequences of floats. Each returns a list of floats.
     """
+    used = {f.instruction_id(k) for f, _ in functions for k in range(f.n_instructions())}
+    seldom = sorted(name for operation, name in SELDOM.items() if operation in used)
+    header = HEADER + (f"from math import {', '.join(seldom)}\n" if seldom else "")
     own = [helper.python + "\n" for helper in helpers(f for f, _ in functions)]
-    return HEADER + "".join("\n\n" + source for source in (*own, *(_function_source(f, n) for f, n in functions)))
+    return header + "".join("\n\n" + source for source in (*own, *(_function_source(f, n) for f, n in functions)))
 
 
 def _function_source(f: ca.Function, argument_names: Sequence[str]) -> str:

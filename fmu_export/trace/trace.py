@@ -1,12 +1,12 @@
 """Trace the numpy functions of a `Model` with CasADi: one expression graph each, for code generation and structure.
 
-CasADi's numpy mode runs the model's own source with symbols in place of numbers, so that no equation is written twice.
+The model's own source runs with symbols in place of numbers, so that no equation is written twice; the result is
+compared with what numpy computes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from math import isnan
@@ -16,7 +16,9 @@ import numpy as np
 
 from fmu_export.errors import TraceError, needs
 from fmu_export.modelling.functions import rk4_step
-from fmu_export.modelling.model import Array, Model, Requirement
+from fmu_export.modelling.model import Model, Requirement
+from fmu_export.trace.check import Checked, check_against_numpy
+from fmu_export.trace.symbols import Scalar, argument, column, tracing
 
 with needs("export"):
     import casadi as ca
@@ -106,80 +108,169 @@ class TracedModel:
 
 
 @cache  # all flavours are built from the same
-def trace(model: Model) -> TracedModel:
+def trace(model: Model, unchecked: bool = False) -> TracedModel:
     """Trace all functions of a model.
+
+    Parameters
+    ----------
+    model : Model
+    unchecked : bool, optional
+        Leave out the comparison with what numpy computes.
 
     Raises
     ------
     TraceError
-        The model's functions return arrays whose lengths differ from what it declares, branch on values, use functions
-        of the module `math` on their arguments, or make arrays of single values by np.array.
+        The model's functions return arrays whose shapes differ from what it declares, use what can't be traced, depend
+        on more than their arguments, or compute something else with symbols than with numbers.
     """
     n_x, n_u, n_p = len(model.state_layout), len(model.inputs), len(model.parameters)
     t, x, u, p, h = (_symbols(*s) for s in (("t", 1), ("x", n_x), ("u", n_u), ("p", n_p), ("h", 1)))
-    T, X, U, P, H = _scalar(t), _vector(x), _vector(u), _vector(p), _scalar(h)
+    T, X, U, P = Scalar(t), argument(x), argument(u), argument(p)
     u_rate, k1 = _symbols("u_rate", n_u), _symbols("k1", n_x)
     dx, du, dp = (_symbols(*s) for s in (("dx", n_x), ("du", n_u), ("dp", n_p)))
 
-    def function(name: str, arguments: list[ca.SX], value: Array, length: int) -> ca.Function:
-        column = _column(value)
-        if column.numel() != length:
-            raise TraceError(f"{model.name}: {name} returns {column.numel()} values, {length} are declared")
-        traced = ca.Function(name, arguments, [ca.densify(ca.cse(column))])
-        if any(traced.instruction_id(k) == ca.OP_CONST and isnan(traced.instruction_constant(k)) for k in _all(traced)):
-            raise TraceError(f"{model.name}: {name} has a constant NaN, as of math.sin(t) or float(t); use np.sin")
-        return traced
+    def function(name: str, arguments: list[ca.SX], value: ca.SX) -> ca.Function:
+        return _function(model.name, name, arguments, value)
 
-    def margins(at: str) -> tuple[Array, int]:
-        requirements: list[Requirement] = [r for r in model.requirements if r.at == at]
-        if not requirements:
-            return np.zeros(0), 0
-        return np.stack([r.margin(T, X, U, P) for r in requirements]), len(requirements)
+    def named(name: str) -> str:
+        return f"{model.name}: {name}"
 
     def direction(
-        name: str, column: ca.SX, arguments: list[ca.SX], along: list[ca.SX], seeds: list[ca.SX]
+        name: str, value: ca.SX, arguments: list[ca.SX], along: list[ca.SX], seeds: list[ca.SX]
     ) -> ca.Function:
         """The derivative of a column along the direction that seeds give."""
-        change = ca.jtimes(column, ca.vertcat(*along), ca.vertcat(*seeds))
-        return ca.Function(name, [*arguments, *seeds], [ca.densify(ca.cse(change + ca.SX(*column.shape)))])
+        change = ca.jtimes(value, ca.vertcat(*along), ca.vertcat(*seeds))
+        return ca.Function(name, [*arguments, *seeds], [ca.densify(ca.cse(change + ca.SX(*value.shape)))])
 
-    with _numpy_mode(), _explained(model.name):
-        rates, y = model.derivatives(T, X, U, P), model.output_values(T, X, U, P)
-        step_margins, n_margins = margins("step")
-        rates_and_margins = ca.vertcat(_column(rates), _column(step_margins))
-        everything = ca.vertcat(_column(y), rates_and_margins)
-        n_rates, n_y = n_x + n_margins, len(model.outputs)
-        return TracedModel(
-            model=model,
-            initial_state=function("initial_state", [p], model.initial_state(P), n_x),
-            derivatives=function("derivatives", [t, x, u, p], rates, n_x),
-            outputs=function("outputs", [t, x, u, p], y, n_y),
-            step=function("step", [t, x, u, p, h], rk4_step(model.derivatives, T, X, U, P, H), n_x),
-            start_margins=function("start_margins", [p], *margins("start")),
-            step_margins=function("step_margins", [t, x, u, p], step_margins, n_margins),
-            rates=function("rates", [t, x, u, p], rates_and_margins, n_rates),
-            everything=function("everything", [t, x, u, p], everything, n_y + n_rates),
-            linear_step=function(
-                "linear_step",
-                [t, x, u, p, h, u_rate, k1],
-                rk4_step(model.derivatives, T, X, U, P, H, _vector(u_rate), _vector(k1)),
-                n_x,
-            ),
-            initial_state_direction=direction(
-                "initial_state_direction", _column(model.initial_state(P)), [p], [p], [dp]
-            ),
-            direction=direction(
-                "direction", ca.vertcat(_column(y), _column(rates)), [t, x, u, p], [x, u, p], [dx, du, dp]
-            ),
+    with tracing(model.name):
+        rates = column(model.derivatives(T, X, U, P), named("derivatives"), n_x)
+        y = column(model.output_values(T, X, U, P), named("output_values"), len(model.outputs))
+        initial = column(model.initial_state(P), named("initial_state"), n_x)
+        start_margins, step_margins = (_margins(model, at, T, X, U, P) for at in ("start", "step"))
+        rates_and_margins = ca.vertcat(rates, step_margins)
+        everything = ca.vertcat(y, rates_and_margins)
+        # the basic functions first: what is wrong with them is said in their names
+        basic = {
+            "initial_state": function("initial_state", [p], initial),
+            "derivatives": function("derivatives", [t, x, u, p], rates),
+            "outputs": function("outputs", [t, x, u, p], y),
+            "start_margins": function("start_margins", [p], start_margins),
+            "step_margins": function("step_margins", [t, x, u, p], step_margins),
+        }
+        # the traced derivatives at each stage: the author's functions need not run again
+        step = rk4_step(basic["derivatives"], t, x, u, p, h)
+        linear_step = rk4_step(basic["derivatives"], t, x, u, p, h, u_rate, k1)
+        if not unchecked:
+            _check_same_trace(model, basic)
+    traced = TracedModel(
+        model=model,
+        **basic,
+        step=function("step", [t, x, u, p, h], step),
+        rates=function("rates", [t, x, u, p], rates_and_margins),
+        everything=function("everything", [t, x, u, p], everything),
+        linear_step=function("linear_step", [t, x, u, p, h, u_rate, k1], linear_step),
+        initial_state_direction=direction("initial_state_direction", initial, [p], [p], [dp]),
+        direction=direction("direction", ca.vertcat(y, rates), [t, x, u, p], [x, u, p], [dx, du, dp]),
+    )
+    if not unchecked:
+        check_against_numpy(model, _checked(model, traced))
+    return traced
+
+
+def _function(model: str, name: str, arguments: Sequence[ca.SX], value: ca.SX) -> ca.Function:
+    known = {str(s) for a in arguments for s in ca.symvar(a)}
+    if strange := [str(s) for s in ca.symvar(value) if str(s) not in known]:
+        raise TraceError(
+            f"{model}: {name} depends on {', '.join(strange)}, which is not among its arguments: a value that another "
+            "function or an earlier call has kept; compute it from the arguments"
         )
+    try:
+        traced = ca.Function(name, list(arguments), [ca.densify(ca.cse(value))])
+    except RuntimeError as error:
+        raise TraceError(
+            f"{model}: {name} depends on a value that an earlier call has kept; compute it from the arguments"
+        ) from error
+    if any(traced.instruction_id(k) == ca.OP_CONST and isnan(traced.instruction_constant(k)) for k in _all(traced)):
+        raise TraceError(
+            f"{model}: {name} has a constant NaN, as of an element of np.empty that is never set; write a number"
+        )
+    return traced
+
+
+def _margins(model: Model, at: str, *arguments: Any) -> ca.SX:
+    requirements: list[Requirement] = [r for r in model.requirements if r.at == at]
+    return ca.vertcat(
+        ca.SX(0, 1),
+        *(column(r.margin(*arguments), f"{model.name}: the margin of '{r.message}'", 1) for r in requirements),
+    )
+
+
+def _check_same_trace(model: Model, first: dict[str, ca.Function]) -> None:
+    """Refuse functions that are traced to something else a second time, in another order and with other symbols."""
+    sizes = 1, len(model.state_layout), len(model.inputs), len(model.parameters)
+    functions: dict[str, Callable[..., ca.SX]] = {
+        "step_margins": lambda *a: _margins(model, "step", *a),
+        "start_margins": lambda *a: _margins(model, "start", *a),
+        "outputs": lambda *a: column(model.output_values(*a), "output_values", len(model.outputs)),
+        "derivatives": lambda *a: column(model.derivatives(*a), "derivatives", sizes[1]),
+        "initial_state": lambda *a: column(model.initial_state(a[3]), "initial_state", sizes[1]),
+    }
+    for name, again in functions.items():
+        t, x, u, p = (_symbols(f"{n}_", size) for n, size in zip("txup", sizes, strict=True))
+        value = again(Scalar(t), argument(x), argument(u), argument(p))
+        arguments = [p] if first[name].n_in() == 1 else [t, x, u, p]
+        if _instructions(_function(model.name, name, arguments, value)) != _instructions(first[name]):
+            raise TraceError(
+                f"{model.name}: {name}: traced twice, the equations differ: they depend on np.random, a clock, a "
+                "counter or what an earlier call has left; make it a parameter, an input or a state"
+            )
+
+
+def _instructions(f: ca.Function) -> list[Any]:
+    return [
+        (
+            f.instruction_id(k),
+            f.instruction_input(k),
+            f.instruction_output(k),
+            f.instruction_constant(k) if f.instruction_id(k) == ca.OP_CONST else None,
+        )
+        for k in _all(f)
+    ]
+
+
+def _checked(model: Model, traced: TracedModel) -> list[Checked]:
+    """The functions of a model beside their traces, with the names of their elements, all of (t, x, u, p)."""
+    t, x, u, p = traced.derivatives.sx_in()
+
+    def of_all(f: ca.Function) -> ca.Function:
+        return ca.Function(f.name(), [t, x, u, p], [f(p)])
+
+    def margins(at: str) -> tuple[Any, tuple[str, ...]]:
+        requirements = [r for r in model.requirements if r.at == at]
+        return (
+            lambda *a: np.array([np.asarray(r.margin(*a)).item() for r in requirements], dtype=float),
+            tuple(f"'{r.message}'" for r in requirements),
+        )
+
+    states = model.state_layout.names
+    start, start_names = margins("start")
+    step, step_names = margins("step")
+    return [
+        Checked("initial_state", lambda t, x, u, p: model.initial_state(p), of_all(traced.initial_state), states),
+        Checked("derivatives", model.derivatives, traced.derivatives, tuple(f"der({s})" for s in states)),
+        Checked("output_values", model.output_values, traced.outputs, model.outputs.names),
+        Checked("requirements", start, of_all(traced.start_margins), start_names),
+        Checked("requirements", step, traced.step_margins, step_names),
+    ]
 
 
 def feedthrough(model: Model) -> list[list[int]]:
     """For each output of a model the inputs it depends on directly (indices); much faster than `trace`."""
     t, x = _symbols("t", 1), _symbols("x", len(model.state_layout))
     u, p = _symbols("u", len(model.inputs)), _symbols("p", len(model.parameters))
-    with _numpy_mode():
-        y = _column(model.output_values(_scalar(t), _vector(x), _vector(u), _vector(p)))
+    with tracing(model.name):
+        value = model.output_values(Scalar(t), argument(x), argument(u), argument(p))
+        y = column(value, f"{model.name}: output_values", len(model.outputs))
     return _rows(ca.Function("outputs", [t, x, u, p], [y]).jac_sparsity(0, 2))
 
 
@@ -187,55 +278,13 @@ def _all(function: ca.Function) -> range:
     return range(function.n_instructions())
 
 
-def _column(value: Array) -> ca.SX:
-    return ca.vec(ca.SX(value)) if np.size(value) else ca.SX(0, 1)
-
-
 def _symbols(name: str, n: int) -> ca.SX:
     return ca.SX.sym(name, n)
-
-
-def _vector(symbols: ca.SX) -> Any:
-    return ca.ArrayInterface(symbols.T, 1)
-
-
-def _scalar(symbol: ca.SX) -> Any:
-    return ca.ArrayInterface(symbol, 0)
 
 
 def _rows(sparsity: ca.Sparsity) -> list[list[int]]:
     """Column indices of the structural nonzeros of each row."""
     rows: list[list[int]] = [[] for _ in range(sparsity.size1())]
-    for row, column in zip(*sparsity.get_triplet(), strict=True):
-        rows[row].append(column)
+    for row, place in zip(*sparsity.get_triplet(), strict=True):
+        rows[row].append(place)
     return [sorted(r) for r in rows]
-
-
-#: What CasADi says when it can't trace -> what the author of a model can do.
-_REMEDIES = {
-    "truth value": "an `if`, `max` or `min` on values can't be traced; use np.where, np.maximum, np.clip",
-    "numpy array": "np.array, math.* and float() take no symbols; use np.stack, np.concatenate, np.sin, ...",
-}
-
-
-@contextmanager
-def _explained(model: str) -> Iterator[None]:
-    """Say in the model's terms what CasADi can't trace."""
-    try:
-        yield
-    except (RuntimeError, TypeError) as error:
-        for part, remedy in _REMEDIES.items():
-            if part in str(error):
-                raise TraceError(f"{model}: {remedy}") from error
-        raise
-
-
-@contextmanager
-def _numpy_mode() -> Iterator[None]:
-    """Let numpy functions act on CasADi arrays; the mode is global in CasADi, so put it back."""
-    before = ca.GlobalOptions.getNumpyMode()
-    ca.GlobalOptions.setNumpyMode(1)
-    try:
-        yield
-    finally:
-        ca.GlobalOptions.setNumpyMode(before)

@@ -11,6 +11,7 @@ from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import fmpy
+import numpy as np
 import pytest
 from fmpy.validation import validate_fmu
 
@@ -375,6 +376,9 @@ def with_parameter(model, name, **changes):
     return replace(model, parameters=Layout(changed))
 
 
+#: Of the controller's outputs the last two are states, whose outputs are the states themselves.
+DOUBLE_TORQUE = np.array([2.0, 2.0, 2.0, 1.0, 1.0])
+
 CHANGES = {
     "nothing": lambda m: m,
     "start value": lambda m: with_parameter(m, "alpha", start=1.5),
@@ -385,7 +389,9 @@ CHANGES = {
     "description of a variable": lambda m: with_parameter(m, "alpha", description="Another text"),
     "minimum": lambda m: with_parameter(m, "alpha", min=-1.0),
     "unit": lambda m: with_parameter(m, "alpha", unit="s"),
-    "output equation": lambda m: replace(m, output_values=lambda t, x, u, p: 2 * m.output_values(t, x, u, p)),
+    "output equation": lambda m: replace(
+        m, output_values=lambda t, x, u, p: DOUBLE_TORQUE * m.output_values(t, x, u, p)
+    ),
     "state equation": lambda m: replace(m, derivatives=lambda t, x, u, p: 2 * m.derivatives(t, x, u, p)),
     "initial state": lambda m: replace(m, initial_state=lambda p: 2 * m.initial_state(p)),
     "name": lambda m: replace(m, name="OtherController"),

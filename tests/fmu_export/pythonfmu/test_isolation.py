@@ -191,9 +191,13 @@ report(controller.run(5, inputs=measurements))
 # Several versions of one FMU
 
 
+#: Of the controller's outputs the last two are states, which stay the states.
+TWICE = np.array([2.0, 2.0, 2.0, 1.0, 1.0])
+
+
 def doubled_output(model: Model) -> Model:
-    """The model of the same name with one changed equation: all outputs are doubled."""
-    return replace(model, output_values=lambda t, x, u, p: 2.0 * model.output_values(t, x, u, p))
+    """The controller with one changed equation: the torques are doubled."""
+    return replace(model, output_values=lambda t, x, u, p: TWICE * model.output_values(t, x, u, p))
 
 
 def slower_adaptation(model: Model) -> Model:
@@ -219,7 +223,7 @@ def test_versions_of_one_fmu_in_one_process_run_their_own_code(tmp_path):
     files = [str(build_pythonfmu(model, tmp_path / f"v{i}")) for i, model in enumerate(versions)]
     solo = [fresh(tmp_path, SOLO_CONTROLLER, fmu=f) for f in files]
     assert solo[0] != solo[1] != solo[2] != solo[0]
-    np.testing.assert_array_equal(2 * np.array(solo[0]), solo[1])
+    np.testing.assert_array_equal(TWICE * np.array(solo[0]), solo[1])
     script = """
 hosts = [Host(f) for f in A.files]
 assert all(h.initialize() == 0 for h in hosts)
@@ -251,7 +255,7 @@ report(values)
     both = np.array(fresh(tmp_path, script, files=files))
     for i, file in enumerate(files):
         np.testing.assert_array_equal(both[i], np.array(fresh(tmp_path, script, files=[file]))[0])
-    np.testing.assert_array_equal(2 * both[0][:, 1:], both[1][:, 1:])
+    np.testing.assert_array_equal(TWICE * both[0][:, 1:], both[1][:, 1:])
     assert np.any(both[0][:, 1:])
 
 
@@ -272,7 +276,7 @@ for fmu in (None, A.new):
 report(rows)
 """
     old_rows, new_rows = np.array(fresh(tmp_path, script, here=here, new=new))
-    np.testing.assert_array_equal(2 * old_rows, new_rows)
+    np.testing.assert_array_equal(TWICE * old_rows, new_rows)
     assert np.any(old_rows)
 
 

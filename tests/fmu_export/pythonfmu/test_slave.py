@@ -1043,7 +1043,10 @@ def test_a_state_of_another_version_of_the_fmu_is_refused(run, tmp_path):
     """Same names, other equations: its state has the same shape, but means something else."""
     from dataclasses import replace
 
-    changed = replace(CONTROLLER, output_values=lambda t, x, u, p: 2.0 * CONTROLLER.output_values(t, x, u, p))
+    changed = replace(
+        CONTROLLER,
+        output_values=lambda t, x, u, p: np.array([2.0, 2.0, 2.0, 1.0, 1.0]) * CONTROLLER.output_values(t, x, u, p),
+    )
     other = pythonfmu_backend.build_pythonfmu(changed, tmp_path / "other")
     run(
         """

@@ -1,0 +1,519 @@
+"""The table of numpy idioms: each computes in a traced model what numpy computes, or is refused.
+
+The code is an expression of an input x (4,), the time t and constants, or statements that end in `return`. The page
+"numpy that can be traced" is generated from this table, and the tests run every row.
+"""
+
+from __future__ import annotations
+
+import math
+import textwrap
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+Expected = Literal["equal", "refused"]
+
+
+@dataclass(frozen=True)
+class Idiom:
+    """One row of the table."""
+
+    kind: str
+    code: str
+    expected: Expected
+
+    @property
+    def function(self) -> Callable[[Any, Any], Any]:
+        """The code as a function of x and t, with a fresh set of what it may keep."""
+        body = self.code if "return" in self.code else f"return {self.code}"
+        source = "def f(x, t):\n" + textwrap.indent(body, "    ")
+        namespace = {
+            "np": np,
+            "C": np.array([0.5, -1.0, 2.0, 0.25]),
+            "M": MATRIX,
+            "kept": [],
+            "time": time,
+            "math": math,
+        }
+        exec(compile(source, f"<{self.kind}>", "exec"), namespace)
+        function: Callable[[Any, Any], Any] = namespace["f"]  # type: ignore[assignment]
+        return function
+
+
+MATRIX = np.array([[2.0, 1.0, 0.0, 0.5], [0.0, 3.0, -1.0, 0.0], [1.0, 0.0, 2.0, 0.0], [0.0, 0.25, 0.0, 1.0]])
+
+_EQUAL = {
+    "arithmetic": """
+        x + C
+        C - x
+        2 * x
+        x / (x * x + 1.0)
+        -x
+        +x
+        x**2
+        x**3
+        x**-1
+        x**0.5
+        np.abs(x)**1.7
+        2.0**x
+        abs(x)
+        x // 0.7
+        x % 0.7
+        x % -0.7
+        np.fmod(x, 0.7)
+        np.mod(x, C)
+        np.stack(divmod(x[0], 0.4))
+        np.remainder(x, 1.5)
+        np.reciprocal(x)
+        np.square(x)
+        np.float_power(np.abs(x), 1.5)
+        np.negative(x)
+        np.positive(x)
+        x * t + np.sin(t)
+        pow(x, 2)
+        1 / x
+        x[0] + x[1] * x[2] - x[3]
+    """,
+    "elementary functions": """
+        np.sin(x)
+        np.cos(x)
+        np.tan(x)
+        np.arcsin(x / 10.0)
+        np.arccos(np.tanh(x))
+        np.arctan(x)
+        np.arctan2(x, C)
+        np.hypot(x, C)
+        np.sinh(x)
+        np.cosh(x)
+        np.tanh(x)
+        np.arcsinh(x)
+        np.arccosh(1.0 + x * x)
+        np.arctanh(np.sin(x) * 0.9)
+        np.exp(-x * x)
+        np.expm1(x)
+        np.log(np.abs(x) + 1.0)
+        np.log1p(x * x)
+        np.log2(np.abs(x) + 0.5)
+        np.log10(np.abs(x) + 0.5)
+        np.exp2(np.tanh(x))
+        np.sqrt(np.abs(x))
+        np.cbrt(x)
+        np.deg2rad(x)
+        np.rad2deg(x)
+        np.degrees(x)
+        np.radians(x)
+        np.sinc(x)
+        np.logaddexp(x, C)
+    """,
+    "rounding": """
+        np.floor(x)
+        np.ceil(x)
+        np.trunc(x)
+        np.rint(x)
+        np.round(x)
+        np.round(x, 1)
+        np.around(x, 2)
+        np.fix(x)
+        x.round()
+        x.astype(int)
+        x.astype(int) * 1.0
+        np.stack([round(x[0]), round(x[1])])
+        math.floor(x[0]) + 0.5 * x
+        math.ceil(x[0]) + 0.5 * x
+        np.floor(x / 0.1) * 0.1
+        x - np.floor(x)
+    """,
+    "limits and signs": """
+        np.clip(x, -0.5, 0.5)
+        x.clip(-0.5, 0.5)
+        x.clip(min=0.0)
+        np.clip(x, None, 1.0)
+        np.minimum(x, C)
+        np.maximum(x, C)
+        np.fmin(x, C)
+        np.fmax(x, np.sqrt(np.abs(C)))
+        np.maximum(x, np.sqrt(x))
+        np.fmax(np.sqrt(x), 0.0)
+        np.sign(x)
+        np.copysign(C, x)
+        np.heaviside(x, 0.5)
+        np.abs(x)
+        np.fabs(x)
+        np.signbit(x) * 1.0
+        np.maximum(0.0, x)
+        np.nan_to_num(C) * x
+    """,
+    "comparisons and Booleans": """
+        np.where(x > 0, x, -2.0 * x)
+        np.where(x[0] > 5e4, 1.0, x)
+        np.where((x > 0) & (x < 1), x, 0.0)
+        np.where((x < 0) | (x > 1), x, 0.0)
+        np.where(~(x > 0), x, 0.0)
+        np.where((x > 0) ^ (x > 1), x, 0.0)
+        np.where(np.logical_and(x > 0, x < 1), 1, 2)
+        np.where(np.logical_or(x > 0, x < -1), 1.0, 2.0)
+        np.where(np.logical_not(x > 0), 1.0, 2.0)
+        np.where(np.logical_xor(x > 0, x > 1), 1.0, 2.0)
+        (x > 0) + (x > 1) + (x > 2)
+        (x > 0) * (x > 1)
+        (x > 0) * 1.0
+        1.0 * (x > 0) + 1.0 * (x > 1)
+        (x > 0) * x
+        (x > 0) == (x > 1)
+        x == 0.0
+        x != 2.5
+        x >= C
+        x <= C
+        (x > 0).astype(float)
+        (x > 0).astype(int)
+        np.sum(x > 0)
+        (x > 0).sum()
+        np.mean(x > 0)
+        np.any(x > 2)
+        np.all(x > -2)
+        (x > 2).any()
+        (x > -5).all()
+        np.count_nonzero(x > 0)
+        np.count_nonzero(x)
+        np.select([x > 1, x > 0], [x, 2.0 * x], -1.0)
+        np.piecewise(x, [x < 0, x >= 0], [lambda v: -v, lambda v: v * v])
+        np.isnan(x)
+        np.isfinite(x) * x
+        np.where(np.isnan(np.sqrt(x)), 0.0, x)
+        np.isclose(x, 0.3)
+        np.where(x > 0, np.sqrt(np.abs(x)), 0.0)
+        np.where(np.array([True, False, True, False]), x, 0.0)
+        max(1.0, 2.0) * x
+        x * (True if len(x) == 4 else False)
+    """,
+    "Boolean masks": """
+        np.sum(x[x > 0])
+        x[x > 0].sum()
+        np.prod(x[x > 0])
+        np.mean(x[x > -1e9])
+        d = x * 1.0\\nd[x < 0] = 0\\nreturn d
+        d = x.copy()\\nd[x > 1] = 1.0\\nreturn d
+        d = x.copy()\\nd[x < 0] *= -1\\nreturn d
+        d = x.copy()\\nm = x > 0\\nd[m] = x[m] ** 2\\nreturn d
+        d = np.zeros(4)\\nd[x > 0] = C[0]\\nreturn d
+        d = np.zeros(4)\\nm = x > 0\\nd[m] = np.sqrt(x[m])\\nreturn d
+        d = x.copy()\\nd[np.array([True, False, True, False])] = 0.0\\nreturn d
+        x[np.array([True, False, True, False])]
+        d = np.outer(x, x)\\nd[d > 1] = 1\\nreturn d.ravel()
+        d = x.copy()\\nd[~(x > 0)] = -1\\nreturn d
+        np.any(x[x > 0] > 1)
+        x[x > 0].size * x
+        d = x.copy()\\nd[d < 0] += 3.0\\nreturn d
+    """,
+    "indices and slices": """
+        x[1:]
+        x[::-1]
+        x[::2]
+        x[-1] * x
+        x[[0, 2]]
+        x[np.array([3, 1, 0])]
+        x[..., 0] + x[1:]
+        x[:, None][:, 0]
+        (x[:, None] * x[None, :]).ravel()
+        x[np.newaxis, :][0]
+        np.outer(x, C)[1]
+        np.take(x, [0, 3])
+        x.take([1, 2])
+        np.stack([v * 2.0 for v in x])
+        np.stack([i * v for i, v in enumerate(x)])
+        a, b, c, d = x\\nreturn np.stack([a + b, c - d])
+        first, *rest = x\\nreturn np.stack([first, sum(rest)])
+        x.reshape(2, 2)[1]
+        x.reshape((2, 2)).T.ravel()
+        np.flip(x)
+        np.roll(x, 1)
+        x[len(x) // 2] * x
+    """,
+    "writes": """
+        d = np.zeros(4)\\nd[0] = x[1]\\nd[1] = -x[0]\\nreturn d
+        d = np.zeros_like(x)\\nd[1:] = x[:-1]\\nreturn d
+        d = np.empty(2)\\nd[0] = x[0]\\nd[1] = x[1]\\nreturn d
+        d = np.ones(4)\\nd[2] += x[2]\\nreturn d
+        d = np.full(4, 3.0)\\nd[:2] = x[2:]\\nreturn d
+        d = np.eye(2)\\nd[0, 1] = x[0]\\nreturn d @ x[:2]
+        d = x.copy()\\nd += 1.0\\nreturn d
+        d = x.copy()\\nd *= C\\nreturn d
+        d = x.copy()\\nd /= 2.0\\nreturn d
+        d = x.copy()\\nd -= d[::-1]\\nreturn d
+        d = x.copy()\\nd **= 2\\nreturn d
+        d = x * 1.0\\nv = d[1:]\\nv[0] = 5\\nreturn d
+        d = x * 1.0\\nv = d[1:]\\nv += 1.0\\nreturn d
+        d = x * 1.0\\ny = d\\ny += x\\nreturn d
+        d = x * 1.0\\ny = d.reshape(2, 2)\\ny[0] = 0.0\\nreturn d
+        d = x * 1.0\\nd[0], d[1] = d[1], d[0]\\nreturn d
+        d = x * 1.0\\nd[:2], d[2:] = d[2:], d[:2]\\nreturn d
+        d = x * 1.0\\nd[[0, 3]] = d[[3, 0]]\\nreturn d
+        d = x * 1.0\\nd[[0, 2]] += 1.0\\nreturn d
+        d = x[::-1].copy()\\nd[0] = t\\nreturn d
+        s = x[0]\\ns += 1.0\\nreturn s * x
+        d = np.zeros((2, 2))\\nd[0] = x[:2]\\nd[:, 1] = x[2:]\\nreturn d.ravel()
+        d = np.array([x[0], 0.0, 1.0])\\nd[1] = x[1]\\nreturn d
+        d = x * 1.0\\nd.fill(2.0)\\nreturn d + x
+        d = np.zeros(3)\\nfor i in range(3):\\n    d[i] = x[i + 1] - x[i]\\nreturn d
+        d = np.zeros(4)\\nnp.add(x, C, out=d)\\nreturn d
+        d = np.array(C)\\nd[0] = x[0]\\nreturn d
+        d = x.ravel().copy()\\nd[1] = 0\\nreturn d
+        d = np.zeros(4, dtype=int)\\nreturn x + d
+        d = np.zeros(4)\\ne = d + 1.0\\ne[0] = x[0]\\nreturn e
+    """,
+    "making arrays": """
+        np.array([x[0], 0.0, x[1]])
+        np.array([x[0] * 2, 1])
+        np.asarray(x) * 2
+        np.array(x) + 1
+        [x[0], x[1] * 2.0]
+        (x[0], x[1])
+        np.stack([x[0], x[3]])
+        np.concatenate([x, [1.0, 2.0]])
+        np.concatenate((x[:2], C))
+        np.hstack([x, 1.0])
+        np.vstack([x, C]).ravel()
+        np.column_stack([x, C])[0]
+        np.append(x, 3.0)
+        np.r_[C, 1.0][:4] * x
+        np.block([[np.diag(x[:2]), np.zeros((2, 2))]]).ravel()
+        np.tile(x, 2)
+        np.repeat(x, 2)
+        np.insert(x, 1, 0.0)
+        np.delete(x, 0)
+        np.diag(x) @ C
+        np.diagonal(np.outer(x, C))
+        np.atleast_1d(x[0])
+        np.pad(x, 1)
+        np.full(3, x[0])
+        np.zeros(4) + x
+        np.linspace(0.0, 1.0, 4) * x
+        np.arange(4) * x
+        np.array([[x[0], x[1]], [x[2], x[3]]]) @ C[:2]
+        np.full_like(x, 2.0) * x
+        np.ones_like(x) - x
+        np.concatenate([*np.split(x, 2)])
+        np.expand_dims(x, 0)[0]
+        np.squeeze(x.reshape(1, 4))
+        np.tril(np.outer(x, x)).ravel()
+        np.broadcast_to(x[0], (3,))
+    """,
+    "sums and products": """
+        np.sum(x)
+        x.sum()
+        sum(x)
+        np.prod(x)
+        np.mean(x)
+        x.mean()
+        np.var(x)
+        np.std(x)
+        np.std(x, ddof=1)
+        np.average(x, weights=[1.0, 2.0, 3.0, 4.0])
+        np.cumsum(x)
+        np.cumprod(x)
+        np.diff(x)
+        np.max(x)
+        np.min(x)
+        x.max()
+        x.min() + x
+        np.ptp(x)
+        np.argmax(x)
+        x.argmin() * 1.0
+        np.sort(x)
+        np.sum(np.outer(x, x), axis=0)
+        np.outer(x, x).sum(axis=1)
+        np.max(x.reshape(2, 2), axis=0)
+        np.mean(x.reshape(2, 2), axis=1, keepdims=True).ravel()
+        np.add.reduce(x)
+        np.maximum.reduce(x)
+        np.add.accumulate(x)
+        np.multiply.outer(x, C)[0]
+        np.trapezoid(x)
+        np.trapezoid(x, dx=0.1)
+        np.convolve(x, [1.0, 2.0])
+        np.polyval([1.0, 2.0, 3.0], x)
+        np.polyval(x, 0.5)
+    """,
+    "linear algebra": """
+        M @ x
+        x @ M
+        x @ C
+        x.dot(C)
+        np.dot(M, x)
+        np.inner(x, C)
+        np.vdot(x, C)
+        np.outer(x, x) @ x
+        np.matmul(M, x)
+        np.einsum("ij,j->i", M, x)
+        np.einsum("i,i->", x, C)
+        np.tensordot(M, x, axes=1)
+        np.kron(x[:2], C[:2])
+        np.cross(x[:3], C[:3])
+        np.trace(np.outer(x, C))
+        np.transpose(M) @ x
+        np.linalg.norm(x)
+        np.linalg.norm(x, 1)
+        np.linalg.norm(x, np.inf)
+        np.linalg.norm(x.reshape(2, 2), axis=1)
+        np.linalg.solve(M, C) * x
+        np.linalg.solve(M, x)
+        np.linalg.inv(M) @ x
+        np.linalg.det(np.diag(x[:2]) + np.eye(2) * 10.0)
+        np.linalg.inv(np.diag(x[:2] ** 2) + np.eye(2)) @ x[:2]
+        np.linalg.solve(np.diag(x ** 2) + M.T @ M, x)
+        np.eye(4) @ x
+        x.T @ M @ x
+        np.linalg.matrix_power(np.diag(x[:2]), 2).ravel()
+    """,
+    "tables": """
+        np.interp(x, [-1.0, 0.0, 2.0], [3.0, 1.0, -1.0])
+        np.interp(x[0], [0.0, 1.0], [2.0, 5.0])
+        np.interp(x, [-1.0, 0.0, 2.0], [3.0, 1.0, -1.0], left=0.0, right=9.0)
+        np.interp(x, [-1.0, 0.0, 2.0], [3.0, 1.0, -1.0], right=9.0)
+        np.interp(x, [0.0, 1.0, 2.0], [3.0, 1.0, 5.0], period=3.0)
+        np.interp(x, [0.0, 1.0, 2.0], [x[0], 1.0, x[1]])
+        np.searchsorted([-1.0, 0.0, 0.5], x)
+        np.searchsorted(C[[1, 3, 0, 2]], x, side="right")
+        np.digitize(x, [-1.0, 0.0, 0.5])
+        np.digitize(x, [-1.0, 0.0, 0.5], right=True)
+    """,
+    "branches on types and shapes": """
+        x if isinstance(x, np.ndarray) else 0.0 * x
+        x[0] * x if isinstance(x[0], float) else x
+        x if x.dtype == float else 2.0 * x
+        x if x.dtype.kind == "f" else 2.0 * x
+        x * x.ndim + x.size + x.shape[0]
+        x * np.ndim(x) + np.size(x)
+        x if np.isscalar(t) else 2.0 * x
+        x if hasattr(x, "T") else 2.0 * x
+        x.real + np.real(x)
+    """,
+}
+
+_REFUSED = {
+    "branches on values": """
+        x if x[0] > 0 else -x
+        x * max(x[0], x[1])
+        x * min(x)
+        x if np.any(x > 0) else -x
+        x if x[0] > 0 and x[1] > 0 else -x
+        x if 0.3 in x else -x
+        x * len([v for v in x if v > 0])
+        sorted(x)
+        x if np.allclose(x, C) else -x
+        x[int(t)] * x
+        x[np.argmax(x)] * x
+        C[x.astype(int)] * x
+        np.stack([x[i] for i in range(int(x[0]) % 4)])
+        {0.3: 1.0}.get(x[0], 2.0) * x
+        while x[0] > 100:\\n    x = x * 0.5\\nreturn x
+        try:\\n    return x if x[0] > 0 else -x\\nexcept Exception:\\n    return x
+    """,
+    "numbers from symbols": """
+        x * math.sin(t)
+        x * float(x[0])
+        x * int(x[0])
+        f"{x[0]}" and x
+        np.vectorize(lambda v: v + 1.0)(x)
+        np.array(x, dtype=np.float32) * 2.0
+        x.astype(complex).real
+        x * complex(x[0]).real
+    """,
+    "options": """
+        np.sum(x, where=x > 0)
+        np.sum(x, initial=5.0)
+        np.max(x, initial=0.0)
+        np.add(x, 1.0, where=x > 0)
+        np.mean(x, where=x > 0)
+        np.sum(x, dtype=np.float32)
+        np.add.at(np.zeros(4), [0, 1], x[:2])
+        np.add.reduceat(x, [0, 2])
+    """,
+    "values from outside": """
+        x + np.random.rand()
+        x + np.random.default_rng().normal()
+        x + time.time()
+        x + time.perf_counter()
+        kept.append(1)\\nreturn x * len(kept)
+        kept.append(x[0])\\nreturn x + kept[0]
+        if not kept:\\n    kept.append(x[0])\\nreturn x * kept[0]
+        kept.append(x)\\nreturn kept[-2] if len(kept) > 1 else x
+    """,
+    "arguments": """
+        x[0] = 5.0\\nreturn x
+        x += 1.0\\nreturn x
+        v = x[1:]\\nv[0] = 0.0\\nreturn x
+        y = x.reshape(2, 2)\\ny *= 2.0\\nreturn x
+        x[x > 0] = 0.0\\nreturn x
+    """,
+    "shapes": """
+        np.outer(x, C)
+        x.reshape(2, 2)
+        x[:, None]
+        x[None, :]
+        x + np.zeros(3)
+        x[x > 0]
+        x[7] * x
+    """,
+    "masks": """
+        x[x > 0][0] * x
+        len(x[x > 0]) * x
+        np.max(x[x > 0]) * x
+        np.sort(x[x > 0])
+        x[x > 0] + x[x > 1]
+        C[x > 0].sum() * x
+        np.concatenate([x[x > 0], x[x <= 0]])
+        d = x.copy()\\nd[x > 0] = C[:2]\\nreturn d
+        np.where(x > 0)[0]
+        np.nonzero(x)[0]
+        np.argwhere(x > 0).ravel()
+    """,
+    "what numpy itself refuses": """
+        (x > 0) - (x > 1)
+        -(x > 0)
+        d = np.zeros(4, dtype=int)\\nd += x\\nreturn d
+        x & 1
+        x @ C[:3]
+        d = x.copy()\\nd[0] = x\\nreturn d
+        ~x
+    """,
+    "other functions": """
+        np.fft.fft(x).real
+        np.linalg.eigvals(np.outer(x, x)).real
+        np.linalg.svd(np.outer(x, x))[1]
+        np.median(x)
+        np.unique(x)
+        np.argsort(x) * 1.0
+        np.gradient(x)
+        np.percentile(x, 50)
+        np.histogram(x)[0]
+        np.nextafter(x, 1.0)
+        np.frexp(x)[0]
+        np.ldexp(x, 2)
+        np.apply_along_axis(np.sum, 0, x)
+        np.linspace(0.0, x[0], 3)
+        np.arange(x[0])
+        np.zeros(int(x[0]))
+        x.tobytes()
+        x.sort()
+        np.interp(x, x, C)
+        np.empty(4)
+        x // 2 + np.int64(3) // (x > 0).sum()
+    """,
+}
+
+
+def _rows(table: dict[str, str], expected: Expected) -> list[Idiom]:
+    return [
+        Idiom(kind, line.strip().replace("\\n", "\n"), expected)
+        for kind, lines in table.items()
+        for line in lines.splitlines()
+        if line.strip()
+    ]
+
+
+IDIOMS = [*_rows(_EQUAL, "equal"), *_rows(_REFUSED, "refused")]
