@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 from collections.abc import Iterator, Sequence
@@ -59,6 +60,12 @@ class LeftOut:
 def pytest_configure(config: pytest.Config) -> None:
     """Count the tests that are left out."""
     config.pluginmanager.register(LeftOut(config))
+
+
+def pytest_collection_finish() -> None:
+    """Modules and tests live until the end: the many collections of garbage, some in tests, need not look at them."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(scope="session", autouse=True)

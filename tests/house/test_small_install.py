@@ -196,15 +196,15 @@ FROM_PYTHON = {
 def test_from_python_a_missing_extra_is_an_error_with_one_line(tmp_path: Path, extra: str) -> None:
     code, package = FROM_PYTHON[extra]
     assert package in EXTRAS[extra]
-    done = process(f"import cosim, fmu_export\n{code}\n", tmp_path)
     root = "fmu_export" if extra in ("export", "control", "robot") else "cosim"
     remedy = f'{package} is not installed; install it with: pip install "{NAME}[{extra}]"'
-    assert done.stderr.splitlines()[-1] == f"{root}.errors.MissingExtra: {remedy}"
     caught = f"import cosim, fmu_export, {root}.errors as errors\ntry:\n" + "".join(
         f"    {line}\n" for line in code.split("\n")
     )
-    done = process(f"{caught}except errors.MissingExtra as error:\n    print(error.extra, error.name)", tmp_path)
+    caught += "except errors.MissingExtra as error:\n    print(error.extra, error.name, flush=True)\n    raise"
+    done = process(caught, tmp_path)
     assert done.stdout == f"{extra} {package}\n", done.stderr
+    assert done.stderr.splitlines()[-1] == f"{root}.errors.MissingExtra: {remedy}"
 
 
 def test_every_extra_of_the_users_is_tried() -> None:

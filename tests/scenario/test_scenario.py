@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fmpy.model_description import read_model_description
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from controller_fmu.optimal_gains import PerformanceIndex, optimal_gains
@@ -466,7 +466,6 @@ DATA = st.fixed_dictionaries(
 )
 
 
-@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(DATA | st.dictionaries(KEYS, VALUES, max_size=5))
 def test_whatever_the_file_says_it_is_a_scenario_or_a_scenario_error(data):
     try:

@@ -124,7 +124,7 @@ def test_many_times_at_once_give_what_single_times_do():
 def power_outside(function, margin: float) -> float:
     """Share of the power outside the band, by an FFT under a Hann window."""
     rate, duration = 100.0, 100.0
-    values = sampled(function, np.arange(0.0, duration, 1.0 / rate))
+    values = function(np.arange(0.0, duration, 1.0 / rate))
     spectrum = np.abs(np.fft.rfft(values * np.hanning(len(values))[:, None], axis=0)) ** 2
     frequency = np.fft.rfftfreq(len(values), 1.0 / rate)
     outside = (frequency < BAND[0] - margin) | (frequency > BAND[1] + margin)
@@ -139,7 +139,7 @@ def test_multisine_stays_in_its_band():
 
 def test_multisine_fills_its_band():
     rate, duration = 50.0, 100.0
-    values = sampled(multisine(components=200).function(1, SEED, "a.b"), np.arange(0.0, duration, 1.0 / rate))[:, 0]
+    values = multisine(components=200).function(1, SEED, "a.b")(np.arange(0.0, duration, 1.0 / rate))[:, 0]
     power = np.abs(np.fft.rfft(values * np.hanning(len(values)))) ** 2
     frequency = np.fft.rfftfreq(len(values), 1.0 / rate)
     edges = np.linspace(*BAND, 6)
@@ -163,7 +163,7 @@ def test_seed_and_target_fix_the_function():
 
 
 def test_elements_are_independent():
-    values = sampled(multisine().function(3, SEED, "a.b"), np.arange(0.0, 200.0, 0.02))
+    values = multisine().function(3, SEED, "a.b")(np.arange(0.0, 200.0, 0.02))
     correlation = np.corrcoef(values.T)
     off_diagonal = correlation[~np.eye(3, dtype=bool)]
     # as for the power: 1 / sqrt(T B) = 0.023 for independent elements, 1 for equal ones
