@@ -754,7 +754,7 @@ def _reduce(ufunc: np.ufunc, value: Any, axis: Any, keepdims: bool) -> tuple[Any
         columns, dtype = _cast_base(columns, dtype, BOOL), BOOL
     if not len(columns):
         if ufunc not in _NEUTRAL:
-            raise ValueError("zero-size array to reduction operation")
+            refuse(f"np.{ufunc.__name__} of an array without elements has no value")
         total = _in(np.full(kept, _NEUTRAL[ufunc], dtype))[0]
     else:
         total = columns[0:1].reshape(kept)
@@ -1098,7 +1098,7 @@ def _interp(x: Any, xp: Any, fp: Any, left: Any = None, right: Any = None, perio
     xs, ys = np.asarray(_plain(xp), dtype=float), fp if type(fp) in (Array, list, tuple) else np.asarray(fp)
     ys = np.array(ys) if isinstance(ys, list | tuple) else ys
     if xs.ndim != 1 or np.shape(ys) != xs.shape:
-        raise ValueError("fp and xp are not of the same length.")
+        refuse("np.interp needs as many values as places, along one axis")
     if period is not None:
         period = abs(float(period))
         left = right = None

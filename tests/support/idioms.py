@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import textwrap
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -29,19 +29,36 @@ class Idiom:
     @property
     def function(self) -> Callable[[Any, Any], Any]:
         """The code as a function of x and t, with a fresh set of what it may keep."""
-        body = self.code if "return" in self.code else f"return {self.code}"
-        source = "def f(x, t):\n" + textwrap.indent(body, "    ")
-        namespace = {
-            "np": np,
-            "C": np.array([0.5, -1.0, 2.0, 0.25]),
-            "M": MATRIX,
-            "kept": [],
-            "time": time,
-            "math": math,
-        }
-        exec(compile(source, f"<{self.kind}>", "exec"), namespace)
-        function: Callable[[Any, Any], Any] = namespace["f"]  # type: ignore[assignment]
-        return function
+        return _compiled("def f(x, t):\n" + textwrap.indent(_body(self.code), "    "), self.kind)
+
+
+def _body(code: str) -> str:
+    return code if "return" in code else f"return {code}"
+
+
+def _compiled(source: str, name: str) -> Callable[[Any, Any], Any]:
+    namespace: dict[str, Any] = {
+        "np": np,
+        "C": np.array([0.5, -1.0, 2.0, 0.25]),
+        "M": MATRIX,
+        "kept": [],
+        "time": time,
+        "math": math,
+    }
+    exec(compile(source, f"<{name}>", "exec"), namespace)
+    function: Callable[[Any, Any], Any] = namespace["f"]
+    return function
+
+
+def composed(idioms: Sequence[Idiom]) -> Idiom:
+    """Idioms one after the other: each takes what the one before gives, as four elements."""
+    parts = [
+        f"def part_{i}(x, t):\n"
+        + textwrap.indent(_body(idiom.code), "    ")
+        + f"\nx = np.resize(part_{i}(x, t), (4,)) * 1.0"
+        for i, idiom in enumerate(idioms)
+    ]
+    return Idiom("composed", "\n".join([*parts, "return x"]), "equal")
 
 
 MATRIX = np.array([[2.0, 1.0, 0.0, 0.5], [0.0, 3.0, -1.0, 0.0], [1.0, 0.0, 2.0, 0.0], [0.0, 0.25, 0.0, 1.0]])
@@ -83,7 +100,7 @@ _EQUAL = {
         np.cos(x)
         np.tan(x)
         np.arcsin(x / 10.0)
-        np.arccos(np.tanh(x))
+        np.arccos(0.9 * np.tanh(x))
         np.arctan(x)
         np.arctan2(x, C)
         np.hypot(x, C)

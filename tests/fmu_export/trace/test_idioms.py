@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
+from zipfile import ZipFile
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from fmu_export.errors import TraceError
 from fmu_export.modelling.model import DefaultExperiment, Layout, Model, Variable
+from fmu_export.pythonfmu.backend import build_pythonfmu
 from fmu_export.trace.straight_line import python_source
 from fmu_export.trace.trace import trace
-from tests.support.idioms import IDIOMS, Idiom
+from tests.support.idioms import IDIOMS, Idiom, composed
 
 START = (0.3, -1.2, 2.5, 0.7)
 
@@ -71,6 +76,70 @@ def test_each_idiom_is_equal_or_refused(idiom: Idiom) -> None:
         with pytest.raises(TraceError, match=r"^Idiom: ") as caught:
             trace(model_of(idiom))
         assert "\n" not in str(caught.value)
+
+
+@settings(max_examples=40, deadline=None, derandomize=True)
+@given(st.lists(st.integers(0, len(IDIOMS) - 1), min_size=2, max_size=4))
+def test_idioms_after_each_other_are_equal_or_refused(which: list[int]) -> None:
+    """Each idiom takes the result of the one before; some of those that are refused are among them."""
+    idiom = composed([IDIOMS[i] for i in which])
+    try:
+        traced = trace(model_of(idiom))
+    except TraceError:
+        return
+    assert agrees(idiom.function, traced)
+
+
+def test_an_fmu_that_was_not_checked_says_so(tmp_path: Path) -> None:
+    """A clock is frozen while tracing: refused, or built on request, and then the file tells."""
+    frozen = Idiom("outside", "x + time.time()", "refused")
+    with pytest.raises(TraceError, match="traced twice"):
+        build_pythonfmu(model_of(frozen), tmp_path)
+    for unchecked, idiom in ((True, frozen), (False, Idiom("equal", "2.0 * x", "equal"))):
+        path = build_pythonfmu(model_of(idiom), tmp_path, unchecked=unchecked)
+        with ZipFile(path) as archive:
+            assert ("equations unchecked" in archive.read("modelDescription.xml").decode()) == unchecked
+
+
+@pytest.mark.parametrize(
+    ("code", "said"),
+    [
+        ("x if x[0] > 0 else -x", r"<branch>:2: an `if`.*np.where"),
+        ("x * math.sin(t)", r"<branch>:2: math.*np.sin"),
+        ("y = x * 2\nx[0] = 1.0\nreturn y", r"<branch>:3: an argument .* is changed.*copy"),
+        ("np.median(x)", r"<branch>:2: np.median can't be traced"),
+        ("np.sum(x, initial=5.0)", r"<branch>:2: .*initial= can't be traced"),
+        ("kept.append(1)\nreturn x * len(kept)", "traced twice, the equations differ"),
+        ("np.outer(x, C)", r"output_values returns an array of shape \(4, 4\)"),
+    ],
+)
+def test_a_refusal_names_place_and_remedy(code: str, said: str) -> None:
+    with pytest.raises(TraceError, match=f"^Idiom: .*{said}"):
+        trace(model_of(Idiom("branch", code, "refused")))
+
+
+def test_a_difference_names_element_values_and_cause() -> None:
+    """A branch on the type that no symbol can know: found by comparison."""
+    function = Idiom("type", "x if type(x) is np.ndarray else 2.0 * x", "refused")
+    with pytest.raises(
+        TraceError, match=r"output_values, element y\[1\]: numpy computes 0.3, .* 0.6 at .*likely cause"
+    ):
+        trace(model_of(function))
+
+
+@pytest.mark.parametrize("other", ["x + 1e-3", "2.0 * x", "np.abs(x)"])
+def test_an_output_with_the_name_of_a_state_must_be_the_state(other: str) -> None:
+    function = Idiom("state", other, "refused").function
+    model = replace(
+        model_of(Idiom("state", "x", "equal")),
+        outputs=Layout([Variable("y", "1", "y", size=4)]),
+        states=("y",),
+        initial_state=lambda p: np.zeros(4),
+        derivatives=lambda t, x, u, p: -x,
+        output_values=lambda t, x, u, p: function(x, t),
+    )
+    with pytest.raises(TraceError, match=r"element y\[\d\]: the output has the name of a state.* another name"):
+        trace(model)
 
 
 def test_the_page_is_that_of_the_table() -> None:
