@@ -126,7 +126,7 @@ RUNS: dict[str, list[str]] = {
     [
         ("scenario", 10**7, 2),
         ("pythonfmu", 10**7, 1),
-        ("fmu", 10**7, 1),
+        pytest.param("fmu", 10**7, 1, marks=pytest.mark.slow),
         ("ssp", 10**7, 1),
         ("streamed", 1000, 1),
         pytest.param("fmi3", 10**7, 2, marks=pytest.mark.slow),

@@ -142,7 +142,7 @@ def test_torques_of_motor_and_disturbance_are_told_apart():
 
 
 @pytest.mark.parametrize("name", ALL)
-@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize("value", [math.nan, math.inf, pytest.param(-math.inf, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("rows", [slice(50, 52), slice(None)], ids=["some", "all"])
 def test_values_that_are_no_numbers_do_no_harm(tmp_path, name, value, rows):
     results = made()
