@@ -33,7 +33,7 @@ FAST = (
 NOT_FAST = (
     *("fmi/test_python_fmus.py", "fmi/test_messages.py", "fmi/test_loading.py", "fmi/test_process.py"),
     *("master/test_checkpoint.py", "master/test_failures.py", "master/test_simulation.py"),
-    *("results/test_figure_process.py", "ssp/test_writing.py"),
+    *("results/test_figure_process.py", "ssp/test_writing.py", "fmu_export/trace/test_idioms.py"),
 )
 
 
