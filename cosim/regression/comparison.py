@@ -9,6 +9,7 @@ import numpy as np
 from cosim.errors import nearest
 from cosim.regression.funnel import Curve, funnel
 from cosim.regression.tolerances import Tolerance, Tolerances, vector_of
+from cosim.results.columns import TypedColumn
 from cosim.results.flat_arrays import with_names_of
 from cosim.results.results import Results
 
@@ -106,10 +107,6 @@ def compare_signals(result: Results, reference: Results, tolerances: Tolerances 
         if name not in result.names:
             findings.append(f"'{name}' is missing in the result; {nearest(name, result.names)}")
             continue
-        if name in reference.typed and reference.typed[name].is_text:
-            if finding := other_times or _text_finding(name, result, reference):
-                findings.append(finding)
-            continue
         tolerance, unit = tolerances.of(name), units.get(name, "")
         if tolerance.unit is not None and unit != tolerance.unit and name in units:
             findings.append(f"'{name}' has the unit '{unit}' in the result, '{tolerance.unit}' in the tolerances")
@@ -131,10 +128,13 @@ def compare_signals(result: Results, reference: Results, tolerances: Tolerances 
 
 
 def _text_difference(name: str, result: Results, reference: Results) -> str:
+    """Where a text is another one, empty where none is."""
     for one, other, table in (("result", "reference", reference), ("reference", "result", result)):
         if name not in table.typed or not table.typed[name].is_text:
             return f"'{name}' is text in the {one}, a number in the {other}"
-    found, expected = result.typed[name].values.tolist(), reference.typed[name].values.tolist()
+    found, expected = (_texts(table.typed[name]) for table in (result, reference))
+    if "binary" in (result.typed[name].type, reference.typed[name].type):
+        found, expected = ([text.lower() for text in texts] for texts in (found, expected))
     differs = [i for i, (a, b) in enumerate(zip(found, expected, strict=True)) if a != b]
     if not differs:
         return ""
@@ -143,6 +143,11 @@ def _text_difference(name: str, result: Results, reference: Results) -> str:
         f"'{name}' differs at {len(differs)} of {len(found)} times, first at t = {result.time[i]:.9g} s: "
         f"{found[i]!r} instead of {expected[i]!r}"
     )
+
+
+def _texts(column: TypedColumn) -> list[str]:
+    """Texts of a column; binary values as digits of base 16, as text files have them."""
+    return [value.hex() if isinstance(value, bytes) else value for value in column.values.tolist()]
 
 
 def _compare_times(result: Results, reference: Results) -> str:
@@ -169,22 +174,6 @@ def _compare_ends(result: Results, reference: Results) -> str:
         if not np.isclose(found, expected, rtol=1e-9, atol=1e-12):
             return f"the result {verb} at t = {found!r} s, the reference at {expected!r} s"
     return ""
-
-
-def _text_finding(name: str, result: Results, reference: Results) -> str:
-    """Where a text is another one, empty where none is; a binary value stands as digits of base 16 in a reference."""
-    column = result.typed.get(name)
-    found = [v.hex() if isinstance(v, bytes) else v for v in column.values] if column is not None else result[name]
-    expected = reference.typed[name].values
-    is_binary = column is not None and column.type == "binary"
-    differs = [i for i, (f, e) in enumerate(zip(found, expected, strict=True)) if f != (e.lower() if is_binary else e)]
-    if not differs:
-        return ""
-    i = differs[0]
-    return (
-        f"'{name}' differs at {len(differs)} of {len(expected)} times, first at t = {reference.time[i]:.9g} s: "
-        f"{found[i]!r} instead of {expected[i]!r}"
-    )
 
 
 def _allowed(reference: np.ndarray, tolerance: Tolerance) -> float:

@@ -115,7 +115,7 @@ def _names(path: str | PathLike[str], header: _Row, line: str, separator: str) -
         return '"{}"'.format(cell.replace('"', '""')) in line
 
     cells = list(header.cells)
-    while not cells[-1].strip():
+    while not cells[-1].strip() and not quoted(cells[-1]):
         cells.pop()
     found: list[str] = []
     for cell in cells:

@@ -340,15 +340,15 @@ def test_results_that_find_no_place_leave_the_checkpoint(
 ) -> None:
     """The run has ended, but its results are elsewhere: the same command tries again."""
     assert unfinished
-    original = Results.save
+    original = Results.to_csv
 
-    def save(results: Results, path: Path) -> None:
+    def save(results: Results, path: Path, **options: Any) -> None:
         if path.is_relative_to("r"):
             raise OSError(28, "No space left on device")
-        original(results, path)
+        original(results, path, **options)
 
     with monkeypatch.context() as patched:
-        patched.setattr(Results, "save", save)
+        patched.setattr(Results, "to_csv", save)
         assert main(["run", "tank.toml", "--resume", "--out", "r"]) == 1
     assert "the results are in" in error_line(capsys)
     assert main(["run", "tank.toml", "--resume", "--out", "r"]) == 0

@@ -124,4 +124,4 @@ def test_a_package_whose_scenarios_can_t_be_loaded_is_named_in_one_line(
     assert done.stderr.startswith(f"cosim: entry point broken = {value} of the group cosim.scenarios: ")
     assert says in done.stderr
     assert done.stderr.count("\n") == 1
-    assert program("compare", "a", "b").stderr.startswith("cosim: b: ")  # other commands go on
+    assert program("compare", "a", "b").stderr.startswith("cosim: a: ")  # other commands go on

@@ -558,15 +558,15 @@ def test_results_that_the_folder_refuses_go_to_another(here, capsys, monkeypatch
         request.getfixturevalue("no_figures")
 
     def refuse(original, folder_of):
-        def write(*arguments):
+        def write(*arguments, **options):
             if folder_of(*arguments).is_relative_to(out):
                 raise OSError(28, "No space left on device")
-            return original(*arguments)
+            return original(*arguments, **options)
 
         return write
 
     if step == "results.csv":
-        monkeypatch.setattr(Results, "save", refuse(Results.save, lambda _, path: path.parent))
+        monkeypatch.setattr(Results, "to_csv", refuse(Results.to_csv, lambda _, path: path.parent))
     elif step == "summary.json":
         monkeypatch.setattr(execution, "write_json", refuse(execution.write_json, lambda path, _: path.parent))
     else:
@@ -584,14 +584,14 @@ def test_results_that_the_folder_refuses_go_to_another(here, capsys, monkeypatch
 
 def test_a_failed_run_whose_folder_refuses_says_both(here, no_figures, capsys, monkeypatch):
     Path("mine.toml").write_text(INDEFINITE, encoding="utf-8")
-    original = Results.save
+    original = Results.to_csv
 
-    def save(results, path):
+    def save(results, path, **options):
         if path.is_relative_to("results/mine"):
             raise OSError(28, "No space left on device")
-        original(results, path)
+        original(results, path, **options)
 
-    monkeypatch.setattr(Results, "save", save)
+    monkeypatch.setattr(Results, "to_csv", save)
     assert main(["run", "mine.toml"]) == 1
     line = error_line(capsys)
     assert "the results are in" in line

@@ -145,7 +145,7 @@ def test_help_explains_with_examples(capsys):
         main(["sweep", "--help"])
     assert done.value.code == 0
     out = " ".join(capsys.readouterr().out.split())
-    for text in ("LOW:HIGH", "FIRST:LAST", "examples:", "--scheduler", "Latin hypercube", "goes on"):
+    for text in ("LOW:HIGH", "FIRST:LAST", "examples:", "--scheduler", "Latin hypercube", "resumes"):
         assert text in out
 
 
