@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.__main__ import FAST
+from tests.__main__ import fast
 from tests.support import CHECKOUT
 from tests.support.sources import PACKAGES
 
@@ -84,7 +84,7 @@ def test_the_fast_tests_pass_with_other_versions(tmp_path: Path, versions: str) 
     for command in (["-m", "pip", "install", "--quiet", "--no-deps", "."], ["hatch_build.py"]):
         done = run(python, *command)
         assert done.returncode == 0, done.stderr
-    done = run(python, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-n", "2", "--dist", "loadfile", *FAST)
+    done = run(python, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-n", "2", "--dist", "loadfile", *fast())
     print(done.stdout)
     assert done.returncode == 0, done.stdout[-6000:] + done.stderr[-2000:]
     assert re.search(r"\d{3,} passed", done.stdout)
