@@ -408,6 +408,7 @@ class Run:
         while True:
             row, operation = table.rows[k], table.operations[k]
             if operation.kind != OperationKind.STEP:
+                loop.failed = k  # the loop counts from where it went on
                 raise self._failure(table)
             time, step = self._grid.time(point), operation.every * self._grid.step_size
             inputs = [

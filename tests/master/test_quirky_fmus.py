@@ -198,6 +198,17 @@ def test_others_go_on_after_a_repeated_step(folder: Path) -> None:
     assert results["second.y"].tolist() == np.cumsum([0.0, 0.0, 0.25, 0.5, 0.75]).tolist()
 
 
+def test_a_failure_after_a_repeated_step_is_that_of_its_own_component(folder: Path) -> None:
+    system = System()
+    system.add("first", quirky(folder), start={"u": 1.0, "longest": 0.25})
+    system.add("between", quirky(folder), start={"u": 1.0})
+    system.add("last", quirky(folder, Quirk.REFUSES_DERIVATIVES))
+    system.drive("last.u", lambda t: t)
+    with pytest.raises(SimulationError, match="last failed at t = 0 s: fmi2SetRealInputDerivatives") as failed:
+        simulate(system, 2.0, 0.5)
+    assert failed.value.component == "last"
+
+
 def test_a_step_that_can_not_be_made_shorter_ends_the_run_with_its_results(folder: Path) -> None:
     for fmu, start, message in (
         (
