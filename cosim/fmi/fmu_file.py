@@ -22,8 +22,8 @@ from cosim.fmi import fmi1_description
 from cosim.fmi.compilation import compile_library, has_sources
 from cosim.fmi.fmi3_description import expand_clock_types, read_further_attributes
 from cosim.fmi.further_libraries import keep_apart
-from cosim.fmi.library import Library, LibraryError, library_names, library_path
 from cosim.fmi.python_fmus import prepare
+from cosim.fmi.shared_library import Library, LibraryError, library_names, library_path
 
 #: An archive that unpacks to more than this is refused: no co-simulation FMU is so large, but zip bombs are.
 MOST_UNPACKED_BYTES = 4 * 1024**3

@@ -21,9 +21,9 @@ import fmpy.fmi3 as fmi3
 from fmpy.model_description import ModelDescription
 
 from cosim.errors import CosimError
-from cosim.fmi.library import Library, LibraryError, library_path
 from cosim.fmi.messages import STATUSES, Messages, keep_callbacks
 from cosim.fmi.python_fmus import resources_uri
+from cosim.fmi.shared_library import Library, LibraryError, library_path
 from cosim.fmi.types import Texts
 from cosim.loop.binding import Operation, loop_library
 

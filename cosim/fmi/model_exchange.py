@@ -11,8 +11,8 @@ from fmpy import fmi2, fmi3
 from fmpy.fmi1 import FMICallException
 from fmpy.model_description import ModelDescription
 
-from cosim.fmi.library import Library, library_path
 from cosim.fmi.messages import Messages, keep_callbacks
+from cosim.fmi.shared_library import Library, library_path
 
 
 class _Loaded:

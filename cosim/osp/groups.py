@@ -9,7 +9,8 @@ from xml.etree import ElementTree
 
 from cosim.errors import nearest
 from cosim.osp.errors import OSPError
-from cosim.osp.parsing import attribute, children, local_name, parse
+from cosim.osp.parsing import attribute, parse
+from cosim.xml_elements import children, local_name
 
 
 @dataclass(frozen=True)

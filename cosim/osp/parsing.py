@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import NoReturn
 from xml.etree import ElementTree
 from xml.parsers import expat
 
 from cosim.osp.errors import OSPError
+from cosim.xml_elements import local_name
 
 #: XML files that are larger are refused: they would not fit into memory once decoded.
 MOST_XML_BYTES = 64 * 1024**2
@@ -52,21 +52,6 @@ def _refuse_entities(data: bytes, path: Path) -> None:
     parser = expat.ParserCreate()
     parser.StartDoctypeDeclHandler = refuse
     parser.Parse(data, True)
-
-
-def local_name(element: ElementTree.Element) -> str:
-    """Name of an element without its namespace."""
-    return str(element.tag).rpartition("}")[2]
-
-
-def children(element: ElementTree.Element | None, *steps: str) -> Iterator[ElementTree.Element]:
-    """Elements below one, by the local names on the way."""
-    for child in element if element is not None else ():
-        if local_name(child) == steps[0]:
-            if len(steps) == 1:
-                yield child
-            else:
-                yield from children(child, *steps[1:])
 
 
 def attribute(element: ElementTree.Element, name: str, here: str) -> str:

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 from fmpy.model_description import BaseUnit, Unit
 
 from cosim.ssp.package import Package
-from cosim.ssp.schema import child, children, parse
+from cosim.ssp.schema import parse
 from cosim.system.read import Findings
+from cosim.xml_elements import child, children
 
 if TYPE_CHECKING:
     from xmlschema import DataElement

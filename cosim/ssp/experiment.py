@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 from cosim.ssp.document import Document
 from cosim.ssp.errors import SSPError
-from cosim.ssp.schema import child, children
 from cosim.ssp.structure import Part
 from cosim.system.read import multiple_of_step
+from cosim.xml_elements import child, children
 
 if TYPE_CHECKING:
     from xmlschema import DataElement

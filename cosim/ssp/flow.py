@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 from fmpy.model_description import Unit
 
 from cosim.ssp.errors import SSPError
-from cosim.ssp.schema import children, local_name
 from cosim.ssp.structure import GIVING, TAKING, Connector, Part, find_connector
 from cosim.ssp.values import Value, table_of, transformation_of
 from cosim.system.units import UnitsDiffer, conversion
+from cosim.xml_elements import children, local_name
 
 if TYPE_CHECKING:
     from xmlschema import DataElement

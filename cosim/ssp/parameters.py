@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 from cosim.errors import nearest
 from cosim.ssp.document import Document
 from cosim.ssp.errors import SSPError
-from cosim.ssp.schema import child, children, local_name, parse
+from cosim.ssp.schema import parse
 from cosim.ssp.values import Value, set_values
+from cosim.xml_elements import child, children, local_name
 
 if TYPE_CHECKING:
     from xmlschema import DataElement

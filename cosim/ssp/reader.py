@@ -15,12 +15,12 @@ from cosim.ssp.flow import Feed, Flow, Node
 from cosim.ssp.mappings import add_mapping
 from cosim.ssp.package import DESCRIPTION, Package, open_package
 from cosim.ssp.parameters import ParameterFiles
-from cosim.ssp.schema import child, children
 from cosim.ssp.structure import SEPARATOR, Part, read_structure, variable_nodes
 from cosim.ssp.values import Value, values_of
 from cosim.system.read import Findings, ReadSystem
 from cosim.system.system import System
 from cosim.system.variables import Element
+from cosim.xml_elements import child, children
 
 __all__ = ["DESCRIPTION", "ReadSystem", "read_ssp"]
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 import importlib.util
 import io
 import re
-from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any, Literal
@@ -17,6 +16,7 @@ from typing import Any, Literal
 from cosim.errors import MissingExtra, needs
 from cosim.ssp.errors import SSPError
 from cosim.system.read import Findings
+from cosim.xml_elements import local_name
 
 with needs("ssp"):
     import xmlschema
@@ -196,26 +196,6 @@ def _forgiven(error: Any, where: str) -> tuple[str, str] | None:
         return None
     text = f"{where}: at {path}: attribute '{unknown[1]}' is not of the standard and ignored"
     return text, f"{where}: attribute"
-
-
-def children(element: DataElement | None, *steps: str) -> Iterator[DataElement]:
-    """Elements below one, by the local names on the way: `children(system, "Elements", "Component")`."""
-    for child in element if element is not None else ():
-        if local_name(child) == steps[0]:
-            if len(steps) == 1:
-                yield child
-            else:
-                yield from children(child, *steps[1:])
-
-
-def child(element: DataElement | None, *steps: str) -> DataElement | None:
-    """The first of `children`, if there is any."""
-    return next(children(element, *steps), None)
-
-
-def local_name(element: DataElement) -> str:
-    """Name of an element without its namespace."""
-    return str(element.tag).rpartition("}")[2]
 
 
 @cache

@@ -19,10 +19,11 @@ from cosim.fmi.fmu_file import load
 from cosim.ssp.document import Definitions, Document, open_document, read_definitions
 from cosim.ssp.errors import SSPError
 from cosim.ssp.package import DESCRIPTION, Archive
-from cosim.ssp.schema import child, children, local_name, parse
+from cosim.ssp.schema import parse
 from cosim.system.read import Findings
 from cosim.system.units import UnitsDiffer, conversion
 from cosim.system.variables import Element, Ports
+from cosim.xml_elements import child, children, local_name
 
 if TYPE_CHECKING:
     from xmlschema import DataElement

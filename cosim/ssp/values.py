@@ -12,9 +12,10 @@ from fmpy.model_description import Unit
 from cosim.errors import nearest
 from cosim.ssp.document import Definitions, Document, read_definitions
 from cosim.ssp.errors import SSPError
-from cosim.ssp.schema import child, children, local_name, parse
+from cosim.ssp.schema import parse
 from cosim.system.read import Findings
 from cosim.system.units import UnitsDiffer, conversion
+from cosim.xml_elements import child, children, local_name
 
 if TYPE_CHECKING:
     from xmlschema import DataElement

@@ -174,7 +174,7 @@ def rebuilt(tmp_path: Path, library: bytes) -> Path:
 @linux
 @pytest.mark.parametrize(("machine", "name"), [(3, "32-bit x86"), (40, "32-bit ARM"), (243, "RISC-V")])
 def test_a_library_for_another_processor_says_so(tmp_path: Path, machine: int, name: str) -> None:
-    data = bytearray(tank(tmp_path / "tank.fmu").with_suffix(".library").read_bytes())
+    data = bytearray(tank(tmp_path / "tank.fmu").with_suffix(".so").read_bytes())
     data[18] = machine
     assert f"its library tank.so is for {name} Linux, and this process is" in refusal(rebuilt(tmp_path, bytes(data)))
 
@@ -187,7 +187,7 @@ def test_a_library_for_another_system_says_so(tmp_path: Path, data: bytes, name:
 
 @linux
 def test_a_damaged_library_says_so(tmp_path: Path) -> None:
-    whole = tank(tmp_path / "tank.fmu").with_suffix(".library").read_bytes()
+    whole = tank(tmp_path / "tank.fmu").with_suffix(".so").read_bytes()
     assert "its library tank.so is damaged" in refusal(rebuilt(tmp_path, whole[:60]))
 
 

@@ -10,7 +10,7 @@ from typing import Any, get_args
 import pytest
 from fmpy import fmi1, fmi2, fmi3
 
-from cosim.fmi.library import PROTOTYPES
+from cosim.fmi.shared_library import PROTOTYPES
 
 #: FMPy's classes of the interfaces that are called.
 _CLASSES = (fmi1.FMU1Slave, fmi2.FMU2Slave, fmi2.FMU2Model, fmi3.FMU3Slave, fmi3.FMU3Model)

@@ -14,7 +14,7 @@ TOOLS = ("controller_fmu.membership", "controller_fmu.optimal_gains", "controlle
 
 #: The rooms of `cosim` and what they stand on, from the lowest to the highest: each may import those before it.
 ROOMS = (
-    ("cosim.errors", "cosim.versions", "cosim.file_kinds"),
+    ("cosim.errors", "cosim.versions", "cosim.file_kinds", "cosim.xml_elements"),
     ("cosim.loop",),
     ("cosim.fmi",),
     ("cosim.system",),

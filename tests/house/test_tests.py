@@ -34,7 +34,7 @@ def test_helpers_are_in_support_and_support_has_no_tests():
     support = sorted(SUPPORT.rglob("*.py"))
     assert support
     assert [p.name for p in support if re.search(r"^\s*def test_", text(p), re.MULTILINE)] == []
-    assert {p.suffix for p in SUPPORT.rglob("*") if p.is_file() and "__pycache__" not in p.parts} == {".py", ".c"}
+    assert {p.suffix for p in SUPPORT.rglob("*") if p.is_file() and "__pycache__" not in p.parts} == {".py", ".c", ".h"}
 
 
 def test_every_folder_of_tests_is_a_room():

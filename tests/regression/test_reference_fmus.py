@@ -63,7 +63,7 @@ _STAIR = """<fmiModelDescription fmiVersion="2.0" modelName="Stair" guid="{stair
 @pytest.mark.parametrize("interface", ["co_simulation", "model_exchange"])
 def test_stair(tmp_path, interface):
     """A counter by time events, which ends the simulation at 9 s with the last row in place."""
-    library = compile_c(SUPPORT / "fmi2_stair.c", tmp_path / "Stair.library")
+    library = compile_c(SUPPORT / "fmi2_stair.c", tmp_path / "Stair.so")
     fmu = packed(tmp_path / "Stair.fmu", _STAIR, {binary("Stair"): library})
     times = [n / 5 for n in range(46)]
     (case,) = with_result(fmu, "time,counter", [f"{t!r},{1 + n // 5}" for n, t in enumerate(times)]).cases

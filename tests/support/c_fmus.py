@@ -65,7 +65,7 @@ def tank(
     members: Mapping[str, Path | bytes | str] | None = None,
 ) -> Path:
     """The FMU of fmi2_tank.c, compiled with the flags as definitions and with further options."""
-    library = path.with_suffix(".library")
+    library = path.with_suffix(".so")
     compile_c(Path(__file__).with_name("fmi2_tank.c"), library, *(f"-D{flag}" for flag in flags), *options)
     description = description_of_tank(attributes)
     return packed(path, description, {binary("tank"): library, **(members or {})})
@@ -111,7 +111,7 @@ _TALKERS = {
 
 def talker(path: Path, *flags: str, version: int = 2, categories: Sequence[str] = ("logEvents", "logTable")) -> Path:
     """The FMU of talker.c, of a version of FMI, compiled with the flags as definitions; it lists log categories."""
-    library = path.with_suffix(".library")
+    library = path.with_suffix(".so")
     definitions = [f"-D{flag}" for flag in (f"FMI={version}", *flags)]
     compile_c(Path(__file__).with_name("talker.c"), library, *definitions, "-pthread")
     listed = "".join(f'<Category name="{name}"/>' for name in categories)

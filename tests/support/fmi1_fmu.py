@@ -50,5 +50,5 @@ DESCRIPTION = f"""<?xml version="1.0" encoding="UTF-8"?>
 def build_fmi1_tank(path: Path, description: str = DESCRIPTION, *flags: str) -> Path:
     """Compile it, with flags as definitions, and pack it."""
     definitions = [f"-D{flag}" for flag in flags]
-    library = compile_c(Path(__file__).with_name("fmi1_tank.c"), path.with_suffix(".library"), *definitions)
+    library = compile_c(Path(__file__).with_name("fmi1_tank.c"), path.with_suffix(".so"), *definitions)
     return packed(path, description, {binary("tank"): library})

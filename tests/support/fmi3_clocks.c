@@ -87,7 +87,8 @@ fmi3Status fmi3GetInt32(fmi3Instance instance, const fmi3ValueReference r[], siz
     return fmi3OK;
 }
 
-fmi3Status fmi3GetFloat64(fmi3Instance instance, const fmi3ValueReference r[], size_t n, fmi3Float64 v[], size_t count) {
+fmi3Status fmi3GetFloat64(fmi3Instance instance, const fmi3ValueReference r[], size_t n, fmi3Float64 v[],
+                          size_t count) {
     Model *m = instance;
     if (n != count) return fmi3Error;
     for (size_t i = 0; i < n; i++) {
@@ -120,7 +121,9 @@ fmi3Status fmi3GetIntervalDecimal(fmi3Instance instance, const fmi3ValueReferenc
     if (n != 1 || m->mode < INITIALIZATION || m->mode == STEP) return fmi3Error;
     *q = fmi3IntervalUnchanged;
     switch (*r - CLOCKS) {
-        case FIXED: *v = *real(m, PERIOD); return fmi3OK;
+        case FIXED:
+            *v = *real(m, PERIOD);
+            return fmi3OK;
         case TUNABLE: /* where its description gives no interval */
             *v = 0.25 * *real(m, GAIN);
             if (*real(m, GAIN) != m->asked_gain) *q = fmi3IntervalChanged;
@@ -135,7 +138,8 @@ fmi3Status fmi3GetIntervalDecimal(fmi3Instance instance, const fmi3ValueReferenc
             *v = *real(m, DELAY);
             m->counting = false;
             return fmi3OK;
-        default: return fmi3Error;
+        default:
+            return fmi3Error;
     }
 }
 
@@ -265,42 +269,4 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3
 
 void fmi3FreeInstance(fmi3Instance instance) { free(instance); }
 
-/* The state is a copy of the model. */
-fmi3Status fmi3GetFMUState(fmi3Instance instance, fmi3FMUState *state) {
-    if (*state == NULL) *state = malloc(sizeof(Model));
-    if (*state == NULL) return fmi3Error;
-    memcpy(*state, instance, sizeof(Model));
-    return fmi3OK;
-}
-
-fmi3Status fmi3SetFMUState(fmi3Instance instance, fmi3FMUState state) {
-    memcpy(instance, state, sizeof(Model));
-    return fmi3OK;
-}
-
-fmi3Status fmi3FreeFMUState(fmi3Instance instance, fmi3FMUState *state) {
-    (void)instance;
-    free(*state);
-    *state = NULL;
-    return fmi3OK;
-}
-
-fmi3Status fmi3SerializedFMUStateSize(fmi3Instance instance, fmi3FMUState state, size_t *size) {
-    (void)instance, (void)state;
-    *size = sizeof(Model);
-    return fmi3OK;
-}
-
-fmi3Status fmi3SerializeFMUState(fmi3Instance instance, fmi3FMUState state, fmi3Byte bytes[], size_t size) {
-    (void)instance;
-    memcpy(bytes, state, size);
-    return fmi3OK;
-}
-
-fmi3Status fmi3DeserializeFMUState(fmi3Instance instance, const fmi3Byte bytes[], size_t size, fmi3FMUState *state) {
-    (void)instance;
-    *state = malloc(sizeof(Model));
-    if (*state == NULL || size != sizeof(Model)) return fmi3Error;
-    memcpy(*state, bytes, size);
-    return fmi3OK;
-}
+#include "fmi3_copied_state.h"
