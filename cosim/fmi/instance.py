@@ -50,6 +50,12 @@ _NAMES_1 = {
 #: Statuses of all versions.
 _WARNING, _DISCARD, _PENDING = 1, 2, 5
 
+#: Functions that an FMU may fail in for want of a tolerance.
+INITIALIZING = (
+    *("fmiInitializeSlave", "fmi2SetupExperiment", "fmi2EnterInitializationMode", "fmi2ExitInitializationMode"),
+    *("fmi3EnterInitializationMode", "fmi3ExitInitializationMode"),
+)
+
 #: fmi2StatusKind
 _STEP_STATUS, _LAST_SUCCESSFUL_TIME, _TERMINATED = 0, 2, 3
 
@@ -61,11 +67,13 @@ class CallFailed(CosimError):
     ----------
     status : int
         What it returned, as FMI numbers it; error where it returned none.
+    function : str
+        Its name, empty where it was not called.
     """
 
-    def __init__(self, message: str, status: int = fmi2.fmi2Error) -> None:
+    def __init__(self, message: str, status: int = fmi2.fmi2Error, function: str = "") -> None:
         super().__init__(message)
-        self.status = status
+        self.status, self.function = status, function
 
 
 @dataclass(frozen=True)
@@ -296,7 +304,8 @@ class Instance:
         """The error for a status that a function has returned; after a fatal one the instance is left alone."""
         self._corrupted = self._corrupted or status == fmi2.fmi2Fatal
         function = function.replace("fmi1", "fmi")
-        return CallFailed(f"{function} returned {STATUSES[status] if 0 <= status < len(STATUSES) else status}", status)
+        said = STATUSES[status] if 0 <= status < len(STATUSES) else status
+        return CallFailed(f"{function} returned {said}", status, function)
 
     def configure(self, set_values: Callable[[], None]) -> None:
         """FMI 3.0: let structural parameters be set, right after the instantiation or a reset.

@@ -44,7 +44,7 @@ class SimulationInterrupted(KeyboardInterrupt):
 
 
 class InterruptedInCall(KeyboardInterrupt):
-    """Ctrl-C came while a function in Python was called; the run makes a `SimulationInterrupted` of it."""
+    """Ctrl-C came while a component computed by way of Python; the run makes a `SimulationInterrupted` of it."""
 
     def __init__(self, time: float) -> None:
         super().__init__(f"interrupted at t = {time:.9g} s")

@@ -18,7 +18,7 @@ import numpy as np
 from cosim.errors import SetupError, nearest
 from cosim.fmi.event_mode import EventInstance
 from cosim.fmi.fmu_file import load
-from cosim.fmi.instance import CallFailed, ExperimentSetup, Instance
+from cosim.fmi.instance import INITIALIZING, CallFailed, ExperimentSetup, Instance
 from cosim.fmi.message_log import Log, LogWriter
 from cosim.fmi.messages import Messages, summary
 from cosim.fmi.structure import is_size
@@ -559,9 +559,10 @@ class Simulation:
             except SimulationError as error:
                 first = first or error
                 setup = experiments.get(error.component)
-                by_fmu = isinstance(error.__cause__, CallFailed) and error.component in self._fmus
-                if setup is None or setup.tolerance is not None or not by_fmu:
-                    raise first from None
+                failed = error.__cause__
+                may_lack_it = isinstance(failed, CallFailed) and failed.function in INITIALIZING
+                if setup is None or setup.tolerance is not None or not may_lack_it:
+                    raise first from first.__cause__
                 experiments[error.component] = dataclasses.replace(setup, tolerance=_ASSUMED_TOLERANCE)
                 assumed.append(error.component)
             else:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 from cosim.fmi.instance import CallFailed, Instance, StepStatus
 from cosim.loop.binding import Extrapolated, Operation
+from cosim.master.failures import InterruptedInCall
 
 #: A discarded step is repeated in steps that are shorter by at most 2 to this power.
 _MOST_HALVINGS = 10
@@ -74,9 +75,11 @@ class UnfinishedSteps:
         ------
         CallFailed
             The step can't be finished.
+        InterruptedInCall
+            Ctrl-C came before it was.
         """
         instance = self._instances[component]
-        status = self._awaited(instance, status)
+        status = self._awaited(instance, status, time)
         if status.is_done:
             return None
         if status.has_ended:
@@ -96,7 +99,7 @@ class UnfinishedSteps:
             length = min(length, end - reached)
             for operation in inputs:
                 _move(instance, operation, reached - time)
-            status = self._awaited(instance, instance.do_step(reached, length))
+            status = self._awaited(instance, instance.do_step(reached, length), time)
             if status.is_done:
                 reached += length
             elif status.has_ended:
@@ -113,16 +116,16 @@ class UnfinishedSteps:
                         f"nor steps of {2.0 * length:.3g} s; try another communication step"
                     )
             if self._stop():
-                raise CallFailed(f"interrupted while the discarded step from t = {time:.9g} s on was repeated")
+                raise InterruptedInCall(time)
         return None
 
-    def _awaited(self, instance: Instance, status: StepStatus) -> StepStatus:
-        """The status of a step once the FMU has computed it."""
+    def _awaited(self, instance: Instance, status: StepStatus, time: float) -> StepStatus:
+        """The status of a step from a time (s) on, once the FMU has computed it."""
         wait = 0.0
         while status.is_pending:
             if self._stop():
                 instance.cancel_step()
-                raise CallFailed(f"{instance.step_function} was still pending when the run was interrupted")
+                raise InterruptedInCall(time)
             clock.sleep(wait)
             wait = min(2.0 * wait + 1e-6, _LONGEST_WAIT)
             status = instance.step_status()

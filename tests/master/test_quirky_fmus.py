@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import json
+import signal
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from cosim import Results, SetupError, Simulation, SimulationError, System, simulate
+from cosim import Results, SetupError, Simulation, SimulationError, SimulationInterrupted, System, simulate
 from cosim.__main__ import main
+from cosim.master.unfinished_steps import UnfinishedSteps
 from tests.support.native_fmus import FLAVOURS
 from tests.support.quirks import Quirk, quirky
 from tests.support.small_fmus import build
@@ -246,3 +248,43 @@ def test_the_command_line_says_what_was_out_of_the_ordinary(
     summary = json.loads(Path("r/summary.json").read_text(encoding="utf-8"))
     assert summary["ended_by"] == {"component": name, "time": 1.5}
     assert Results.from_csv("r/results.csv").time.tolist() == [0.0, 0.5, 1.0, 1.5]
+
+
+@pytest.mark.parametrize("longest", [1e9, 0.25])
+def test_ctrl_c_while_a_step_is_pending_or_repeated_interrupts_the_run_with_its_results(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, longest: float
+) -> None:
+    fmu = quirky(folder, Quirk.IS_ASYNCHRONOUS if longest > 1.0 else Quirk.NONE)
+    finish = UnfinishedSteps.finish
+
+    def interrupted(self: UnfinishedSteps, *arguments: Any) -> Any:
+        if arguments[2] >= 1.0:
+            signal.raise_signal(signal.SIGINT)
+        return finish(self, *arguments)
+
+    monkeypatch.setattr(UnfinishedSteps, "finish", interrupted)
+    with pytest.raises(SimulationInterrupted, match="interrupted at t = 1 s") as stopped:
+        simulate(one(fmu, longest=longest), 2.0, 0.5)
+    assert y(stopped.value.results) == PARABOLA[:3]
+
+
+def test_a_failure_that_no_tolerance_explains_is_not_tried_again_and_keeps_its_cause(folder: Path) -> None:
+    system = one(quirky(folder))
+    asked: list[float] = []
+
+    def broken(t: float) -> float:
+        asked.append(t)
+        raise ZeroDivisionError("by mistake")
+
+    system.add_function("f", broken, outputs=["y"])
+    with pytest.raises(SimulationError, match="by mistake") as failed:
+        simulate(system, 1.0, 0.5)
+    assert isinstance(failed.value.__cause__, ZeroDivisionError)
+    assert asked == [0.0]
+    with (
+        Simulation(one(quirky(folder, Quirk.NEEDS_STOP_TIME))) as simulation,
+        pytest.raises(SimulationError) as failed,
+        simulation.start(step_size=0.5),
+    ):
+        pass
+    assert getattr(failed.value.__cause__, "function", "") == "fmi2EnterInitializationMode"
