@@ -55,7 +55,7 @@ _INTERFACES = {
 }
 
 #: The model-independent adapter, its face for each version, and the headers of the standard that it needs.
-_ADAPTER = ("core.h", "core.c", "uri.h", "uri.c")
+_ADAPTER = ("core.h", "core.c", "co_simulation.c", "rk4.c", "uri.h", "uri.c")
 _FACES = {"fmi2": "fmi2.c", "fmi3": "fmi3.c"}
 _HEADERS = {
     "fmi2": ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h"),

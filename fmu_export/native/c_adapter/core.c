@@ -4,19 +4,9 @@
 #include <locale.h>
 #include <math.h>
 #include <stdarg.h>
-#include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-
-/* More internal steps than this in one communication step is taken for a mistake, not for work to do. */
-#define MOST_INTERNAL_STEPS 1000000.0
-
-#define PARAMETERS(core) ((core)->state.values)
-#define INPUTS(core) ((core)->state.values + N_P)
-#define STATES(core) ((core)->state.x[(core)->state.which])
-#define OUTPUTS(core) ((core)->state.values + N_PU)
-#define RATES(core) ((core)->state.values + N_VARIABLES) /* state derivatives, then margins */
 
 CoreStatus core_init(Core *core, const char *resources, int model_exchange, CoreLogger *logger, void *environment) {
     core->model_exchange = model_exchange;
@@ -123,35 +113,21 @@ static CoreStatus check_parameters(Core *core) {
     return CORE_OK;
 }
 
-static CoreStatus check_margins(Core *core, double time, const double margins[], CoreStatus status) {
+CoreStatus core_check_margins(Core *core, double time, const double margins[], CoreStatus status) {
     for (int i = 0; i < N_STEP_REQUIREMENTS; i++)
         if (!(margins[i] > 0.0)) return core_fail(core, status, "t = %.9g s: %s", time, model_step_requirements[i]);
     return CORE_OK;
 }
 
-/* Have the rates of the present state and inputs. */
-static void have_rates(Core *core) {
+void core_have_rates(Core *core) {
     CoreState *s = &core->state;
     if (!(s->valid & RATES_VALID)) model_rates(s->time, STATES(core), INPUTS(core), PARAMETERS(core), RATES(core));
     s->valid |= RATES_VALID;
 }
 
 static CoreStatus check_now(Core *core, CoreStatus status) {
-    have_rates(core);
-    return check_margins(core, core->state.time, RATES(core) + N_X, status);
-}
-
-/* Whether all values are finite: v - v is 0 for a finite v, of whichever sign, and else NaN, which has more bits set. */
-static int all_finite(const double v[], size_t n) {
-    uint64_t bits = 0;
-    for (size_t i = 0; i < n; i++) {
-        union {
-            double value;
-            uint64_t bits;
-        } difference = {v[i] - v[i]};
-        bits |= difference.bits;
-    }
-    return bits << 1 == 0;
+    core_have_rates(core);
+    return core_check_margins(core, core->state.time, RATES(core) + N_X, status);
 }
 
 /* Whether references are those of all inputs or of all outputs in their order, as most importers have them: what is
@@ -226,7 +202,7 @@ static CoreStatus refuse_set(Core *core, size_t reference, double value) {
 CoreStatus core_set(Core *core, const unsigned references[], size_t n, const double values[]) {
     CoreState *s = &core->state;
     s->valid = 0;
-    if (are_all(N_P, N_U, references, n) && all_finite(values, N_U)) {
+    if (are_all(N_P, N_U, references, n) && core_all_finite(values, N_U)) {
         memcpy(INPUTS(core), values, N_U * sizeof *values);
         for (int i = 0; i < N_U; i++) s->u_rate[i] = 0.0;
         return CORE_OK;
@@ -257,7 +233,7 @@ CoreStatus core_set(Core *core, const unsigned references[], size_t n, const dou
 }
 
 CoreStatus core_set_input_rates(Core *core, const unsigned references[], size_t n, const double rates[]) {
-    if (are_all(N_P, N_U, references, n) && all_finite(rates, N_U)) {
+    if (are_all(N_P, N_U, references, n) && core_all_finite(rates, N_U)) {
         memcpy(core->state.u_rate, rates, N_U * sizeof *rates);
         return CORE_OK;
     }
@@ -281,9 +257,9 @@ static CoreStatus compute(Core *core, int which) {
         if (status != CORE_OK) return status;
     }
     if (which == OUTPUTS_VALID) model_everything(s->time, STATES(core), INPUTS(core), PARAMETERS(core), OUTPUTS(core));
-    else have_rates(core);
+    else core_have_rates(core);
     s->valid |= RATES_VALID;
-    if (!all_finite(which == OUTPUTS_VALID ? OUTPUTS(core) : RATES(core), which == OUTPUTS_VALID ? N_Y : N_X)) {
+    if (!core_all_finite(which == OUTPUTS_VALID ? OUTPUTS(core) : RATES(core), which == OUTPUTS_VALID ? N_Y : N_X)) {
         CoreStatus status = check_now(core, CORE_ERROR); /* a requirement says more than "not finite" */
         if (status != CORE_OK) return status;
         return core_fail(core, CORE_ERROR, "outputs at t = %.9g s are not finite; check the inputs", s->time);
@@ -323,78 +299,6 @@ CoreStatus core_get(Core *core, const unsigned references[], size_t n, double va
     }
 }
 
-/* Co-simulation */
-
-#if N_X > 0
-/* One internal step from `x`, where the inputs are `u` and change at `u_rate`, to `next`. */
-static CoreStatus internal_step(Core *core, double time, double h, const double x[], const double u[],
-                                const double u_rate[], const double rates[], double next[]) {
-    CoreStatus status = check_margins(core, time, rates + N_X, CORE_DISCARD);
-    if (status == CORE_OK) model_linear_step(time, x, u, PARAMETERS(core), h, u_rate, rates, next);
-    return status;
-}
-
-/* From the states to `next`. */
-static CoreStatus integrate(Core *core, double time, double step, double next[]) {
-    CoreState *s = &core->state;
-    double max_step = PARAMETERS(core)[N_P - 1], exact = 1.0;
-    if (step > max_step * (1.0 + 1e-6)) exact = step / max_step; /* longer by rounding only: that stays one step */
-    if (exact > MOST_INTERNAL_STEPS)
-        return core_fail(
-            core, CORE_DISCARD,
-            "communication step %g s needs %.4g internal steps; make it shorter, or max_step (%g s) longer", step,
-            exact, max_step);
-    if (RATES_DEPEND_ON_TIME && time != s->time) s->valid = 0; /* by rounding: importers count time in their own way */
-    s->time = time;
-    have_rates(core);
-    if (exact == 1.0 && !core->request_inputs)
-        return internal_step(core, time, step, STATES(core), INPUTS(core), s->u_rate, RATES(core), next);
-    int n = (int)ceil(exact - 1e-6);
-    double h = step / n, x[N_X], u[N_U + 1], rate[N_U + 1], rates[N_X + N_STEP_REQUIREMENTS];
-    const double *from = STATES(core), *k1 = RATES(core);
-    for (int i = 0; i < n; i++) {
-        if (core->request_inputs) { /* linear between the inputs at both ends of the internal step */
-            memcpy(u, INPUTS(core), N_U * sizeof *u);
-            core->request_inputs(core->environment, time + (i + 1) * h);
-            for (int j = 0; j < N_U; j++) rate[j] = (INPUTS(core)[j] - u[j]) / h;
-        } else {
-            for (int j = 0; j < N_U; j++) u[j] = INPUTS(core)[j] + i * h * s->u_rate[j];
-            memcpy(rate, s->u_rate, N_U * sizeof *rate);
-        }
-        if (i > 0) {
-            memcpy(x, next, sizeof x);
-            model_rates(time + i * h, x, u, PARAMETERS(core), rates);
-            from = x, k1 = rates;
-        }
-        CoreStatus status = internal_step(core, time + i * h, h, from, u, rate, k1, next);
-        if (status != CORE_OK) return status;
-    }
-    return CORE_OK;
-}
-#endif
-
-CoreStatus core_do_step(Core *core, double time, double step) {
-    CoreState *s = &core->state;
-    if (!isfinite(time) || !(step > 0.0 && isfinite(time + step)))
-        return core_fail(core, CORE_ERROR, "communication step %g s at %g s is not positive and finite", step, time);
-#if N_X > 0
-    double *next = s->x[!s->which]; /* a copy of what has just been written would have to wait for it */
-    CoreStatus status = integrate(core, time, step, next);
-    if (status != CORE_OK) return status;
-    if (!all_finite(next, N_X))
-        return core_fail(core, CORE_DISCARD,
-                         "step from t = %.9g s: the state is no longer finite; reduce the step or the inputs", time);
-    s->which = !s->which;
-#endif
-    for (int j = 0; j < N_U; j++) { /* where linear inputs have arrived */
-        INPUTS(core)[j] += step * s->u_rate[j];
-        s->u_rate[j] = 0.0;
-    }
-    s->time = time + step;
-    s->valid = 0;
-    return CORE_OK;
-}
-
 /* Model exchange */
 
 CoreStatus core_set_time(Core *core, double time) {
@@ -405,7 +309,7 @@ CoreStatus core_set_time(Core *core, double time) {
 }
 
 CoreStatus core_set_states(Core *core, const double x[]) {
-    if (!all_finite(x, N_X))
+    if (!core_all_finite(x, N_X))
         return core_fail(core, CORE_ERROR, "continuous states at t = %.9g s are not finite", core->state.time);
     for (int i = 0; i < N_X; i++) STATES(core)[i] = x[i];
     core->state.valid = 0;
@@ -416,7 +320,7 @@ CoreStatus core_get_derivatives(Core *core, double derivatives[]) {
     int initialized = !(core->state.phase & INITIALIZATION);
     CoreStatus status = initialized ? check_now(core, CORE_DISCARD) : compute_initial_state(core);
     if (status != CORE_OK) return status;
-    if (!all_finite(RATES(core), N_X))
+    if (!core_all_finite(RATES(core), N_X))
         return core_fail(core, CORE_DISCARD, "derivatives at t = %.9g s are not finite", core->state.time);
     for (int i = 0; i < N_X; i++) derivatives[i] = RATES(core)[i];
     return CORE_OK;
@@ -436,7 +340,7 @@ CoreStatus core_get_states(Core *core, double x[]) {
 CoreStatus core_direction(Core *core, const unsigned unknowns[], size_t n, const double change[], double result[]) {
     CoreState *s = &core->state;
     double dx[N_X + 1] = {0}, changes[N_Y + N_X + 1];
-    if (!all_finite(change, N_VALUES))
+    if (!core_all_finite(change, N_VALUES))
         return core_fail(core, CORE_ERROR, "the direction has entries that are not finite");
     const double *dp = change, *du = change + N_P;
     if (s->phase & (INSTANTIATED | INITIALIZATION)) {
@@ -491,8 +395,8 @@ CoreStatus core_deserialize(Core *core, const char bytes[], size_t size, CoreSta
     if (!(phase & (INSTANTIATED | INITIALIZATION | running | TERMINATED)) || phase & (phase - 1))
         return core_fail(core, CORE_ERROR,
                          "the FMU state is damaged or belongs to the other interface (model exchange, co-simulation)");
-    if (!all_finite(state->values, N_PU) || state->which & ~1 || !all_finite(state->x[state->which], N_X) ||
-        !all_finite(state->u_rate, N_U) || !isfinite(state->time))
+    if (!core_all_finite(state->values, N_PU) || state->which & ~1 || !core_all_finite(state->x[state->which], N_X) ||
+        !core_all_finite(state->u_rate, N_U) || !isfinite(state->time))
         return core_fail(core, CORE_ERROR, "the FMU state is damaged: it has values that are not finite");
     state->valid = 0;
     return CORE_OK;

@@ -3,6 +3,7 @@
 #define CORE_H
 
 #include <stddef.h>
+#include <stdint.h>
 #include "model.h"
 
 #if defined(__GNUC__) && !defined(_WIN32)
@@ -54,6 +55,12 @@ typedef struct {
     char *resources; /* folder */
 } Core;
 
+#define PARAMETERS(core) ((core)->state.values)
+#define INPUTS(core) ((core)->state.values + N_P)
+#define STATES(core) ((core)->state.x[(core)->state.which])
+#define OUTPUTS(core) ((core)->state.values + N_PU)
+#define RATES(core) ((core)->state.values + N_VARIABLES) /* state derivatives, then margins */
+
 /* Initialise a core, which stands inside its instance, so that all of an instance that a step touches lies together. */
 CoreStatus core_init(Core *core, const char *resources, int model_exchange, CoreLogger *logger, void *environment);
 void core_close(Core *core);
@@ -69,6 +76,25 @@ static inline int core_allowed(Core *core, int phases, const char *function) {
     return 0;
 }
 
+/* Have the derivatives and margins of the present state and inputs. */
+void core_have_rates(Core *core);
+
+/* Whether the requirements of a step hold whose margins these are. */
+CoreStatus core_check_margins(Core *core, double time, const double margins[], CoreStatus status);
+
+/* Whether all values are finite: v - v is 0 for a finite v, of whichever sign, and else NaN, which has more bits set. */
+static inline int core_all_finite(const double v[], size_t n) {
+    uint64_t bits = 0;
+    for (size_t i = 0; i < n; i++) {
+        union {
+            double value;
+            uint64_t bits;
+        } difference = {v[i] - v[i]};
+        bits |= difference.bits;
+    }
+    return bits << 1 == 0;
+}
+
 CoreStatus core_reset(Core *core);
 CoreStatus core_start_at(Core *core, double time);
 CoreStatus core_exit_initialization(Core *core);
@@ -79,6 +105,12 @@ CoreStatus core_get(Core *core, const unsigned references[], size_t n, double va
 CoreStatus core_set_input_rates(Core *core, const unsigned references[], size_t n, const double rates[]);
 
 CoreStatus core_do_step(Core *core, double time, double step);
+
+/* One step of length h of the integration method, from `x` at `time`, where the inputs are `u` and change at `u_rate` and
+ * the state derivatives are `rates`, to `next`. `error` gets the estimated error, at most 1 for a step that may be
+ * accepted; 0 for a method without estimate. */
+CoreStatus method_step(Core *core, double time, double h, const double x[], const double u[], const double u_rate[],
+                       const double rates[], double next[], double *error);
 
 CoreStatus core_set_time(Core *core, double time);
 CoreStatus core_set_states(Core *core, const double x[]);

@@ -64,10 +64,10 @@ class Sources(NamedTuple):
     def build(self, compiler: str, program: str, options: list[str], model_options: list[str]) -> Path:
         """Compile the host; the model, which needs the most time, has options of its own."""
         common = [compiler, "-std=c99", *options, "-I."]
-        faces = [name for name in ("core.c", "uri.c", "fmi2.c", "fmi3.c") if (self.folder / name).exists()]
+        adapter = sorted(path.name for path in self.folder.glob("*.c") if path.name != "model.c")
         for command in (
             [*common, *model_options, "-c", "model.c", "-o", f"{program}.o"],
-            [*common, "-O0", *faces, str(self.host), f"{program}.o", "-o", program, "-lm"],
+            [*common, "-O0", *adapter, str(self.host), f"{program}.o", "-o", program, "-lm"],
         ):
             done = run(command, self.folder)
             assert done.returncode == 0, done.stderr

@@ -1,0 +1,78 @@
+/* The communication step of co-simulation, in internal steps of an integration method. */
+#include "core.h"
+
+#include <math.h>
+#include <string.h>
+
+/* More internal steps than this in one communication step is taken for a mistake, not for work to do. */
+#define MOST_INTERNAL_STEPS 1000000.0
+
+#if N_X > 0
+/* One internal step from `x`, where the inputs are `u` and change at `u_rate`, to `next`. */
+static CoreStatus internal_step(Core *core, double time, double h, const double x[], const double u[],
+                                const double u_rate[], const double rates[], double next[]) {
+    CoreStatus status = core_check_margins(core, time, rates + N_X, CORE_DISCARD);
+    double error;
+    return status == CORE_OK ? method_step(core, time, h, x, u, u_rate, rates, next, &error) : status;
+}
+
+/* From the states to `next`. */
+static CoreStatus integrate(Core *core, double time, double step, double next[]) {
+    CoreState *s = &core->state;
+    double max_step = PARAMETERS(core)[N_P - 1], exact = 1.0;
+    if (step > max_step * (1.0 + 1e-6)) exact = step / max_step; /* longer by rounding only: that stays one step */
+    if (exact > MOST_INTERNAL_STEPS)
+        return core_fail(
+            core, CORE_DISCARD,
+            "communication step %g s needs %.4g internal steps; make it shorter, or max_step (%g s) longer", step,
+            exact, max_step);
+    if (RATES_DEPEND_ON_TIME && time != s->time) s->valid = 0; /* by rounding: importers count time in their own way */
+    s->time = time;
+    core_have_rates(core);
+    if (exact == 1.0 && !core->request_inputs)
+        return internal_step(core, time, step, STATES(core), INPUTS(core), s->u_rate, RATES(core), next);
+    int n = (int)ceil(exact - 1e-6);
+    double h = step / n, x[N_X], u[N_U + 1], rate[N_U + 1], rates[N_X + N_STEP_REQUIREMENTS];
+    const double *from = STATES(core), *k1 = RATES(core);
+    for (int i = 0; i < n; i++) {
+        if (core->request_inputs) { /* linear between the inputs at both ends of the internal step */
+            memcpy(u, INPUTS(core), N_U * sizeof *u);
+            core->request_inputs(core->environment, time + (i + 1) * h);
+            for (int j = 0; j < N_U; j++) rate[j] = (INPUTS(core)[j] - u[j]) / h;
+        } else {
+            for (int j = 0; j < N_U; j++) u[j] = INPUTS(core)[j] + i * h * s->u_rate[j];
+            memcpy(rate, s->u_rate, N_U * sizeof *rate);
+        }
+        if (i > 0) {
+            memcpy(x, next, sizeof x);
+            model_rates(time + i * h, x, u, PARAMETERS(core), rates);
+            from = x, k1 = rates;
+        }
+        CoreStatus status = internal_step(core, time + i * h, h, from, u, rate, k1, next);
+        if (status != CORE_OK) return status;
+    }
+    return CORE_OK;
+}
+#endif
+
+CoreStatus core_do_step(Core *core, double time, double step) {
+    CoreState *s = &core->state;
+    if (!isfinite(time) || !(step > 0.0 && isfinite(time + step)))
+        return core_fail(core, CORE_ERROR, "communication step %g s at %g s is not positive and finite", step, time);
+#if N_X > 0
+    double *next = s->x[!s->which]; /* a copy of what has just been written would have to wait for it */
+    CoreStatus status = integrate(core, time, step, next);
+    if (status != CORE_OK) return status;
+    if (!core_all_finite(next, N_X))
+        return core_fail(core, CORE_DISCARD,
+                         "step from t = %.9g s: the state is no longer finite; reduce the step or the inputs", time);
+    s->which = !s->which;
+#endif
+    for (int j = 0; j < N_U; j++) { /* where linear inputs have arrived */
+        INPUTS(core)[j] += step * s->u_rate[j];
+        s->u_rate[j] = 0.0;
+    }
+    s->time = time + step;
+    s->valid = 0;
+    return CORE_OK;
+}
