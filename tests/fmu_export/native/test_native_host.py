@@ -60,14 +60,14 @@ class Sources(NamedTuple):
     folder: Path
     host: Path
     resources: Path
+    adapter: tuple[str, ...]
 
     def build(self, compiler: str, program: str, options: list[str], model_options: list[str]) -> Path:
         """Compile the host; the model, which needs the most time, has options of its own."""
         common = [compiler, "-std=c99", *options, "-I."]
-        adapter = sorted(path.name for path in self.folder.glob("*.c") if path.name != "model.c")
         for command in (
             [*common, *model_options, "-c", "model.c", "-o", f"{program}.o"],
-            [*common, "-O0", *adapter, str(self.host), f"{program}.o", "-o", program, "-lm"],
+            [*common, "-O0", *self.adapter, str(self.host), f"{program}.o", "-o", program, "-lm"],
         ):
             done = run(command, self.folder)
             assert done.returncode == 0, done.stderr
@@ -93,13 +93,15 @@ def compiler() -> str:
 def write_sources(folder: Path, model: Model, flavour: str) -> Sources:
     traced = trace(model)
     interface = interface_of(traced)
-    for name, content in (_adapter_sources(flavour) | model_sources(traced, interface, "{the guid}")).items():
+    adapter = _adapter_sources(flavour)
+    for name, content in (adapter | model_sources(traced, interface, "{the guid}")).items():
         (folder / name).write_bytes(content)
     resources = folder / "resources"
     for name in FOLDERS:
         (resources / name).mkdir(parents=True)
         (resources / name / "start_values.txt").write_bytes(start_values_text(interface))
-    return Sources(folder, SUPPORT / f"native_host_{flavour}.c", resources)
+    host = SUPPORT / f"native_host_{flavour}.c"
+    return Sources(folder, host, resources, tuple(name for name in adapter if name.endswith(".c")))
 
 
 @pytest.fixture
