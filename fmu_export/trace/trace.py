@@ -17,8 +17,9 @@ import numpy as np
 from fmu_export.errors import TraceError, needs
 from fmu_export.modelling.functions import rk4_step
 from fmu_export.modelling.model import Model, Requirement
+from fmu_export.trace.arrays import Scalar
 from fmu_export.trace.check import Checked, check_against_numpy
-from fmu_export.trace.symbols import Scalar, argument, column, tracing
+from fmu_export.trace.symbols import argument, column, tracing
 
 with needs("export"):
     import casadi as ca

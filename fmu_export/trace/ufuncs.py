@@ -1,0 +1,335 @@
+"""numpy's functions of single elements, and Python's operators, on arrays of symbols.
+
+Types (float, int, bool) are those that numpy gives, asked of numpy itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from fmu_export.errors import needs
+from fmu_export.trace.arrays import (
+    BOOL,
+    FLOAT,
+    INT,
+    NEUTRAL,
+    Array,
+    Scalar,
+    Selection,
+    cast_elements,
+    elements_of,
+    elementwise,
+    is_nan,
+    truncated,
+    unwrapped,
+)
+from fmu_export.trace.refusal import STORED, refuse
+
+with needs("export"):
+    import casadi as ca
+
+
+def _rint(a: Any) -> Any:
+    below = ca.floor(a)
+    rest = a - below
+    half = below * 0.5
+    odd = half != ca.floor(half)
+    up = ca.logic_or(rest > 0.5, ca.logic_and(rest == 0.5, odd))
+    return ca.copysign(below + up, a)
+
+
+def _mod(a: Any, b: Any) -> Any:
+    rest = ca.fmod(a, b)
+    other_side = ca.if_else(b < 0.0, rest > 0.0, rest < 0.0)
+    return ca.if_else(rest == 0.0, ca.copysign(0.0, b), ca.if_else(other_side, rest + b, rest))
+
+
+def _floor_divide(a: Any, b: Any) -> Any:
+    quotient = (a - _mod(a, b)) / b
+    below = ca.floor(quotient)
+    return ca.if_else(b == 0.0, a / b, ca.if_else(quotient - below > 0.5, below + 1.0, below))
+
+
+def _xor(a: Any, b: Any) -> Any:
+    return (a != 0.0) != (b != 0.0)
+
+
+def _fmin(a: Any, b: Any) -> Any:
+    return ca.if_else(is_nan(a), b, ca.if_else(is_nan(b), a, ca.fmin(a, b)))
+
+
+def _fmax(a: Any, b: Any) -> Any:
+    return ca.if_else(is_nan(a), b, ca.if_else(is_nan(b), a, ca.fmax(a, b)))
+
+
+def _heaviside(a: Any, b: Any) -> Any:
+    return ca.if_else(is_nan(a), a, ca.if_else(a == 0.0, b, a > 0.0))
+
+
+def _logaddexp(a: Any, b: Any) -> Any:
+    return ca.if_else(a == b, a + np.log(2.0), ca.fmax(a, b) + ca.log1p(ca.exp(-ca.fabs(a - b))))
+
+
+_LN2, _LN10 = float(np.log(2.0)), float(np.log(10.0))
+
+#: What numpy's functions of numbers are on expressions.
+_UFUNCS: dict[np.ufunc, Callable[..., Any]] = {
+    np.add: ca.plus,
+    np.subtract: ca.minus,
+    np.multiply: ca.times,
+    np.divide: ca.rdivide,
+    np.negative: lambda a: -a,
+    np.positive: lambda a: a,
+    np.power: lambda a, b: a**b,
+    np.float_power: lambda a, b: a**b,
+    np.square: lambda a: a**2,
+    np.reciprocal: lambda a: 1.0 / a,
+    np.sqrt: ca.sqrt,
+    np.exp: ca.exp,
+    np.exp2: lambda a: ca.SX(2.0) ** a,
+    np.log: ca.log,
+    np.log2: lambda a: ca.log(a) / _LN2,
+    np.log10: lambda a: ca.log(a) / _LN10,
+    np.log1p: ca.log1p,
+    np.expm1: ca.expm1,
+    np.sin: ca.sin,
+    np.cos: ca.cos,
+    np.tan: ca.tan,
+    np.arcsin: ca.asin,
+    np.arccos: ca.acos,
+    np.arctan: ca.atan,
+    np.arctan2: ca.atan2,
+    np.hypot: ca.hypot,
+    np.sinh: ca.sinh,
+    np.cosh: ca.cosh,
+    np.tanh: ca.tanh,
+    np.arcsinh: ca.asinh,
+    np.arccosh: ca.acosh,
+    np.arctanh: ca.atanh,
+    np.absolute: ca.fabs,
+    np.fabs: ca.fabs,
+    np.sign: ca.sign,
+    np.floor: ca.floor,
+    np.ceil: ca.ceil,
+    np.trunc: truncated,
+    np.rint: _rint,
+    np.copysign: ca.copysign,
+    np.signbit: lambda a: ca.copysign(1.0, a) < 0.0,
+    np.heaviside: _heaviside,
+    np.fmod: ca.fmod,
+    np.remainder: _mod,
+    np.floor_divide: _floor_divide,
+    np.minimum: ca.fmin,
+    np.maximum: ca.fmax,
+    np.fmin: _fmin,
+    np.fmax: _fmax,
+    np.less: lambda a, b: a < b,
+    np.less_equal: lambda a, b: a <= b,
+    np.greater: lambda a, b: a > b,
+    np.greater_equal: lambda a, b: a >= b,
+    np.equal: lambda a, b: a == b,
+    np.not_equal: lambda a, b: a != b,
+    np.logical_and: lambda a, b: ca.logic_and(a, b),
+    np.logical_or: lambda a, b: ca.logic_or(a, b),
+    np.logical_not: lambda a: ca.logic_not(a),
+    np.logical_xor: _xor,
+    np.bitwise_and: lambda a, b: ca.logic_and(a, b),
+    np.bitwise_or: lambda a, b: ca.logic_or(a, b),
+    np.bitwise_xor: _xor,
+    np.invert: lambda a: ca.logic_not(a),
+    np.isnan: is_nan,
+    np.isinf: lambda a: ca.fabs(a) == ca.inf,
+    np.isfinite: lambda a: ca.fabs(a) < ca.inf,
+    np.deg2rad: lambda a: a * (np.pi / 180.0),
+    np.radians: lambda a: a * (np.pi / 180.0),
+    np.rad2deg: lambda a: a * (180.0 / np.pi),
+    np.degrees: lambda a: a * (180.0 / np.pi),
+    np.conjugate: lambda a: a,
+    np.cbrt: lambda a: ca.copysign(ca.fabs(a) ** (1.0 / 3.0), a),
+    np.logaddexp: _logaddexp,
+}
+_BITWISE = {np.bitwise_and, np.bitwise_or, np.bitwise_xor, np.invert}
+
+
+def _weak(value: Any) -> Any:
+    """The type of an operand as numpy's promotion sees it."""
+    return type(value) if type(value) in (int, float) else getattr(value, "dtype", None) or np.asarray(value).dtype
+
+
+def _applied(ufunc: np.ufunc, inputs: Sequence[Any]) -> tuple[Any, np.dtype[Any]]:
+    """A ufunc element by element, with the type that numpy gives to the result."""
+    converted = [elements_of(i) for i in inputs]
+    types = [_weak(i) if type(i) in (int, float) else d for i, (_, d) in zip(inputs, converted, strict=True)]
+    dtype = ufunc.resolve_dtypes((*types, None))[-1]
+    if dtype not in (FLOAT, INT, BOOL):
+        if not all(d == BOOL for _, d in converted):
+            refuse(f"np.{ufunc.__name__} gives {dtype}, which can't be traced")
+        dtype = FLOAT
+        refuse(f"np.{ufunc.__name__} of Boolean values gives {np.dtype(np.float16)}; write 1.0 * (...)")
+    kinds = [d for _, d in converted]
+    if ufunc in _BITWISE and dtype != BOOL:
+        refuse(f"np.{ufunc.__name__} of whole numbers can't be traced; use &, |, ~ on comparisons only")
+    if dtype == INT and ufunc in (np.floor_divide, np.remainder, np.fmod, np.power, np.reciprocal):
+        refuse(f"np.{ufunc.__name__} of whole numbers can't be traced; use floats, such as 2.0")
+    f = _UFUNCS[ufunc]
+    if ufunc is np.add and dtype == BOOL:
+        f = ca.logic_or
+    if ufunc in (np.power, np.float_power) and converted[1][1] in (INT, BOOL) and kinds[0] == BOOL:
+        refuse("a power of a Boolean can't be traced; write 1.0 * (...)")
+    bases = np.broadcast_arrays(*(b for b, _ in converted)) if len(converted) > 1 else [converted[0][0]]
+    return elementwise(f, bases, dtype), dtype
+
+
+def _ufunc(ufunc: np.ufunc, method: str, inputs: Sequence[Any], options: dict[str, Any]) -> Any:
+    name = f"np.{ufunc.__name__}" + ("" if method == "__call__" else f".{method}")
+    options = {k: v for k, v in options.items() if v is not None and v is not np._NoValue}
+    out = options.pop("out", None)
+    if "where" in options and options["where"] is True:
+        del options["where"]
+    for i in inputs:
+        if type(i) is Selection:
+            return i.__array_ufunc__(ufunc, method, *inputs, **options)
+    if ufunc is np.matmul and method == "__call__" and not options and out is None:
+        return np.linalg.matmul(*inputs)
+    if ufunc in (np.divmod, np.modf) and method == "__call__" and not options and out is None:
+        if ufunc is np.divmod:
+            return np.floor_divide(*inputs), np.remainder(*inputs)
+        (a,) = inputs
+        return a - np.trunc(a), np.trunc(a)
+    if ufunc not in _UFUNCS:
+        refuse(f"{name} can't be traced; see the page 'numpy that can be traced'")
+    wrong = set(options) - ({"axis", "keepdims", "dtype", "casting", "order"} if method != "__call__" else set())
+    if wrong or "dtype" in options:
+        refuse(f"{name} with {', '.join(sorted(wrong or {'dtype'}))}= can't be traced; use np.where")
+    if method == "__call__":
+        base, dtype = _applied(ufunc, inputs)
+    elif method == "reduce":
+        base, dtype = reduced(ufunc, inputs[0], options.get("axis", 0), bool(options.get("keepdims", False)))
+    elif method == "accumulate":
+        base, dtype = accumulated(ufunc, inputs[0], options.get("axis", 0))
+    elif method == "outer":
+        a, b = (np.asanyarray(i) if type(i) not in (Array, Scalar) else i for i in inputs)
+        base, dtype = _applied(ufunc, (np.reshape(a, np.shape(a) + (1,) * np.ndim(b)), b))
+    else:
+        refuse(f"{name} can't be traced; see the page 'numpy that can be traced'")
+    if out is not None:
+        target = out[0] if isinstance(out, tuple) else out
+        if type(target) is not Array:
+            refuse(STORED)
+        target.check_writeable()
+        if not np.can_cast(dtype, target.dtype, "same_kind"):
+            refuse(f"numpy can't store the {dtype} that {name} gives in an array of {target.dtype}")
+        target.base[...] = cast_elements(np.broadcast_to(base, target.shape), dtype, target.dtype)
+        return target
+    return unwrapped(base if base.ndim else base.item(), dtype)
+
+
+def _axes(axis: Any, ndim: int) -> tuple[int, ...]:
+    if axis is None:
+        return tuple(range(ndim))
+    axes = axis if isinstance(axis, tuple) else (axis,)
+    return tuple(np.lib.array_utils.normalize_axis_index(a, ndim) for a in axes)
+
+
+def reduced(ufunc: np.ufunc, value: Any, axis: Any, keepdims: bool) -> tuple[Any, np.dtype[Any]]:
+    """What a ufunc makes of all elements along axes, in order, and its type."""
+    base, dtype = elements_of(value)
+    axes = _axes(axis, base.ndim)
+    others = tuple(i for i in range(base.ndim) if i not in axes)
+    kept = tuple(base.shape[i] for i in others)
+    columns = base.transpose(*axes, *others).reshape(-1, *kept) if base.ndim else base.reshape(1)
+    if dtype == BOOL and ufunc in (np.add, np.multiply):
+        columns, dtype = cast_elements(columns, BOOL, INT), INT
+    if ufunc in (np.logical_and, np.logical_or):
+        columns, dtype = cast_elements(columns, dtype, BOOL), BOOL
+    if not len(columns):
+        if ufunc not in NEUTRAL:
+            refuse(f"np.{ufunc.__name__} of an array without elements has no value")
+        total = elements_of(np.full(kept, NEUTRAL[ufunc], dtype))[0]
+    else:
+        total = columns[0:1].reshape(kept)
+        for i in range(1, len(columns)):
+            total, dtype = _applied(ufunc, (Array(total, dtype), Array(columns[i : i + 1].reshape(kept), dtype)))
+    if keepdims:
+        total = total.reshape(tuple(1 if i in axes else n for i, n in enumerate(base.shape)))
+    return total, dtype
+
+
+def accumulated(ufunc: np.ufunc, value: Any, axis: Any) -> tuple[Any, np.dtype[Any]]:
+    """What a ufunc makes of all elements up to each along an axis, and its type."""
+    base, dtype = elements_of(value)
+    if dtype == BOOL and ufunc in (np.add, np.multiply):
+        base, dtype = cast_elements(base, BOOL, INT), INT
+    result = np.moveaxis(base, axis, 0).copy()
+    for i in range(1, len(result)):
+        step, dtype = _applied(ufunc, (Array(result[i - 1 : i], dtype), Array(result[i : i + 1], dtype)))
+        result[i : i + 1] = step
+    return np.moveaxis(result, 0, axis), dtype
+
+
+def _operators() -> None:
+    """Python's operators, as numpy's functions."""
+    binary = {
+        "add": np.add,
+        "sub": np.subtract,
+        "mul": np.multiply,
+        "truediv": np.divide,
+        "pow": np.power,
+        "mod": np.remainder,
+        "floordiv": np.floor_divide,
+        "and": np.bitwise_and,
+        "or": np.bitwise_or,
+        "xor": np.bitwise_xor,
+        "matmul": np.matmul,
+        "divmod": np.divmod,
+    }
+    compare = {
+        "lt": np.less,
+        "le": np.less_equal,
+        "gt": np.greater,
+        "ge": np.greater_equal,
+        "eq": np.equal,
+        "ne": np.not_equal,
+    }
+    unary = {"neg": np.negative, "pos": np.positive, "abs": np.absolute, "invert": np.invert}
+
+    def two(ufunc: np.ufunc) -> tuple[Any, Any]:
+        quick = _UFUNCS[ufunc] if ufunc in (np.add, np.subtract, np.multiply, np.divide) else None
+
+        def forward(self: Any, other: Any) -> Any:
+            if quick and type(self) is Scalar and type(other) is Scalar and self.dtype == other.dtype == FLOAT:
+                return Scalar(quick(self.sx, other.sx))
+            return NotImplemented if other is None or isinstance(other, str) else ufunc(self, other)
+
+        return forward, lambda self, other: ufunc(other, self)
+
+    def inplace(ufunc: np.ufunc) -> Any:
+        return lambda self, other: ufunc(self, other, out=self)
+
+    def one(ufunc: np.ufunc) -> Any:
+        return lambda self: ufunc(self)
+
+    def dispatched(_: Any, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any) -> Any:
+        return _ufunc(ufunc, method, inputs, options)
+
+    for kind in (Scalar, Array, Selection):
+        if kind is not Selection:
+            setattr(kind, "__array_ufunc__", dispatched)  # noqa: B010
+        for name, ufunc in {**binary, **compare}.items():
+            forward, reflected = two(ufunc)
+            setattr(kind, f"__{name}__", forward)
+            if name in binary:
+                setattr(kind, f"__r{name}__", reflected)
+                if kind is Array and name not in ("divmod", "matmul"):
+                    setattr(kind, f"__i{name}__", inplace(ufunc))
+        for name, ufunc in unary.items():
+            setattr(kind, f"__{name}__", one(ufunc))
+    for ufunc in _UFUNCS:  # numpy's loops over objects call methods of the elements
+        if ufunc.nin == 1 and not hasattr(Scalar, ufunc.__name__):
+            setattr(Scalar, ufunc.__name__, one(ufunc))
+
+
+_operators()
