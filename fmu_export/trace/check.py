@@ -8,7 +8,6 @@ instruction, for many points at once.
 
 from __future__ import annotations
 
-import time
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -18,6 +17,7 @@ import numpy as np
 
 from fmu_export.errors import TraceError, needs
 from fmu_export.modelling.model import Model
+from fmu_export.trace.operations import OPERATIONS
 
 with needs("export"):
     import casadi as ca
@@ -26,85 +26,12 @@ with needs("export"):
 RELATIVE_TOLERANCE = 1e-11
 #: Differences below this many bounds of the rounding errors are no differences: what cancels keeps few digits.
 ROUNDING = 1e3
-#: Points at which numpy is evaluated, of each kind, and the time (s) after which no more random ones are tried.
-N_RANDOM, N_KINKS, N_EDGES = 48, 32, 48
-BUDGET = 0.08
+#: Points at which numpy is evaluated: so many for a graph without instructions, half of it for one of the usual size,
+#: and so on. They follow from the model alone, so that the verdict is the same on every machine.
+MOST_POINTS, FEWEST_POINTS, USUAL_SIZE = 360, 24, 600
 
 #: Arguments of one point: time (), states (n_x,), inputs (n_u,), parameters (n_p,); or of many, with a further axis.
 Points = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
-
-
-def _chosen(condition: Any, a: Any) -> Any:
-    return np.where(condition != 0.0, a, 0.0)
-
-
-def _minimum(a: Any, b: Any) -> Any:
-    return np.where(a < b, a, np.where(b <= a, b, a + b))
-
-
-def _maximum(a: Any, b: Any) -> Any:
-    return np.where(a > b, a, np.where(b >= a, b, a + b))
-
-
-def _sign(a: Any) -> Any:
-    return np.where(a > 0.0, 1.0, np.where(a < 0.0, -1.0, a))
-
-
-#: What each operation of `fmu_export.trace.operations` does in C and in Python, for many points at once.
-OPERATIONS: dict[int, Callable[..., Any]] = {
-    ca.OP_ASSIGN: lambda a: a,
-    ca.OP_ADD: np.add,
-    ca.OP_SUB: np.subtract,
-    ca.OP_MUL: np.multiply,
-    ca.OP_DIV: np.divide,
-    ca.OP_NEG: np.negative,
-    ca.OP_INV: lambda a: 1.0 / a,
-    ca.OP_SQ: lambda a: a * a,
-    ca.OP_TWICE: lambda a: 2.0 * a,
-    ca.OP_SQRT: np.sqrt,
-    ca.OP_POW: np.power,
-    ca.OP_CONSTPOW: np.power,
-    ca.OP_EXP: np.exp,
-    ca.OP_LOG: np.log,
-    ca.OP_SIN: np.sin,
-    ca.OP_COS: np.cos,
-    ca.OP_TAN: np.tan,
-    ca.OP_ASIN: np.arcsin,
-    ca.OP_ACOS: np.arccos,
-    ca.OP_ATAN: np.arctan,
-    ca.OP_ATAN2: np.arctan2,
-    ca.OP_HYPOT: np.hypot,
-    ca.OP_FABS: np.fabs,
-    ca.OP_TANH: np.tanh,
-    ca.OP_EQ: lambda a, b: 1.0 * (a == b),
-    ca.OP_LT: lambda a, b: 1.0 * (a < b),
-    ca.OP_LE: lambda a, b: 1.0 * (a <= b),
-    ca.OP_NE: lambda a, b: 1.0 * (a != b),
-    ca.OP_NOT: lambda a: 1.0 * (a == 0.0),
-    ca.OP_AND: lambda a, b: 1.0 * ((a != 0.0) & (b != 0.0)),
-    ca.OP_OR: lambda a, b: 1.0 * ((a != 0.0) | (b != 0.0)),
-    ca.OP_FLOOR: np.floor,
-    ca.OP_CEIL: np.ceil,
-    ca.OP_SINH: np.sinh,
-    ca.OP_COSH: np.cosh,
-    ca.OP_SIGN: _sign,
-    ca.OP_FMIN: _minimum,
-    ca.OP_FMAX: _maximum,
-    ca.OP_IF_ELSE_ZERO: _chosen,
-    ca.OP_ASINH: np.arcsinh,
-    ca.OP_ACOSH: np.arccosh,
-    ca.OP_ATANH: np.arctanh,
-    ca.OP_LOG1P: np.log1p,
-    ca.OP_EXPM1: np.expm1,
-    ca.OP_FMOD: np.fmod,
-    ca.OP_COPYSIGN: np.copysign,
-}
-
-_COMPARISONS = {ca.OP_EQ, ca.OP_LT, ca.OP_LE, ca.OP_NE, ca.OP_FMIN, ca.OP_FMAX}
-_EXACT = _COMPARISONS | {
-    *(ca.OP_ASSIGN, ca.OP_NEG, ca.OP_TWICE, ca.OP_FABS, ca.OP_NOT, ca.OP_AND, ca.OP_OR, ca.OP_FLOOR, ca.OP_CEIL),
-    *(ca.OP_SIGN, ca.OP_IF_ELSE_ZERO, ca.OP_COPYSIGN, ca.OP_FMOD),
-}
 
 
 class Program:
@@ -127,11 +54,6 @@ class Program:
         """The numbers in the equations."""
         return sorted({c for operation, _, _, c in self.instructions if operation == ca.OP_CONST})
 
-    @property
-    def n_comparisons(self) -> int:
-        """How many comparisons, minima and maxima there are."""
-        return sum(operation in _COMPARISONS for operation, *_ in self.instructions)
-
     def __call__(self, points: Points) -> tuple[np.ndarray, list[np.ndarray]]:
         """Results (n_out, n), and of each comparison left side minus right side (n,)."""
         work: list[Any] = [0.0] * max(self.n_work, 1)
@@ -148,9 +70,9 @@ class Program:
                     result[targets[1]] = work[operands[0]]
                 else:
                     values = [work[i] for i in operands]
-                    if operation in _COMPARISONS:
+                    if OPERATIONS[operation].compares:
                         margins.append(np.broadcast_to(values[0] - values[1], result.shape[1:]))
-                    work[targets[0]] = OPERATIONS[operation](*values)
+                    work[targets[0]] = OPERATIONS[operation].values(*values)
         return result, margins
 
     def rounding(self, points: Points) -> np.ndarray:
@@ -172,9 +94,9 @@ class Program:
                     value = argument if argument.ndim == 1 else argument[:, operands[1]]
                 else:
                     values = [work[i] for i in operands]
-                    apply = OPERATIONS[operation]
+                    apply = OPERATIONS[operation].values
                     value = apply(*values)
-                    if operation not in _EXACT:
+                    if not (OPERATIONS[operation].exact or OPERATIONS[operation].compares):
                         error = np.where(_is_exact(operation, values, value), 0.0, np.abs(value) * 2.3e-16)
                     for i, operand in enumerate(operands):
                         for side in (-1.0, 1.0) if errors[operand] is not None else ():
@@ -215,7 +137,6 @@ def check_against_numpy(model: Model, functions: Sequence[Checked]) -> None:
         They differ at some point, numpy gives different values for equal arguments, changes its arguments, or an
         output has the name of a state and is something else.
     """
-    began = time.perf_counter()
     functions = [f for f in functions if f.elements]
     if not functions:
         return
@@ -227,23 +148,17 @@ def check_against_numpy(model: Model, functions: Sequence[Checked]) -> None:
     program = Program(joined)
     check = _Check(model, functions, program)
     start = check.start()
-    pool = check.candidates(start)
+    n = max(FEWEST_POINTS, MOST_POINTS * USUAL_SIZE // (USUAL_SIZE + len(program.instructions)))
+    pools = [check.candidates(start, seed) for seed in range(1 + n // 192)]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         first = check.values(_row(start, 0))
-        evaluated = time.perf_counter()
         check.compare(start)
-        # a model that takes long to evaluate gets fewer points, but some of each kind
-        share = BUDGET / max(N_RANDOM * (time.perf_counter() - evaluated), 1e-9)
-        n_random, n_kinks, n_edges = (max(8, int(min(1.0, share) * n)) for n in (N_RANDOM, N_KINKS, N_EDGES))
-        check.compare(check.chosen(pool.random, n_random))
-        check.compare(check.chosen(pool.kinks, n_kinks))
-        check.compare(check.edges(pool.all, n_edges))
+        left = n - check.compare(check.chosen(pools[0].kinks, n // 4))
+        left -= check.compare(check.edges(pools[0].all, n // 6))
+        for pool in pools:
+            left -= check.compare(check.chosen(pool.random, max(left, 0)))
         check.same_again(_row(start, 0), first)
-        seed = 1
-        while time.perf_counter() - began < BUDGET:
-            check.compare(check.chosen(check.candidates(start, seed).random, 8))
-            seed += 1
     if not check.compared:
         raise TraceError(
             f"{model.name}: the equations can't be checked, since numpy has no finite values at any point tried"
@@ -284,7 +199,7 @@ class _Check:
         t = np.array([float(self.model.default_experiment.start_time)])
         return t, x[None], np.array(u, dtype=float)[None], np.array(p, dtype=float)[None]
 
-    def candidates(self, start: Points, seed: int = 0) -> _Pool:
+    def candidates(self, start: Points, seed: int) -> _Pool:
         """Points from which those are chosen that numpy is evaluated at."""
         rng = np.random.default_rng(seed)
         n = 192
@@ -397,13 +312,13 @@ class _Check:
             i -= len(f.elements)
         raise IndexError(i)
 
-    def compare(self, points: Points) -> None:
-        """Refuse what differs at one of the points."""
+    def compare(self, points: Points) -> int:
+        """Refuse what differs at one of the points; their number."""
         found, _ = self.program(points)
         results = [self.values(_row(points, k)) for k in range(len(points[0]))]
         rows = [k for k, result in enumerate(results) if result is not None]
         if not rows:
-            return
+            return len(results)
         points, found = _rows_of(points, rows), found[:, rows]
         expected = np.stack([r for r in results if r is not None], axis=1)
         finite = np.isfinite(expected)
@@ -426,6 +341,7 @@ class _Check:
                 f"{float(self.as_states(expected, points[1])[i, k])!r}, but numpy computes {float(expected[i, k])!r}; "
                 "give the output another name"
             )
+        return len(results)
 
     def as_states(self, expected: np.ndarray, x: np.ndarray) -> np.ndarray:
         """The results with the states themselves in place of the outputs that have their names."""

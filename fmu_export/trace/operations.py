@@ -1,9 +1,11 @@
-"""CasADi's elementary operations, as C and Python write them."""
+"""CasADi's elementary operations: as C and Python write them, and as numpy computes them for the check."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import NamedTuple
+from collections.abc import Callable, Iterable
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from fmu_export.errors import TraceError, needs
 
@@ -11,54 +13,83 @@ with needs("export"):
     import casadi as ca
 
 
-#: What C and Python write alike; {0} and {1} are the operands.
-TEMPLATES = {
-    ca.OP_ASSIGN: "{0}",
-    ca.OP_ADD: "{0} + {1}",
-    ca.OP_SUB: "{0} - {1}",
-    ca.OP_MUL: "{0} * {1}",
-    ca.OP_DIV: "{0} / {1}",
-    ca.OP_NEG: "-{0}",
-    ca.OP_INV: "1.0 / {0}",
-    ca.OP_SQ: "{0} * {0}",
-    ca.OP_TWICE: "2.0 * {0}",
-    ca.OP_SQRT: "sqrt({0})",
-    ca.OP_POW: "pow({0}, {1})",
-    ca.OP_CONSTPOW: "pow({0}, {1})",
-    ca.OP_EXP: "exp({0})",
-    ca.OP_LOG: "log({0})",
-    ca.OP_SIN: "sin({0})",
-    ca.OP_COS: "cos({0})",
-    ca.OP_TAN: "tan({0})",
-    ca.OP_ASIN: "asin({0})",
-    ca.OP_ACOS: "acos({0})",
-    ca.OP_ATAN: "atan({0})",
-    ca.OP_ATAN2: "atan2({0}, {1})",
-    ca.OP_HYPOT: "hypot({0}, {1})",
-    ca.OP_FABS: "fabs({0})",
-    ca.OP_TANH: "tanh({0})",
-    ca.OP_EQ: "({0} == {1})",
-    ca.OP_LT: "({0} < {1})",
-    ca.OP_LE: "({0} <= {1})",
-    ca.OP_NE: "({0} != {1})",
-    ca.OP_NOT: "({0} == 0.0)",
-    ca.OP_AND: "(({0} != 0.0) * ({1} != 0.0))",
-    ca.OP_OR: "((({0} != 0.0) + ({1} != 0.0)) != 0.0)",
-    ca.OP_FLOOR: "floor({0})",
-    ca.OP_CEIL: "ceil({0})",
-    ca.OP_SINH: "sinh({0})",
-    ca.OP_COSH: "cosh({0})",
-    ca.OP_SIGN: "sign({0})",
-    ca.OP_FMIN: "minimum({0}, {1})",
-    ca.OP_FMAX: "maximum({0}, {1})",
-    ca.OP_IF_ELSE_ZERO: "chosen({0}, {1})",
-    ca.OP_ASINH: "asinh({0})",
-    ca.OP_ACOSH: "acosh({0})",
-    ca.OP_ATANH: "atanh({0})",
-    ca.OP_LOG1P: "log1p({0})",
-    ca.OP_EXPM1: "expm1({0})",
-    ca.OP_FMOD: "fmod({0}, {1})",
-    ca.OP_COPYSIGN: "copysign({0}, {1})",
+class Operation(NamedTuple):
+    """An elementary operation: how C and Python write it, and what that computes for many points at once."""
+
+    text: str
+    values: Callable[..., Any]
+    #: Whether it never rounds.
+    exact: bool = False
+    #: Whether it has an edge where its operands are equal; such operations do not round.
+    compares: bool = False
+
+
+def _chosen(condition: Any, a: Any) -> Any:
+    return np.where(condition != 0.0, a, 0.0)
+
+
+def _minimum(a: Any, b: Any) -> Any:
+    return np.where(a < b, a, np.where(b <= a, b, a + b))
+
+
+def _maximum(a: Any, b: Any) -> Any:
+    return np.where(a > b, a, np.where(b >= a, b, a + b))
+
+
+def _sign(a: Any) -> Any:
+    return np.where(a > 0.0, 1.0, np.where(a < 0.0, -1.0, a))
+
+
+#: {0} and {1} are the operands in the text.
+OPERATIONS: dict[int, Operation] = {
+    ca.OP_ASSIGN: Operation("{0}", lambda a: a, exact=True),
+    ca.OP_ADD: Operation("{0} + {1}", np.add),
+    ca.OP_SUB: Operation("{0} - {1}", np.subtract),
+    ca.OP_MUL: Operation("{0} * {1}", np.multiply),
+    ca.OP_DIV: Operation("{0} / {1}", np.divide),
+    ca.OP_NEG: Operation("-{0}", np.negative, exact=True),
+    ca.OP_INV: Operation("1.0 / {0}", lambda a: 1.0 / a),
+    ca.OP_SQ: Operation("{0} * {0}", lambda a: a * a),
+    ca.OP_TWICE: Operation("2.0 * {0}", lambda a: 2.0 * a, exact=True),
+    ca.OP_SQRT: Operation("sqrt({0})", np.sqrt),
+    ca.OP_POW: Operation("pow({0}, {1})", np.power),
+    ca.OP_CONSTPOW: Operation("pow({0}, {1})", np.power),
+    ca.OP_EXP: Operation("exp({0})", np.exp),
+    ca.OP_LOG: Operation("log({0})", np.log),
+    ca.OP_SIN: Operation("sin({0})", np.sin),
+    ca.OP_COS: Operation("cos({0})", np.cos),
+    ca.OP_TAN: Operation("tan({0})", np.tan),
+    ca.OP_ASIN: Operation("asin({0})", np.arcsin),
+    ca.OP_ACOS: Operation("acos({0})", np.arccos),
+    ca.OP_ATAN: Operation("atan({0})", np.arctan),
+    ca.OP_ATAN2: Operation("atan2({0}, {1})", np.arctan2),
+    ca.OP_HYPOT: Operation("hypot({0}, {1})", np.hypot),
+    ca.OP_FABS: Operation("fabs({0})", np.fabs, exact=True),
+    ca.OP_TANH: Operation("tanh({0})", np.tanh),
+    ca.OP_EQ: Operation("({0} == {1})", lambda a, b: 1.0 * (a == b), compares=True),
+    ca.OP_LT: Operation("({0} < {1})", lambda a, b: 1.0 * (a < b), compares=True),
+    ca.OP_LE: Operation("({0} <= {1})", lambda a, b: 1.0 * (a <= b), compares=True),
+    ca.OP_NE: Operation("({0} != {1})", lambda a, b: 1.0 * (a != b), compares=True),
+    ca.OP_NOT: Operation("({0} == 0.0)", lambda a: 1.0 * (a == 0.0), exact=True),
+    ca.OP_AND: Operation("(({0} != 0.0) * ({1} != 0.0))", lambda a, b: 1.0 * ((a != 0.0) & (b != 0.0)), exact=True),
+    ca.OP_OR: Operation(
+        "((({0} != 0.0) + ({1} != 0.0)) != 0.0)", lambda a, b: 1.0 * ((a != 0.0) | (b != 0.0)), exact=True
+    ),
+    ca.OP_FLOOR: Operation("floor({0})", np.floor, exact=True),
+    ca.OP_CEIL: Operation("ceil({0})", np.ceil, exact=True),
+    ca.OP_SINH: Operation("sinh({0})", np.sinh),
+    ca.OP_COSH: Operation("cosh({0})", np.cosh),
+    ca.OP_SIGN: Operation("sign({0})", _sign, exact=True),
+    ca.OP_FMIN: Operation("minimum({0}, {1})", _minimum, compares=True),
+    ca.OP_FMAX: Operation("maximum({0}, {1})", _maximum, compares=True),
+    ca.OP_IF_ELSE_ZERO: Operation("chosen({0}, {1})", _chosen, exact=True),
+    ca.OP_ASINH: Operation("asinh({0})", np.arcsinh),
+    ca.OP_ACOSH: Operation("acosh({0})", np.arccosh),
+    ca.OP_ATANH: Operation("atanh({0})", np.arctanh),
+    ca.OP_LOG1P: Operation("log1p({0})", np.log1p),
+    ca.OP_EXPM1: Operation("expm1({0})", np.expm1),
+    ca.OP_FMOD: Operation("fmod({0}, {1})", np.fmod, exact=True),
+    ca.OP_COPYSIGN: Operation("copysign({0}, {1})", np.copysign, exact=True),
 }
 
 #: Functions of C and of Python's module `math` that only some models need.
@@ -110,12 +141,12 @@ def template(operation: int, function: str) -> str:
     TraceError
         There is no way yet; the message names the function of the model.
     """
-    if operation not in TEMPLATES:
+    if operation not in OPERATIONS:
         raise TraceError(
             f"{function}: CasADi's operation {_NAMES.get(operation, operation)} has no template; "
             "write the equation with others, or add it to fmu_export/trace/operations.py"
         )
-    return TEMPLATES[operation]
+    return OPERATIONS[operation].text
 
 
 def helpers(functions: Iterable[ca.Function]) -> list[Helper]:

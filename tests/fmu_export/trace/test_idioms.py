@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 from zipfile import ZipFile
@@ -125,6 +126,24 @@ def test_a_difference_names_element_values_and_cause() -> None:
         TraceError, match=r"output_values, element y\[1\]: numpy computes 0.3, .* 0.6 at .*likely cause"
     ):
         trace(model_of(function))
+
+
+def test_the_points_of_the_check_follow_from_the_model_alone() -> None:
+    """A slow machine checks at the same points as a fast one."""
+    points: list[list[np.ndarray]] = []
+    for pause in (0.0, 0.001):
+        seen: list[np.ndarray] = []
+
+        def output_values(t, x, u, p, seen=seen, pause=pause):
+            if isinstance(t, float) and type(u) is np.ndarray:
+                seen.append(np.array([t, *u]))
+                time.sleep(pause)
+            return np.where(u > 0.7, np.sin(u), u * t)
+
+        trace(replace(model_of(Idiom("points", "x", "equal")), output_values=output_values))
+        points.append(seen)
+    assert len(points[0]) > 100
+    assert np.array_equal(*points)
 
 
 @pytest.mark.parametrize("other", ["x + 1e-3", "2.0 * x", "np.abs(x)"])
