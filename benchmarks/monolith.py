@@ -8,12 +8,14 @@ other, outputs, derivatives, integrator step; the other computes outputs and der
 from __future__ import annotations
 
 import ctypes
+import re
 import tempfile
 from pathlib import Path
 
 import numpy as np
 
 from fmu_export.native.c_source import c_function
+from fmu_export.native.runge_kutta import runge_kutta_source
 from fmu_export.native.toolchain import compile_library, host_target
 from fmu_export.trace.trace import trace
 from parallel_robot.models import MODELS
@@ -91,7 +93,7 @@ _ARGUMENTS = {
     "outputs": ("t", "x", "u", "p"),
     "derivatives": ("t", "x", "u", "p"),
     "everything": ("t", "x", "u", "p"),
-    "linear_step": ("t", "x", "u", "p", "h", "u_rate", "k1"),
+    "rates": ("t", "x", "u", "p"),
 }
 
 
@@ -101,8 +103,9 @@ def sources(kind: str) -> dict[str, bytes]:
     for name, model in MODELS.items():
         traced = trace(model)
         functions = [c_function(getattr(traced, f), arguments, name) for f, arguments in _ARGUMENTS.items()]
+        functions += [runge_kutta_source(traced.rates, name)] if model.states else []
         files[f"{name}.c"] = ("#include <math.h>\n" + "".join(functions)).encode()
-        prototypes += [f.partition("\n")[0] + ";\n" for f in functions]
+        prototypes += [re.search(r"^void .*", f, re.M)[0] + ";\n" for f in functions]
     at_point = f"#define AT_POINT(model, t, x, u, p, y, n) {_AT_POINT[kind]}\n"
     files["loop.c"] = (_HEAD + at_point + "".join(prototypes) + _LOOP).encode()
     return files

@@ -8,6 +8,7 @@ import re
 from collections.abc import Sequence
 
 from fmu_export.errors import needs
+from fmu_export.native.runge_kutta import STEP_PROTOTYPE, runge_kutta_source
 from fmu_export.package.interface import Interface
 from fmu_export.trace.operations import helpers
 from fmu_export.trace.straight_line import statements
@@ -22,7 +23,6 @@ _ARGUMENTS = {
     "start_margins": ("p",),
     "rates": ("t", "x", "u", "p"),
     "everything": ("t", "x", "u", "p"),
-    "linear_step": ("t", "x", "u", "p", "h", "u_rate", "k1"),
     "initial_state_direction": ("p", "dp"),
     "direction": ("t", "x", "u", "p", "dx", "du", "dp"),
 }
@@ -45,11 +45,12 @@ def model_sources(traced: TracedModel, interface: Interface, guid: str) -> dict[
         Fingerprint that the importer has to give back.
     """
     functions = [f for f in traced.functions if f.name() in _ARGUMENTS]
+    step = [runge_kutta_source(traced.rates)] if interface.states else []
     return {
         "model.h": _header(traced, interface, guid, functions).encode(),
         "model.c": (_HEADER + '#include <math.h>\n#include "model.h"\n\n' + _tables(traced, interface)).encode()
         + "".join(helper.c + "\n" for helper in helpers(functions)).encode()
-        + "\n".join(c_function(f, _ARGUMENTS[f.name()]) for f in functions).encode(),
+        + "\n".join([*(c_function(f, _ARGUMENTS[f.name()]) for f in functions), *step]).encode(),
     }
 
 
@@ -80,6 +81,7 @@ def _header(traced: TracedModel, interface: Interface, guid: str, functions: Seq
         + "extern const char *const model_start_requirements[N_START_REQUIREMENTS + 1];\n"
         + "extern const char *const model_step_requirements[N_STEP_REQUIREMENTS + 1];\n\n"
         + "".join(f"{_prototype(f, _ARGUMENTS[f.name()])};\n" for f in functions)
+        + (f"{STEP_PROTOTYPE.format(prefix='model')};\n" if interface.states else "")
         + _SHOW
         + "\n#endif\n"
     )

@@ -129,7 +129,7 @@ def _guid(fingerprint: str) -> str:
 
 
 def _modules(traced: TracedModel, interface: Interface) -> dict[str, bytes]:
-    functions = [(f, _ARGUMENTS[f.name()]) for f in traced.functions if f.name() in _ARGUMENTS]
+    functions = [(getattr(traced, name), arguments) for name, arguments in _ARGUMENTS.items()]
     slave = Path(__file__).with_name("slave.py").read_text(encoding="utf-8")
     return {
         "__init__.py": b"",

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from math import isnan
 from typing import Any
 
@@ -30,9 +30,9 @@ class TracedModel:
     """The expression graphs of a model, as CasADi functions of flat arguments.
 
     Each function has one output (n,). Arguments: `initial_state` (p), `derivatives`, `outputs`, `step_margins`, `rates`
-    and `everything` (t, x, u, p), `step` (t, x, u, p, h), `linear_step` (t, x, u, p, h, u_rate, k1) and
-    `start_margins` (p). `rates` are the derivatives, then the margins, `everything` the outputs, then the rates: what
-    they share is computed once, and an integrator step that begins there takes the derivatives as its first stage.
+    and `everything` (t, x, u, p), `step` (t, x, u, p, h) and `start_margins` (p). `rates` are the derivatives, then the
+    margins, `everything` the outputs, then the rates: what they share is computed once, and an integrator step that
+    begins there takes the derivatives as its first stage.
     Directional derivatives by CasADi's forward mode: `initial_state_direction` (p, dp), and `direction` (t, x, u, p,
     dx, du, dp), that of the outputs, then that of the derivatives.
     """
@@ -41,12 +41,10 @@ class TracedModel:
     initial_state: ca.Function
     derivatives: ca.Function
     outputs: ca.Function
-    step: ca.Function
     start_margins: ca.Function
     step_margins: ca.Function
     rates: ca.Function
     everything: ca.Function
-    linear_step: ca.Function
     initial_state_direction: ca.Function
     direction: ca.Function
 
@@ -57,15 +55,19 @@ class TracedModel:
             self.initial_state,
             self.derivatives,
             self.outputs,
-            self.step,
             self.start_margins,
             self.step_margins,
             self.rates,
             self.everything,
-            self.linear_step,
             self.initial_state_direction,
             self.direction,
         )
+
+    @cached_property
+    def step(self) -> ca.Function:
+        """A Runge-Kutta step with constant inputs; all stages in one graph."""
+        arguments = [*self.derivatives.sx_in(), ca.SX.sym("h")]
+        return _function(self.model.name, "step", arguments, rk4_step(self.derivatives, *arguments))
 
     @property
     def rates_depend_on_time(self) -> bool:
@@ -125,9 +127,8 @@ def trace(model: Model, unchecked: bool = False) -> TracedModel:
         on more than their arguments, or compute something else with symbols than with numbers.
     """
     n_x, n_u, n_p = len(model.state_layout), len(model.inputs), len(model.parameters)
-    t, x, u, p, h = (_symbols(*s) for s in (("t", 1), ("x", n_x), ("u", n_u), ("p", n_p), ("h", 1)))
+    t, x, u, p = (_symbols(*s) for s in (("t", 1), ("x", n_x), ("u", n_u), ("p", n_p)))
     T, X, U, P = Scalar(t), argument(x), argument(u), argument(p)
-    u_rate, k1 = _symbols("u_rate", n_u), _symbols("k1", n_x)
     dx, du, dp = (_symbols(*s) for s in (("dx", n_x), ("du", n_u), ("dp", n_p)))
 
     def function(name: str, arguments: list[ca.SX], value: ca.SX) -> ca.Function:
@@ -158,18 +159,13 @@ def trace(model: Model, unchecked: bool = False) -> TracedModel:
             "start_margins": function("start_margins", [p], start_margins),
             "step_margins": function("step_margins", [t, x, u, p], step_margins),
         }
-        # the traced derivatives at each stage: the author's functions need not run again
-        step = rk4_step(basic["derivatives"], t, x, u, p, h)
-        linear_step = rk4_step(basic["derivatives"], t, x, u, p, h, u_rate, k1)
         if not unchecked:
             _check_same_trace(model, basic)
     traced = TracedModel(
         model=model,
         **basic,
-        step=function("step", [t, x, u, p, h], step),
         rates=function("rates", [t, x, u, p], rates_and_margins),
         everything=function("everything", [t, x, u, p], everything),
-        linear_step=function("linear_step", [t, x, u, p, h, u_rate, k1], linear_step),
         initial_state_direction=direction("initial_state_direction", initial, [p], [p], [dp]),
         direction=direction("direction", ca.vertcat(y, rates), [t, x, u, p], [x, u, p], [dx, du, dp]),
     )

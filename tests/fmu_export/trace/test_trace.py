@@ -33,7 +33,6 @@ ARGUMENTS = {
     "step_margins": ("t", "x", "u", "p"),
     "rates": ("t", "x", "u", "p"),
     "everything": ("t", "x", "u", "p"),
-    "linear_step": ("t", "x", "u", "p", "h", "u_rate", "k1"),
 }
 
 
@@ -58,7 +57,6 @@ def numpy_value(model, name, point):
         "step_margins": lambda: margins(model, "step")(t, x, u, p),
         "rates": rates,
         "everything": lambda: np.concatenate([model.output_values(t, x, u, p), rates()]),
-        "linear_step": lambda: rk4_step(model.derivatives, t, x, u, p, h, point["u_rate"], point["k1"]),
     }[name]()
 
 
@@ -81,9 +79,7 @@ def random_points(model, n=N_POINTS, seed=1):
             if i % 2:
                 x += rng.uniform(-0.1, 0.1, 12)
             u[-1] = rng.uniform(-0.2, 0.5)  # dm
-        t, u_rate = rng.uniform(0.0, 15.0), rng.uniform(-1.0, 1.0, len(u))
-        k1 = model.derivatives(t, x, u, p) if len(x) else x
-        points.append({"t": t, "x": x, "u": u, "p": p, "h": 1e-3, "u_rate": u_rate, "k1": k1})
+        points.append({"t": rng.uniform(0.0, 15.0), "x": x, "u": u, "p": p, "h": 1e-3})
     return points
 
 

@@ -1,0 +1,78 @@
+"""The integrator's step as C computes what `rk4_step` computes with the model's numpy functions."""
+
+from __future__ import annotations
+
+import ctypes
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from controller_fmu.model import MODEL as CONTROLLER
+from fmu_export.modelling.functions import rk4_step
+from fmu_export.modelling.model import DefaultExperiment, Layout, Model, Variable
+from fmu_export.native.c_source import c_function
+from fmu_export.native.runge_kutta import runge_kutta_source
+from fmu_export.native.toolchain import compile_library, host_target
+from fmu_export.trace.trace import trace
+from plant_fmu.model import MODEL as PLANT
+
+#: Its rates are sums and products that numpy and C round alike, and depend on time, states, inputs and parameters.
+POLYNOMIAL = Model(
+    name="Polynomial",
+    description="Rates that both languages round alike",
+    parameters=Layout([Variable("a", "1", "Parameter", size=2, start=(0.7, -0.3))]),
+    inputs=Layout([Variable("u", "1", "Input", size=2)]),
+    outputs=Layout([Variable("x", "1", "State", size=3)]),
+    states=("x",),
+    initial_state=lambda p: np.stack([p[0], p[1], p[0]]),
+    derivatives=lambda t, x, u, p: np.stack([x[1] * u[0] + t, p[1] * x[2] - x[0] * x[1], u[1] + t * p[0]]),
+    output_values=lambda t, x, u, p: x,
+    default_experiment=DefaultExperiment(1.0, 0.1),
+)
+
+
+def c_step(model: Model, folder: Path):
+    traced = trace(model)
+    rates = c_function(traced.rates, ("t", "x", "u", "p"))
+    source = "#include <math.h>\n" + rates + "#ifdef _WIN32\n__declspec(dllexport)\n#else\n"
+    source += '__attribute__((visibility("default")))\n#endif\n' + runge_kutta_source(traced.rates)
+    path = folder / f"step{host_target().suffix}"
+    path.write_bytes(compile_library({"step.c": source.encode()}, "step"))
+    function = ctypes.CDLL(str(path)).model_linear_step
+
+    def call(t, x, u, p, h, u_rate, k1):
+        arrays = {name: np.ascontiguousarray(v, dtype=float) for name, v in (("x", x), ("u", u), ("p", p))}
+        others = [np.ascontiguousarray(v, dtype=float) for v in (u_rate, k1)]
+        y = np.full(len(x), np.nan)
+        pointers = [v.ctypes.data_as(ctypes.c_void_p) for v in (*arrays.values(), *others, y)]
+        function(ctypes.c_double(t), *pointers[:3], ctypes.c_double(h), *pointers[3:])
+        return y
+
+    return call
+
+
+@pytest.mark.parametrize("model", [POLYNOMIAL, PLANT, CONTROLLER], ids=lambda m: m.name)
+def test_step_is_that_of_numpy(model: Model, tmp_path: Path) -> None:
+    step = c_step(model, tmp_path)
+    rng = np.random.default_rng(5)
+    p, x = model.parameters.starts, model.initial_state(model.parameters.starts)
+    for _ in range(20):
+        t, h = rng.uniform(0.0, 10.0), rng.uniform(1e-4, 1e-2)
+        u, u_rate = rng.uniform(-0.5, 0.5, (2, len(model.inputs)))
+        at = x + rng.uniform(-0.01, 0.01, len(x))
+        k1 = model.derivatives(t, at, u, p)
+        found = step(t, at, u, p, h, u_rate, k1)
+        expected = rk4_step(model.derivatives, t, at, u, p, h, u_rate, k1)
+        assert np.abs(expected - at).max() > 1e-6
+        if model is POLYNOMIAL:
+            np.testing.assert_array_equal(found, expected)
+        np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-13)
+
+
+def test_inputs_move_within_a_step(tmp_path: Path) -> None:
+    """The integral of an input that rises linearly is exact, which a held input's is not."""
+    step = c_step(POLYNOMIAL, tmp_path)
+    zero, p = np.zeros(3), np.array([0.0, 0.0])
+    y = step(0.0, zero, np.array([0.0, 2.0]), p, 0.5, np.array([0.0, 8.0]), np.array([0.0, 0.0, 2.0]))
+    assert y[2] == 2.0 * 0.5 + 8.0 * 0.5**2 / 2.0
