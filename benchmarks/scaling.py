@@ -15,7 +15,8 @@ import psutil
 
 from benchmarks.measure import Section
 from cosim import Simulation, System
-from fmu_export.modelling.model import DefaultExperiment, Layout, Model, Variable
+from fmu_export.modelling.model import DefaultExperiment, Model
+from fmu_export.modelling.variables import Layout, Variable
 from fmu_export.native.backend import build_native
 
 GAIN = Model(

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from fmu_export.modelling.functions import norm, saturate
-from fmu_export.modelling.model import DefaultExperiment, Layout, Model, Variable
+from fmu_export.modelling.model import DefaultExperiment, Model
+from fmu_export.modelling.variables import Layout, Variable
 
 Array = Any
 

@@ -12,7 +12,7 @@ _MODULES = {
     "CompositionError": "fmu_export.trace.composition",
     "DefaultExperiment": "fmu_export.modelling.model",
     "DocumentationError": "fmu_export.package.documentation",
-    "Layout": "fmu_export.modelling.model",
+    "Layout": "fmu_export.modelling.variables",
     "MissingExtra": "fmu_export.errors",
     "Model": "fmu_export.modelling.model",
     "ModelError": "fmu_export.errors",
@@ -20,7 +20,7 @@ _MODULES = {
     "StartValueError": "fmu_export.package.start_values",
     "ToolchainError": "fmu_export.native.toolchain",
     "TraceError": "fmu_export.errors",
-    "Variable": "fmu_export.modelling.model",
+    "Variable": "fmu_export.modelling.variables",
     "build_native": "fmu_export.native.backend",
     "build_pythonfmu": "fmu_export.pythonfmu.backend",
     "build_script": "fmu_export.pythonfmu.script",
@@ -55,7 +55,8 @@ __all__ = [
 if TYPE_CHECKING:
     from fmu_export.control_backend import to_control
     from fmu_export.errors import ArgumentError, MissingExtra, ModelError, TraceError
-    from fmu_export.modelling.model import DefaultExperiment, Layout, Model, Requirement, Variable
+    from fmu_export.modelling.model import DefaultExperiment, Model, Requirement
+    from fmu_export.modelling.variables import Layout, Variable
     from fmu_export.native.backend import build_native
     from fmu_export.native.toolchain import ToolchainError
     from fmu_export.package.documentation import DocumentationError

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from fmu_export.errors import ArgumentError, needs
-from fmu_export.modelling.model import Array, Layout, Model
+from fmu_export.modelling.model import Model
+from fmu_export.modelling.variables import Array, Layout
 
 with needs("control"):
     import control

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from fmu_export.modelling.functions import norm
-from fmu_export.modelling.model import DefaultExperiment, Layout, Model, ModelFunction, Requirement, Variable
+from fmu_export.modelling.model import DefaultExperiment, Model, ModelFunction, Requirement
+from fmu_export.modelling.variables import Layout, Variable
 from plant_fmu.dynamics import closed_chain, mass_matrix, uncertain_inertia
 from plant_fmu.kinematics import chain_ends, inverse_kinematics, loop_closure, reach_margin
 

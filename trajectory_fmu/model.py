@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from fmu_export.modelling.model import DefaultExperiment, Layout, Model, ModelFunction, Requirement, Variable
+from fmu_export.modelling.model import DefaultExperiment, Model, ModelFunction, Requirement
+from fmu_export.modelling.variables import Layout, Variable
 from plant_fmu.inverse_dynamics import minimum_norm_torque
 from plant_fmu.kinematics import directions_to, inverse_kinematics, reach_margin, velocity_jacobians
 from plant_fmu.model import GEOMETRY, INERTIA

@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from fmu_export.modelling.model import Array, ModelFunction
+from fmu_export.modelling.model import ModelFunction
+from fmu_export.modelling.variables import Array
 
 
 def norm(v: Array) -> Any:

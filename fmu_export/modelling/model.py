@@ -7,102 +7,19 @@ or trace them with symbols.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from types import SimpleNamespace
 from typing import Any, Literal
 
-import numpy as np
-
 from fmu_export.errors import ArgumentError
+from fmu_export.modelling.names import check_identifier, check_text
+from fmu_export.modelling.variables import Array, Layout, check_unique, number
 
-#: A flat array of floats, or of symbols while a back end traces the model.
-Array = Any
 #: f(t, x, u, p): time (s), states (n_x,), inputs (n_u,), parameters (n_p,).
 ModelFunction = Callable[[Any, Array, Array, Array], Array]
 
-
-@dataclass(frozen=True)
-class Variable:
-    """A scalar or a vector that a model declares.
-
-    Parameters
-    ----------
-    name : str
-        The paper's symbol in ASCII, for example ``theta_a``.
-    unit : str
-        SI unit as defined in `fmu_export.modelling.units`; ``"1"`` for dimensionless.
-    description : str
-        One line for the users of other tools.
-    size : int, optional
-        Length of a vector, whose elements are named ``name[1]`` ...; None for a scalar.
-    start : float or tuple of float
-        Start value of a parameter or an input, one number for all elements or one an element.
-    min, max : float, optional
-        Smallest and largest admissible value (both inclusive).
-    tunable : bool, optional
-        Whether a parameter may change during a run, between two steps; the states go on from where they are.
-    """
-
-    name: str
-    unit: str
-    description: str
-    size: int | None = None
-    start: float | tuple[float, ...] = 0.0
-    min: float | None = None
-    max: float | None = None
-    tunable: bool = False
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the elements, as importers of an FMU see them."""
-        return (self.name,) if self.size is None else tuple(f"{self.name}[{i + 1}]" for i in range(self.size))
-
-    @property
-    def starts(self) -> tuple[float, ...]:
-        """Start values of the elements."""
-        n = self.size or 1
-        starts = self.start if isinstance(self.start, tuple) else (self.start,) * n
-        if len(starts) != n:
-            raise ArgumentError(f"variable '{self.name}' has {n} elements but {len(starts)} start values")
-        return tuple(float(s) for s in starts)
-
-
-class Layout:
-    """The order of named variables in a flat array."""
-
-    def __init__(self, variables: Sequence[Variable]) -> None:
-        self.variables = tuple(variables)
-        self.names = tuple(name for v in self.variables for name in v.names)
-        if len(set(self.names)) != len(self.names):
-            raise ArgumentError(f"variable names are not unique: {', '.join(self.names)}")
-        self.starts = np.array([s for v in self.variables for s in v.starts])
-        self._slices: dict[str, slice | int] = {}
-        position = 0
-        for v in self.variables:
-            end = position + (v.size or 1)
-            self._slices[v.name] = position if v.size is None else slice(position, end)
-            position = end
-
-    def __len__(self) -> int:
-        return len(self.names)
-
-    def unpack(self, flat: Array) -> SimpleNamespace:
-        """Name the parts of a flat array: scalars and (size,) vectors."""
-        return SimpleNamespace(**{name: flat[where] for name, where in self._slices.items()})
-
-    def pack(self, **parts: Array) -> Array:
-        """Join named parts to a flat array (n,).
-
-        Raises
-        ------
-        TypeError
-            A declared part is missing, or an undeclared one is given.
-        """
-        if parts.keys() != self._slices.keys():
-            wrong = ", ".join(sorted(parts.keys() ^ self._slices.keys()))
-            raise TypeError(f"parts and declared variables differ in: {wrong}")
-        return np.concatenate([np.reshape(parts[v.name], (v.size or 1,)) for v in self.variables])
+#: Parameters that the exporter adds to models with states.
+RESERVED = ("max_step",)
 
 
 @dataclass(frozen=True)
@@ -125,14 +42,35 @@ class Requirement:
     margin: ModelFunction
     at: Literal["start", "step"] = "step"
 
+    def __post_init__(self) -> None:
+        check_text("the message of a requirement", self.message)
+        if self.at not in ("start", "step"):
+            raise ArgumentError(f"requirement '{self.message}': at is {self.at!r}; it must be 'start' or 'step'")
+
 
 @dataclass(frozen=True)
 class DefaultExperiment:
-    """What an importer proposes to its user, in seconds."""
+    """What an importer proposes to its user, in seconds.
+
+    Raises
+    ------
+    ArgumentError
+        The stop is not after the start, the step is not positive, or a number is not finite.
+    """
 
     stop_time: float
     step_size: float
     start_time: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("stop_time", "step_size", "start_time"):
+            object.__setattr__(self, name, number("default experiment", name, getattr(self, name)))
+        if not self.stop_time > self.start_time:
+            raise ArgumentError(
+                f"default experiment: stop_time {self.stop_time!r} is not after start_time {self.start_time!r}"
+            )
+        if not self.step_size > 0.0:
+            raise ArgumentError(f"default experiment: step_size {self.step_size!r} is not positive")
 
 
 @dataclass(frozen=True)
@@ -161,7 +99,8 @@ class Model:
     Raises
     ------
     ArgumentError
-        An input or an output is declared as tunable.
+        A name can't be taken or is there twice, a start value is outside its limits, a state is no output, an input or
+        an output is declared as tunable, or an argument is of another kind.
     """
 
     name: str
@@ -177,9 +116,61 @@ class Model:
     requirements: tuple[Requirement, ...] = field(default=())
 
     def __post_init__(self) -> None:
-        for v in (*self.inputs.variables, *self.outputs.variables):
-            if v.tunable:
-                raise ArgumentError(f"{self.name}: '{v.name}' is no parameter; only parameters can be tunable")
+        check_identifier("model", self.name)
+        check_text(f"{self.name}: the description", self.description)
+        for group in ("parameters", "inputs", "outputs"):
+            object.__setattr__(self, group, self._layout(group))
+        object.__setattr__(self, "states", self._sequence("states", str, "names of outputs"))
+        object.__setattr__(self, "requirements", self._sequence("requirements", Requirement, "Requirements"))
+        if not isinstance(self.default_experiment, DefaultExperiment):
+            raise ArgumentError(f"{self.name}: default_experiment is {self.default_experiment!r}, no DefaultExperiment")
+        for function in ("initial_state", "derivatives", "output_values"):
+            if not callable(getattr(self, function)):
+                raise ArgumentError(f"{self.name}: {function} is no function")
+        self._check_variables()
+
+    def _layout(self, group: str) -> Layout:
+        value = getattr(self, group)
+        try:
+            return value if isinstance(value, Layout) else Layout(value)
+        except ArgumentError as error:
+            raise ArgumentError(f"{self.name}: {group}: {error}") from None
+        except TypeError:
+            raise ArgumentError(f"{self.name}: {group} is {value!r}; give a Layout or a list of Variables") from None
+
+    def _sequence(self, name: str, kind: type, kinds: str) -> tuple[Any, ...]:
+        value = getattr(self, name)
+        try:
+            parts = () if isinstance(value, str) else tuple(value)
+        except TypeError:
+            parts = (None,)
+        if isinstance(value, str) or not all(isinstance(part, kind) for part in parts):
+            raise ArgumentError(f"{self.name}: {name} is {value!r}; give a tuple of {kinds}")
+        return parts
+
+    def _check_variables(self) -> None:
+        groups = {"parameter": self.parameters, "input": self.inputs, "output": self.outputs}
+        declared = [v for layout in groups.values() for v in layout.variables]
+        check_unique([v.name for v in declared], f"{self.name}: ")
+        check_unique([name for v in declared for name in v.names], f"{self.name}: ")
+        for what, layout in groups.items():
+            for v in layout.variables:
+                if what != "output":  # outputs have no start values
+                    v.check_starts(f"{self.name}: {what}")
+                if v.tunable and what != "parameter":
+                    raise ArgumentError(f"{self.name}: '{v.name}' is no parameter; only parameters can be tunable")
+                if self.states and v.name in RESERVED:
+                    raise ArgumentError(
+                        f"{self.name}: {what} '{v.name}': every FMU with states has a parameter of this name"
+                    )
+        outputs = [v.name for v in self.outputs.variables]
+        for state in self.states:
+            if state not in outputs:
+                raise ArgumentError(
+                    f"{self.name}: state '{state}' is no output; declare an output of this name, known are "
+                    f"{', '.join(outputs) or 'none'}"
+                )
+        check_unique(self.states, f"{self.name}: states: ")
 
     @property
     def state_layout(self) -> Layout:

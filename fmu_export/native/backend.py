@@ -8,6 +8,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping, Sequence
 from importlib.resources import files
+from os import PathLike
 from pathlib import Path
 from typing import Literal
 
@@ -65,7 +66,7 @@ _HEADERS = {
 
 def build_native(
     model: Model,
-    folder: Path,
+    folder: str | PathLike[str],
     flavour: Literal["fmi2", "fmi3"],
     targets: Sequence[Target] | None = None,
     page: str | None = None,
@@ -79,7 +80,7 @@ def build_native(
     Parameters
     ----------
     model : Model
-    folder : Path
+    folder : path
     flavour : {"fmi2", "fmi3"}
         FMI version.
     targets : sequence of Target, optional
@@ -118,7 +119,7 @@ def build_native(
         digest.update(name.encode() + source)
     guid = "{" + digest.hexdigest()[:32] + "}"
     sources = adapter | model_sources(traced, interface, guid)
-    path = folder / f"{model.name}.fmu"
+    path = Path(folder) / f"{model.name}.fmu"
     binaries = {}
     for target in targets if targets is not None else [host_target()]:
         place = target.fmi2_folder if flavour == "fmi2" else target.fmi3_folder

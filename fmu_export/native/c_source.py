@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import re
 from collections.abc import Sequence
@@ -69,7 +68,7 @@ def _header(traced: TracedModel, interface: Interface, guid: str, functions: Seq
         _HEADER
         + "#ifndef MODEL_H\n#define MODEL_H\n\n"
         + f'#define MODEL_IDENTIFIER "{traced.model.name}"\n'
-        + f"#define MODEL_GUID {json.dumps(guid)}\n\n"
+        + f"#define MODEL_GUID {c_string(guid)}\n\n"
         + "".join(f"#define {name} {size}\n" for name, size in sizes.items())
         + _HIDE
         + "\n/* Arrays of length zero are no C: every table has one element more than it needs. */\n"
@@ -101,10 +100,10 @@ def _tables(traced: TracedModel, interface: Interface) -> str:
     state_of_outputs = ", ".join(str(state_of.get(first_output + i, -1)) for i in range(interface.n_outputs + 1))
 
     def messages(at: str) -> str:
-        return ", ".join(json.dumps(r.message) for r in traced.model.requirements if r.at == at) or "0"
+        return ", ".join(c_string(r.message) for r in traced.model.requirements if r.at == at) or "0"
 
     return (
-        f"const char *const model_names[N_P + N_U + N_Y + N_X + 1] = {{{', '.join(map(json.dumps, names))}}};\n"
+        f"const char *const model_names[N_P + N_U + N_Y + N_X + 1] = {{{', '.join(map(c_string, names))}}};\n"
         f"const double model_limits[N_P + 1][2] = {{{limits}{{0.0, 0.0}}}};\n"
         f"const int model_tunable[N_P + 1] = {{{tunable}0}};\n"
         f"const int model_state_outputs[N_X + 1] = {{{states}}};\n"
@@ -137,6 +136,12 @@ def c_function(f: ca.Function, names: Sequence[str], prefix: str = "model") -> s
 
 def _target(name: str) -> str:
     return f"y[{name[1:]}]" if name.startswith("y") else name
+
+
+def c_string(text: str) -> str:
+    """A C literal of a text in UTF-8; what is not plain in every C is written by its octal number."""
+    plain = re.compile(r"[ !#-;=>@-\[\]-~]")  # no quote, no backslash, no ? or < of trigraphs and digraphs
+    return '"' + "".join(chr(b) if plain.fullmatch(chr(b)) else f"\\{b:03o}" for b in text.encode()) + '"'
 
 
 def _literal(value: float) -> str:

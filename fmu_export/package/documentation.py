@@ -16,7 +16,8 @@ import numpy as np
 
 from fmu_export.errors import ModelError, needs
 from fmu_export.modelling.functions import rk4_step
-from fmu_export.modelling.model import Array, Layout, Model
+from fmu_export.modelling.model import Model
+from fmu_export.modelling.variables import Array, Layout
 from fmu_export.package.description_common import DISTRIBUTION, package_version
 from fmu_export.package.icon import model_icon, terminal_icons
 from fmu_export.package.interface import Interface

@@ -8,7 +8,8 @@ from typing import Any
 from xml.etree import ElementTree as ET
 
 from fmu_export.errors import needs
-from fmu_export.modelling.model import Layout, Model
+from fmu_export.modelling.model import Model
+from fmu_export.modelling.variables import Layout
 from fmu_export.package.description_common import to_bytes
 
 with needs("export"):

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 from fmu_export.errors import TraceError
-from fmu_export.modelling.model import Layout, Variable
 from fmu_export.modelling.units import rate_unit
+from fmu_export.modelling.variables import Layout, Variable
 
 if TYPE_CHECKING:
     from fmu_export.trace.trace import TracedModel

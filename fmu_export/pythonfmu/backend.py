@@ -11,6 +11,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping
 from importlib.metadata import version
+from os import PathLike
 from pathlib import Path
 
 from fmu_export.modelling.model import Model
@@ -60,7 +61,7 @@ _ARGUMENTS = {
 
 def build_pythonfmu(
     model: Model,
-    folder: Path,
+    folder: str | PathLike[str],
     page: str | None = None,
     figures: Mapping[str, bytes] | None = None,
     unchecked: bool = False,
@@ -70,7 +71,7 @@ def build_pythonfmu(
     Parameters
     ----------
     model : Model
-    folder : Path
+    folder : path
     page : str, optional
         The model's page in Markdown, for the documentation in the archive; without it there is none.
     figures : mapping of str to bytes, optional
@@ -100,7 +101,7 @@ def build_pythonfmu(
     package = f"{model.name}_{fingerprint[:16]}"
     entry = f"{package}_entry"
     modules["interface.py"] += f"FINGERPRINT = {fingerprint!r}\n".encode()
-    path = folder / f"{model.name}.fmu"
+    path = Path(folder) / f"{model.name}.fmu"
     members = {
         "modelDescription.xml": _description(model, interface, _guid(fingerprint), unchecked),
         "resources/slavemodule.txt": entry.encode(),

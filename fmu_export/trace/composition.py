@@ -12,8 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from fmu_export.errors import ModelError
-from fmu_export.modelling.model import Array, DefaultExperiment, Layout, Model, ModelFunction, Requirement, Variable
+from fmu_export.errors import ArgumentError, ModelError
+from fmu_export.modelling.names import check_identifier
+from fmu_export.modelling.model import DefaultExperiment, Model, ModelFunction, Requirement
+from fmu_export.modelling.variables import Array, Layout, Variable
 from fmu_export.trace.trace import feedthrough
 
 #: Source of a scalar input: ("input", position in the whole) or (component, position in its outputs).
@@ -57,10 +59,10 @@ def compose(
         A component's name is no identifier, a connection is wrong, or there is an algebraic loop.
     """
     for component in components:
-        if not component.isidentifier():
-            raise CompositionError(
-                f"component {component!r}: the name must be an identifier, since variables are named by it"
-            )
+        try:
+            check_identifier("component", component)
+        except ArgumentError as error:
+            raise CompositionError(str(error)) from None
     fed = _fed_inputs(components, connections)
     inputs = Layout(
         [v for component, m in components.items() for v in _prefixed(component, m.inputs) if v.name not in fed]

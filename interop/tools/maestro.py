@@ -17,7 +17,8 @@ from pathlib import Path
 
 import fmpy
 
-from fmu_export.modelling.model import DefaultExperiment, Layout, Model, Variable
+from fmu_export.modelling.model import DefaultExperiment, Model
+from fmu_export.modelling.variables import Layout, Variable
 from fmu_export.native.backend import build_native
 from fmu_export.package.archive import write_archive
 from interop.tools import maven

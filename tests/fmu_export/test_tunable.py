@@ -18,7 +18,8 @@ from scipy.integrate import solve_ivp
 
 from fmu_export import ArgumentError, TraceError
 from fmu_export.modelling.functions import rk4_step
-from fmu_export.modelling.model import Layout, Model, Requirement, Variable
+from fmu_export.modelling.model import Model, Requirement
+from fmu_export.modelling.variables import Layout, Variable
 from fmu_export.package.interface import interface_of
 from fmu_export.trace.trace import trace
 from parallel_robot.models import MODELS, closed_loop_model

@@ -7,7 +7,8 @@ import pytest
 
 from controller_fmu.model import MODEL as CONTROLLER
 from controller_fmu.model import NO_LIMIT
-from fmu_export.modelling.model import Layout, Model
+from fmu_export.modelling.model import Model
+from fmu_export.modelling.variables import Layout
 from plant_fmu.kinematics import inverse_kinematics, velocity_jacobians
 from plant_fmu.model import MODEL as PLANT
 from plant_fmu.model import PARAMETERS as PLANT_PARAMETERS

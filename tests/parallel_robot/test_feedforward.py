@@ -15,7 +15,7 @@ from cosim import Results, System
 from cosim.master.simulation import Simulation
 from cosim.scenario import replaced
 from fmu_export.modelling.functions import saturate
-from fmu_export.modelling.model import Layout
+from fmu_export.modelling.variables import Layout
 from fmu_export.pythonfmu.backend import build_pythonfmu
 from fmu_export.trace.trace import trace
 from parallel_robot.metrics import tracking_errors

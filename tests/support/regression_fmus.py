@@ -16,7 +16,8 @@ import numpy as np
 
 from cosim.regression.case import Case
 from cosim.results.results import Results
-from fmu_export.modelling.model import DefaultExperiment, Layout, Model, Variable
+from fmu_export.modelling.model import DefaultExperiment, Model
+from fmu_export.modelling.variables import Layout, Variable
 from fmu_export.native.backend import build_native
 from fmu_export.native.toolchain import find_compiler
 from tests.support.compilation import shared_compilation

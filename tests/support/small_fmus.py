@@ -9,7 +9,8 @@ from pathlib import Path
 
 import fmpy
 
-from fmu_export.modelling.model import DefaultExperiment, Layout, Model, Variable
+from fmu_export.modelling.model import DefaultExperiment, Model
+from fmu_export.modelling.variables import Layout, Variable
 from fmu_export.native.backend import build_native
 from fmu_export.native.toolchain import find_compiler
 from fmu_export.pythonfmu.backend import build_pythonfmu

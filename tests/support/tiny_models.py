@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from fmu_export.modelling.model import DefaultExperiment, Layout, Model, Requirement, Variable
+from fmu_export.modelling.model import DefaultExperiment, Model, Requirement
+from fmu_export.modelling.variables import Layout, Variable
 from fmu_export.pythonfmu.backend import build_pythonfmu
 
 

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from controller_fmu.model import MODEL as CONTROLLER
-from fmu_export.modelling.model import Layout, Variable
+from fmu_export.modelling.variables import Layout, Variable
 from plant_fmu.model import MODEL as PLANT
 from trajectory_fmu.model import MODEL as TRAJECTORY
 

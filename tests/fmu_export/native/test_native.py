@@ -29,7 +29,7 @@ from fmpy.validation import validate_fmu
 from scipy.integrate import solve_ivp
 
 from cosim import Results, simulate
-from fmu_export.modelling.model import Layout
+from fmu_export.modelling.variables import Layout
 from fmu_export.native import backend
 from fmu_export.native.backend import build_native
 from fmu_export.package.start_values import StartValueError, write_start_values

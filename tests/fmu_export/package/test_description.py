@@ -16,8 +16,8 @@ import pytest
 from fmpy.validation import validate_fmu
 
 from controller_fmu.model import MODEL as CONTROLLER
-from fmu_export.modelling.model import Layout
 from fmu_export.modelling.units import rate_unit, unit
+from fmu_export.modelling.variables import Layout
 from fmu_export.package.interface import interface_of
 from fmu_export.pythonfmu.backend import build_pythonfmu
 from fmu_export.trace.trace import trace

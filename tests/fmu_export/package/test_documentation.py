@@ -19,7 +19,7 @@ from scipy.integrate import solve_ivp
 
 import fmu_export.package.documentation as documentation
 from controller_fmu.model import MODEL as CONTROLLER
-from fmu_export.modelling.model import Layout, Variable
+from fmu_export.modelling.variables import Layout, Variable
 from fmu_export.package.description_common import package_version
 from fmu_export.package.documentation import DocumentationError
 from fmu_export.package.interface import interface_of

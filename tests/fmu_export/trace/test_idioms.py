@@ -15,7 +15,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fmu_export.errors import TraceError
-from fmu_export.modelling.model import DefaultExperiment, Layout, Model, Variable
+from fmu_export.modelling.model import DefaultExperiment, Model
+from fmu_export.modelling.variables import Layout, Variable
 from fmu_export.pythonfmu.backend import build_pythonfmu
 from fmu_export.trace.straight_line import python_source
 from fmu_export.trace.trace import trace

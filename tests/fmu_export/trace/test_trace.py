@@ -11,7 +11,8 @@ import pytest
 from controller_fmu.model import MODEL as CONTROLLER
 from fmu_export.errors import TraceError
 from fmu_export.modelling.functions import rk4_step
-from fmu_export.modelling.model import DefaultExperiment, Layout, Model, Requirement, Variable
+from fmu_export.modelling.model import DefaultExperiment, Model, Requirement
+from fmu_export.modelling.variables import Layout, Variable
 from fmu_export.package.interface import interface_of
 from fmu_export.trace.straight_line import python_source
 from fmu_export.trace.trace import feedthrough, trace

@@ -21,7 +21,7 @@ from scipy.optimize import minimize
 from controller_fmu.model import MODEL, PARAMETERS
 from controller_fmu.optimal_gains import PerformanceIndex, optimal_gains
 from cosim.results.results import Results
-from fmu_export.modelling.model import Layout
+from fmu_export.modelling.variables import Layout
 from parallel_robot import models
 from parallel_robot.paper.reproduce.claims import RELATIONS, Row, judge, rows, verdict
 from parallel_robot.paper.reproduce.content import Verdict
