@@ -332,8 +332,6 @@ class _Check:
                     bounds = ROUNDING * self.program.rounding(_rows_of(points, which.tolist()))
                     gap = found if columns is wrong else self.as_states(expected, points[1])
                     columns[:, which] &= ~(np.abs(gap - expected)[:, which] <= bounds)
-        for i, k in np.argwhere(wrong):
-            self.refuse(int(i), expected[i, k], found[i, k], _row(points, int(k)))
         for i, k in np.argwhere(others):
             _, element = self.element(int(i))
             raise TraceError(
@@ -341,6 +339,8 @@ class _Check:
                 f"{float(self.as_states(expected, points[1])[i, k])!r}, but numpy computes {float(expected[i, k])!r}; "
                 "give the output another name"
             )
+        for i, k in np.argwhere(wrong):
+            self.refuse(int(i), expected[i, k], found[i, k], _row(points, int(k)))
         return len(results)
 
     def as_states(self, expected: np.ndarray, x: np.ndarray) -> np.ndarray:

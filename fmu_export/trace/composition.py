@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from fmu_export.errors import ArgumentError, ModelError
-from fmu_export.modelling.names import check_identifier
 from fmu_export.modelling.model import DefaultExperiment, Model, ModelFunction, Requirement
+from fmu_export.modelling.names import check_identifier
 from fmu_export.modelling.variables import Array, Layout, Variable
 from fmu_export.trace.trace import feedthrough
 

@@ -146,7 +146,7 @@ def trace(model: Model, unchecked: bool = False) -> TracedModel:
 
     with tracing(model.name):
         rates = column(model.derivatives(T, X, U, P), named("derivatives"), n_x)
-        y = column(model.output_values(T, X, U, P), named("output_values"), len(model.outputs))
+        y = _outputs(model, T, X, U, P)
         initial = column(model.initial_state(P), named("initial_state"), n_x)
         start_margins, step_margins = (_margins(model, at, T, X, U, P) for at in ("start", "step"))
         rates_and_margins = ca.vertcat(rates, step_margins)
@@ -194,6 +194,16 @@ def _function(model: str, name: str, arguments: Sequence[ca.SX], value: ca.SX) -
     return traced
 
 
+def _outputs(model: Model, t: Any, x: Any, u: Any, p: Any) -> ca.SX:
+    """The outputs; one with the name of a state is the state itself, whatever the model computes for it."""
+    y: ca.SX = column(model.output_values(t, x, u, p), f"{model.name}: output_values", len(model.outputs))
+    states = column(x, "states", len(model.state_layout))
+    places = {name: i for i, name in enumerate(model.outputs.names)}
+    for i, name in enumerate(model.state_layout.names):
+        y[places[name]] = states[i]
+    return y
+
+
 def _margins(model: Model, at: str, *arguments: Any) -> ca.SX:
     requirements: list[Requirement] = [r for r in model.requirements if r.at == at]
     return ca.vertcat(
@@ -208,7 +218,7 @@ def _check_same_trace(model: Model, first: dict[str, ca.Function]) -> None:
     functions: dict[str, Callable[..., ca.SX]] = {
         "step_margins": lambda *a: _margins(model, "step", *a),
         "start_margins": lambda *a: _margins(model, "start", *a),
-        "outputs": lambda *a: column(model.output_values(*a), "output_values", len(model.outputs)),
+        "outputs": lambda *a: _outputs(model, *a),
         "derivatives": lambda *a: column(model.derivatives(*a), "derivatives", sizes[1]),
         "initial_state": lambda *a: column(model.initial_state(a[3]), "initial_state", sizes[1]),
     }
@@ -266,8 +276,7 @@ def feedthrough(model: Model) -> list[list[int]]:
     t, x = _symbols("t", 1), _symbols("x", len(model.state_layout))
     u, p = _symbols("u", len(model.inputs)), _symbols("p", len(model.parameters))
     with tracing(model.name):
-        value = model.output_values(Scalar(t), argument(x), argument(u), argument(p))
-        y = column(value, f"{model.name}: output_values", len(model.outputs))
+        y = _outputs(model, Scalar(t), argument(x), argument(u), argument(p))
     return _rows(ca.Function("outputs", [t, x, u, p], [y]).jac_sparsity(0, 2))
 
 

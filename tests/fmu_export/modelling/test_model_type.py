@@ -41,7 +41,7 @@ def test_wrong_number_of_start_values_is_refused_with_name_and_numbers(size, sta
 
 
 def test_duplicate_names_are_refused():
-    with pytest.raises(ValueError, match=r"not unique: k, k"):
+    with pytest.raises(ValueError, match=r"not unique: k$"):
         Layout([SCALAR, SCALAR])
     with pytest.raises(ValueError, match=r"not unique"):  # an element's name taken by a scalar
         Layout([VECTOR, Variable("tau[2]", "N.m", "")])
@@ -97,10 +97,3 @@ def test_states_are_outputs_and_layouts_do_not_overlap(model):
     assert set(model.state_layout.names) <= set(model.outputs.names)
     names = [*model.parameters.names, *model.inputs.names, *model.outputs.names]
     assert len(set(names)) == len(names)
-
-
-def test_a_state_that_is_no_output_is_refused():
-    from dataclasses import replace
-
-    with pytest.raises(KeyError, match="speed"):
-        _ = replace(CONTROLLER, states=("speed",)).state_layout
