@@ -15,6 +15,7 @@ _MODULES = {
     "Layout": "fmu_export.modelling.variables",
     "MissingExtra": "fmu_export.errors",
     "Model": "fmu_export.modelling.model",
+    "ModelClass": "fmu_export.modelling.model_class",
     "ModelError": "fmu_export.errors",
     "Requirement": "fmu_export.modelling.model",
     "StartValueError": "fmu_export.package.start_values",
@@ -25,6 +26,11 @@ _MODULES = {
     "build_pythonfmu": "fmu_export.pythonfmu.backend",
     "build_script": "fmu_export.pythonfmu.script",
     "compose": "fmu_export.trace.composition",
+    "input": "fmu_export.modelling.declarations",
+    "output": "fmu_export.modelling.declarations",
+    "parameter": "fmu_export.modelling.declarations",
+    "require": "fmu_export.modelling.declarations",
+    "state": "fmu_export.modelling.declarations",
     "to_control": "fmu_export.control_backend",
     "write_start_values": "fmu_export.package.start_values",
 }
@@ -38,6 +44,7 @@ __all__ = [
     "Layout",
     "MissingExtra",
     "Model",
+    "ModelClass",
     "ModelError",
     "Requirement",
     "StartValueError",
@@ -48,6 +55,11 @@ __all__ = [
     "build_pythonfmu",
     "build_script",
     "compose",
+    "input",
+    "output",
+    "parameter",
+    "require",
+    "state",
     "to_control",
     "write_start_values",
 ]
@@ -55,7 +67,9 @@ __all__ = [
 if TYPE_CHECKING:
     from fmu_export.control_backend import to_control
     from fmu_export.errors import ArgumentError, MissingExtra, ModelError, TraceError
+    from fmu_export.modelling.declarations import input, output, parameter, require, state
     from fmu_export.modelling.model import DefaultExperiment, Model, Requirement
+    from fmu_export.modelling.model_class import ModelClass
     from fmu_export.modelling.variables import Layout, Variable
     from fmu_export.native.backend import build_native
     from fmu_export.native.toolchain import ToolchainError

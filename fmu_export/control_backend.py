@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from fmu_export.errors import ArgumentError, needs
-from fmu_export.modelling.model import Model
+from fmu_export.modelling.model_class import AnyModel, flat_model
 from fmu_export.modelling.variables import Array, Layout
 
 with needs("control"):
@@ -16,7 +16,7 @@ with needs("control"):
 
 
 def to_control(
-    model: Model,
+    model: AnyModel,
     name: str | None = None,
     parameters: Mapping[str, float | Sequence[float]] | None = None,
 ) -> control.NonlinearIOSystem:
@@ -24,7 +24,7 @@ def to_control(
 
     Parameters
     ----------
-    model : Model
+    model : Model or ModelClass
         Any model; its functions are called as they are.
     name : str, optional
         Name of the system; the model's by default.
@@ -43,6 +43,7 @@ def to_control(
     ArgumentError
         `parameters` has an unknown name or a value of the wrong size.
     """
+    model = flat_model(model)
     defaults = parameter_array(model.parameters, parameters or {})
     names = model.parameters.names
 

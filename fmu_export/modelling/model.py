@@ -11,6 +11,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+import numpy as np
+
 from fmu_export.errors import ArgumentError
 from fmu_export.modelling.names import check_identifier, check_text
 from fmu_export.modelling.variables import Array, Layout, check_unique, number
@@ -73,28 +75,44 @@ class DefaultExperiment:
             raise ArgumentError(f"default experiment: step_size {self.step_size!r} is not positive")
 
 
-@dataclass(frozen=True)
+#: The experiment of a model that gives none.
+DEFAULT_EXPERIMENT = DefaultExperiment(stop_time=1.0, step_size=0.01)
+
+_NONE = Layout()
+
+
+def _no_state(p: Array) -> Array:  # noqa: ARG001
+    """State of a model without states."""
+    return np.zeros(0)
+
+
+def _the_state(t: Any, x: Array, *_: Array) -> Array:  # noqa: ARG001
+    """Derivatives of no states; outputs that are the states."""
+    return x
+
+
+@dataclass(frozen=True, kw_only=True)
 class Model:
-    """FMI-free physics.
+    """FMI-free physics: a model as flat arrays and functions; `ModelClass` is the layer above, with names.
 
     Parameters
     ----------
     name, description : str
-        The name is also the FMI model identifier.
-    parameters, inputs, outputs : Layout
+        The name is also the FMI model identifier; the description is optional.
+    parameters, inputs, outputs : Layout, optional
         The declared variables. Every state is among the outputs, under its own name.
-    states : tuple of str
+    states : tuple of str, optional
         Names of the outputs that make up the state vector, in its order.
     initial_state : callable
-        initial_state(p) -> (n_x,).
+        initial_state(p) -> (n_x,); optional without states, as are the derivatives.
     derivatives : callable
         derivatives(t, x, u, p) -> (n_x,), per second.
     output_values : callable
-        outputs(t, x, u, p) -> (n_y,), in the order of `outputs`.
+        outputs(t, x, u, p) -> (n_y,), in the order of `outputs`; optional where those are the states, in their order.
     requirements : tuple of Requirement
         When the equations may be evaluated.
-    default_experiment : DefaultExperiment
-        Duration and step proposed to importers.
+    default_experiment : DefaultExperiment, optional
+        Duration and step proposed to importers; 1 s in steps of 10 ms by default.
 
     Raises
     ------
@@ -104,15 +122,15 @@ class Model:
     """
 
     name: str
-    description: str
-    parameters: Layout
-    inputs: Layout
-    outputs: Layout
-    states: tuple[str, ...]
-    initial_state: Callable[[Array], Array]
-    derivatives: ModelFunction
-    output_values: ModelFunction
-    default_experiment: DefaultExperiment
+    description: str = ""
+    parameters: Layout = _NONE
+    inputs: Layout = _NONE
+    outputs: Layout = _NONE
+    states: tuple[str, ...] = ()
+    initial_state: Callable[[Array], Array] = _no_state
+    derivatives: ModelFunction = _the_state
+    output_values: ModelFunction = _the_state
+    default_experiment: DefaultExperiment = DEFAULT_EXPERIMENT
     requirements: tuple[Requirement, ...] = field(default=())
 
     def __post_init__(self) -> None:
@@ -128,6 +146,7 @@ class Model:
             if not callable(getattr(self, function)):
                 raise ArgumentError(f"{self.name}: {function} is no function")
         self._check_variables()
+        self._check_functions()
 
     def _layout(self, group: str) -> Layout:
         value = getattr(self, group)
@@ -171,6 +190,17 @@ class Model:
                     f"{', '.join(outputs) or 'none'}"
                 )
         check_unique(self.states, f"{self.name}: states: ")
+
+    def _check_functions(self) -> None:
+        """Refuse functions that are left out though there is something to compute."""
+        for name, left_out in (("initial_state", _no_state), ("derivatives", _the_state)):
+            if self.states and getattr(self, name) is left_out:
+                raise ArgumentError(f"{self.name}: there are states, but no {name}; give the function")
+        outputs = tuple(v.name for v in self.outputs.variables)
+        if self.output_values is _the_state and outputs != self.states:
+            computed = ", ".join(name for name in outputs if name not in self.states)
+            what = f"'{computed}' has no value" if computed else "the outputs are the states in another order"
+            raise ArgumentError(f"{self.name}: {what}; give output_values")
 
     @property
     def state_layout(self) -> Layout:

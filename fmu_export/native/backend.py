@@ -14,7 +14,7 @@ from typing import Literal
 
 import fmpy
 
-from fmu_export.modelling.model import Model
+from fmu_export.modelling.model_class import AnyModel, flat_model
 from fmu_export.native.c_source import model_sources
 from fmu_export.native.toolchain import Target, ToolchainError, compile_library, host_target
 from fmu_export.package import description_fmi2, description_fmi3
@@ -65,7 +65,7 @@ _HEADERS = {
 
 
 def build_native(
-    model: Model,
+    model: AnyModel,
     folder: str | PathLike[str],
     flavour: Literal["fmi2", "fmi3"],
     targets: Sequence[Target] | None = None,
@@ -79,7 +79,7 @@ def build_native(
 
     Parameters
     ----------
-    model : Model
+    model : Model or ModelClass
     folder : path
     flavour : {"fmi2", "fmi3"}
         FMI version.
@@ -103,6 +103,7 @@ def build_native(
     OSError
         The file can't be written; an older one is unchanged.
     """
+    model = flat_model(model)
     traced = trace(model, unchecked)
     tool = "C code, equations unchecked" if unchecked else "C code"
     interface = interface_of(traced)

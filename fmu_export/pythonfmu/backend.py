@@ -15,6 +15,7 @@ from os import PathLike
 from pathlib import Path
 
 from fmu_export.modelling.model import Model
+from fmu_export.modelling.model_class import AnyModel, flat_model
 from fmu_export.package.archive import write_archive
 from fmu_export.package.description_fmi2 import model_description
 from fmu_export.package.interface import Interface, interface_of
@@ -60,7 +61,7 @@ _ARGUMENTS = {
 
 
 def build_pythonfmu(
-    model: Model,
+    model: AnyModel,
     folder: str | PathLike[str],
     page: str | None = None,
     figures: Mapping[str, bytes] | None = None,
@@ -70,7 +71,7 @@ def build_pythonfmu(
 
     Parameters
     ----------
-    model : Model
+    model : Model or ModelClass
     folder : path
     page : str, optional
         The model's page in Markdown, for the documentation in the archive; without it there is none.
@@ -89,6 +90,7 @@ def build_pythonfmu(
     BinariesMissing
         The installed pythonfmu has no binaries.
     """
+    model = flat_model(model)
     traced = trace(model, unchecked)
     interface = interface_of(traced)
     # without its guid the description holds nothing that depends on the fingerprint

@@ -14,6 +14,7 @@ import numpy as np
 
 from fmu_export.errors import ArgumentError, ModelError
 from fmu_export.modelling.model import DefaultExperiment, Model, ModelFunction, Requirement
+from fmu_export.modelling.model_class import AnyModel, flat_model
 from fmu_export.modelling.names import check_identifier
 from fmu_export.modelling.variables import Array, Layout, Variable
 from fmu_export.trace.trace import feedthrough
@@ -30,7 +31,7 @@ class CompositionError(ModelError, ValueError):
 def compose(
     name: str,
     description: str,
-    components: Mapping[str, Model],
+    components: Mapping[str, AnyModel],
     connections: Iterable[tuple[str, str]],
     default_experiment: DefaultExperiment,
 ) -> Model:
@@ -41,7 +42,7 @@ def compose(
     name, description : str
         Of the whole.
     components : mapping
-        Name of a component -> its model.
+        Name of a component -> its `Model` or `ModelClass`.
     connections : iterable of (str, str)
         (output, input), both `component.variable`, whole variables of one size and unit. At most one
         connection feeds an input; those that nothing feeds are the inputs of the whole.
@@ -63,21 +64,18 @@ def compose(
             check_identifier("component", component)
         except ArgumentError as error:
             raise CompositionError(str(error)) from None
-    fed = _fed_inputs(components, connections)
-    inputs = Layout(
-        [v for component, m in components.items() for v in _prefixed(component, m.inputs) if v.name not in fed]
-    )
-    states = _slices(len(model.state_layout) for model in components.values())
-    parameters = _slices(len(model.parameters) for model in components.values())
-    sources = {
-        component: _sources(component, model, components, fed, inputs) for component, model in components.items()
-    }
+    models = {component: flat_model(model) for component, model in components.items()}
+    fed = _fed_inputs(models, connections)
+    inputs = Layout([v for component, m in models.items() for v in _prefixed(component, m.inputs) if v.name not in fed])
+    states = _slices(len(model.state_layout) for model in models.values())
+    parameters = _slices(len(model.parameters) for model in models.values())
+    sources = {component: _sources(component, model, models, fed, inputs) for component, model in models.items()}
     wiring = _Wiring(
         components={
-            component: _Component(model, next(states), next(parameters)) for component, model in components.items()
+            component: _Component(model, next(states), next(parameters)) for component, model in models.items()
         },
         sources=sources,
-        schedule=_schedule(components, sources),
+        schedule=_schedule(models, sources),
     )
 
     def derivatives(t: Any, x: Array, u: Array, p: Array) -> Array:
@@ -112,10 +110,10 @@ def compose(
     return Model(
         name=name,
         description=description,
-        parameters=Layout([v for component, m in components.items() for v in _prefixed(component, m.parameters)]),
+        parameters=Layout([v for component, m in models.items() for v in _prefixed(component, m.parameters)]),
         inputs=inputs,
-        outputs=Layout([v for component, m in components.items() for v in _prefixed(component, m.outputs)]),
-        states=tuple(f"{component}.{state}" for component, m in components.items() for state in m.states),
+        outputs=Layout([v for component, m in models.items() for v in _prefixed(component, m.outputs)]),
+        states=tuple(f"{component}.{state}" for component, m in models.items() for state in m.states),
         initial_state=lambda p: np.concatenate(
             [component.model.initial_state(p[component.p]) for component in wiring.components.values()]
         ),
@@ -124,7 +122,7 @@ def compose(
         default_experiment=default_experiment,
         requirements=tuple(
             replace(r, message=f"{component}: {r.message}", margin=margin(component, r))
-            for component, m in components.items()
+            for component, m in models.items()
             for r in m.requirements
         ),
     )

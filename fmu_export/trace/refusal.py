@@ -9,7 +9,10 @@ from typing import NoReturn
 from fmu_export.errors import TraceError
 
 #: Packages whose frames are not the author's.
-_OTHERS = ("numpy", "casadi", "fmu_export.trace", "fmu_export.modelling.model", "scipy", "contextlib", "functools")
+_OTHERS = (
+    *("numpy", "casadi", "scipy", "contextlib", "functools", "fmu_export.trace"),
+    *("fmu_export.modelling.model", "fmu_export.modelling.model_class", "fmu_export.modelling.variables"),
+)
 
 BRANCH = "an `if`, `and`, `or`, `max`, `min` or loop on values can't be traced; use np.where, np.maximum, np.clip, &, |"
 NUMBER = "math.*, float() and int() take no symbols; use np.sin, np.floor, ..."

@@ -17,6 +17,7 @@ import numpy as np
 from fmu_export.errors import TraceError, needs
 from fmu_export.modelling.functions import rk4_step
 from fmu_export.modelling.model import Model, Requirement
+from fmu_export.modelling.model_class import AnyModel, flat_model
 from fmu_export.trace.arrays import Scalar
 from fmu_export.trace.check import Checked, check_against_numpy
 from fmu_export.trace.symbols import argument, column, tracing
@@ -110,13 +111,12 @@ class TracedModel:
         return _rows(initial_outputs.jac_sparsity(0, 0)), _rows(initial_outputs.jac_sparsity(0, 1))
 
 
-@cache  # all flavours are built from the same
-def trace(model: Model, unchecked: bool = False) -> TracedModel:
+def trace(model: AnyModel, unchecked: bool = False) -> TracedModel:
     """Trace all functions of a model.
 
     Parameters
     ----------
-    model : Model
+    model : Model or ModelClass
     unchecked : bool, optional
         Leave out the comparison with what numpy computes.
 
@@ -126,6 +126,11 @@ def trace(model: Model, unchecked: bool = False) -> TracedModel:
         The model's functions return arrays whose shapes differ from what it declares, use what can't be traced, depend
         on more than their arguments, or compute something else with symbols than with numbers.
     """
+    return _traced(flat_model(model), unchecked)
+
+
+@cache  # all flavours are built from the same
+def _traced(model: Model, unchecked: bool) -> TracedModel:
     n_x, n_u, n_p = len(model.state_layout), len(model.inputs), len(model.parameters)
     t, x, u, p = (_symbols(*s) for s in (("t", 1), ("x", n_x), ("u", n_u), ("p", n_p)))
     T, X, U, P = Scalar(t), argument(x), argument(u), argument(p)

@@ -6,7 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from controller_fmu.model import MODEL as CONTROLLER
+from fmu_export.errors import ArgumentError
+from fmu_export.modelling.model import DefaultExperiment, Model
 from fmu_export.modelling.variables import Layout, Variable
+from fmu_export.trace.trace import trace
 from plant_fmu.model import MODEL as PLANT
 from trajectory_fmu.model import MODEL as TRAJECTORY
 
@@ -97,3 +100,53 @@ def test_states_are_outputs_and_layouts_do_not_overlap(model):
     assert set(model.state_layout.names) <= set(model.outputs.names)
     names = [*model.parameters.names, *model.inputs.names, *model.outputs.names]
     assert len(set(names)) == len(names)
+
+
+def test_what_a_model_does_not_need_can_be_left_out():
+    gain = Model(
+        name="Gain",
+        inputs=Layout([Variable("u")]),
+        outputs=Layout([Variable("y", "N.m")]),
+        output_values=lambda t, x, u, p: 2.0 * u,
+    )
+    assert (gain.description, gain.states, len(gain.parameters)) == ("", (), 0)
+    assert gain.default_experiment == DefaultExperiment(stop_time=1.0, step_size=0.01)
+    traced = trace(gain)
+    assert traced.initial_state([]).shape == (0, 1)
+    assert traced.derivatives(0.0, [], [3.0], []).shape == (0, 1)
+    assert traced.outputs(0.0, [], [3.0], []).full().tolist() == [[6.0]]
+    decay = Model(
+        name="Decay",
+        outputs=Layout([Variable("x")]),
+        states=("x",),
+        initial_state=lambda p: np.ones(1),
+        derivatives=lambda t, x, u, p: -x,
+    )
+    assert trace(decay).outputs(0.0, [0.3], [], []).full().tolist() == [[0.3]]
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"derivatives": lambda t, x, u, p: x}, "M: there are states, but no initial_state; give the function"),
+        ({"initial_state": lambda p: np.zeros(1)}, "M: there are states, but no derivatives; give the function"),
+        (
+            {"initial_state": lambda p: np.zeros(1), "derivatives": lambda t, x, u, p: x, "outputs": "xy"},
+            "M: 'y' has no value; give output_values",
+        ),
+        (
+            {
+                "initial_state": lambda p: np.zeros(1),
+                "derivatives": lambda t, x, u, p: x,
+                "outputs": "yx",
+                "states": ("x", "y"),
+            },
+            "M: the outputs are the states in another order; give output_values",
+        ),
+    ],
+)
+def test_what_a_model_needs_can_not_be_left_out(options, message):
+    outputs = Layout([Variable(name) for name in options.pop("outputs", "x")])
+    with pytest.raises(ArgumentError) as caught:
+        Model(**{"name": "M", "outputs": outputs, "states": ("x",)} | options)
+    assert str(caught.value) == message

@@ -1,0 +1,197 @@
+"""What the body of a `ModelClass` consists of: declared variables, and marks of its methods."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
+
+import numpy as np
+
+from fmu_export.errors import ArgumentError
+from fmu_export.modelling.variables import Variable
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+_Method = TypeVar("_Method", bound=Callable[..., Any])
+
+#: What each kind of variable is called in messages.
+KINDS = {
+    "parameter": "a parameter",
+    "input": "an input",
+    "state": "a state",
+    "discrete": "a discrete state",
+    "output": "an output",
+}
+
+
+@dataclass(eq=False)
+class Declaration:
+    """A variable of a `ModelClass`; `name` is that of the class attribute."""
+
+    kind: Literal["parameter", "input", "state", "discrete", "output"]
+    start: Any
+    unit: str
+    description: str
+    size: int | None
+    options: dict[str, Any]
+    is_output: bool
+    name: str = field(default="", init=False)
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self.name = self.name or name
+
+    def __get__(self, instance: Any, owner: type) -> Any:
+        """On the class the declaration; in a method the value, which the instance has, if it is known there."""
+        if instance is None:
+            return self
+        raise ArgumentError(
+            f"{instance!r}: '{self.name}' is {KINDS[self.kind]}, whose value is not known there; compute it from what "
+            + ("is: parameters" if "t" not in vars(instance) else "is: states, inputs, parameters, m.t")
+        )
+
+    def variable(self, name: str | None = None, **changes: Any) -> Variable:
+        """What the flat model declares, by another name or with other options if they are given."""
+        options = {
+            "description": self.description,
+            "size": self.size,
+            "start": self.start,
+            **self.options,
+            **changes,
+        }
+        return Variable(name or self.name, self.unit, **options)
+
+
+def _declaration(
+    kind: Literal["parameter", "input", "state", "discrete", "output"],
+    start: Any,
+    unit: str,
+    description: str,
+    size: int | None,
+    is_output: bool,
+    **options: Any,
+) -> Declaration:
+    if isinstance(start, str):
+        raise ArgumentError(f"{kind}: the start value {start!r} is no number; write {kind}(0.0, {start!r}) for a unit")
+    values = np.asarray(start)
+    if values.dtype.kind not in "biuf":
+        raise ArgumentError(f"{kind}: the start value {start!r} is no number and no array of numbers")
+    if values.ndim > 1:
+        raise ArgumentError(f"{kind}: the start value has {values.ndim} dimensions; declare a vector")
+    if values.ndim == 1:
+        if size not in (None, len(values)):
+            raise ArgumentError(f"{kind}: size={size}, but {len(values)} start values")
+        size, start = len(values), tuple(values.tolist())
+    else:
+        start = values.item()
+    return Declaration(kind, start, unit, description, size, options, is_output)
+
+
+def parameter(
+    start: ArrayLike,
+    unit: str = "1",
+    description: str = "",
+    *,
+    size: int | None = None,
+    min: float | None = None,
+    max: float | None = None,
+    tunable: bool = False,
+) -> Any:
+    """Declare a parameter of a `ModelClass`.
+
+    Parameters
+    ----------
+    start : float, bool or sequence of float
+        Its value, unless the importer or a keyword of the class gives another; a sequence declares a vector.
+    unit : str, optional
+        As of `Variable`; ``"1"`` for dimensionless.
+    description : str, optional
+        One line for the users of other tools.
+    size : int, optional
+        Number of elements of a vector with one start value for all.
+    min, max : float, optional
+        Smallest and largest admissible value.
+    tunable : bool, optional
+        Whether it may change during a run, between two steps.
+    """
+    return _declaration("parameter", start, unit, description, size, False, min=min, max=max, tunable=tunable)
+
+
+def input(
+    start: ArrayLike = 0.0,
+    unit: str = "1",
+    description: str = "",
+    *,
+    size: int | None = None,
+    min: float | None = None,
+    max: float | None = None,
+) -> Any:
+    """Declare an input of a `ModelClass`; arguments as of `parameter`."""
+    return _declaration("input", start, unit, description, size, False, min=min, max=max)
+
+
+def state(
+    start: ArrayLike = 0.0,
+    unit: str = "1",
+    description: str = "",
+    *,
+    size: int | None = None,
+    min: float | None = None,
+    max: float | None = None,
+) -> Any:
+    """Declare a continuous state of a `ModelClass`, whose derivative `derivatives` returns; it is an output, too.
+
+    The state `h` starts at the parameter `h_start`, which is added with this start value, unit, smallest and largest
+    value, unless `initial` computes the start from other parameters. Arguments as of `parameter`.
+    """
+    return _declaration("state", start, unit, description, size, True, min=min, max=max)
+
+
+def output(unit: str = "1", description: str = "", *, size: int | None = None) -> Any:
+    """Declare an output of a `ModelClass`, whose value `outputs` returns.
+
+    Parameters
+    ----------
+    unit : str, optional
+        As of `Variable`; ``"1"`` for dimensionless.
+    description : str, optional
+        One line for the users of other tools.
+    size : int, optional
+        Number of elements of a vector.
+    """
+    return _declaration("output", 0.0, unit, description, size, True)
+
+
+@dataclass(frozen=True)
+class RequireMark:
+    """What `require` has been given."""
+
+    message: str
+    at: Literal["start", "step"]
+
+
+#: Attribute of a method that has what its decorator was given.
+MARK = "__fmu_export_mark__"
+
+
+def _marked(method: _Method, mark: Any) -> _Method:
+    if hasattr(method, MARK):
+        raise ArgumentError(f"{method.__qualname__}: a method has one of @when, @every and @require; write two methods")
+    setattr(method, MARK, mark)
+    return method
+
+
+def require(message: str, at: Literal["start", "step"] = "step") -> Callable[[_Method], _Method]:
+    """Declare, above a method of a `ModelClass` that returns a scalar, that it must stay positive.
+
+    Parameters
+    ----------
+    message : str
+        What is wrong where it is not, and the remedy.
+    at : {"start", "step"}
+        As of `Requirement`: "start" depends on parameters only.
+    """
+    if at not in ("start", "step"):
+        raise ArgumentError(f'require: at={at!r}; write "start" or "step"')
+    return lambda method: _marked(method, RequireMark(message, at))

@@ -1,0 +1,291 @@
+"""Models as classes: what they become is the flat model that one would write, and what does not fit is refused."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fmu_export import (
+    DefaultExperiment,
+    Layout,
+    Model,
+    ModelClass,
+    compose,
+    output,
+    parameter,
+    require,
+    state,
+    to_control,
+)
+from fmu_export import input as input_
+from fmu_export.errors import ArgumentError, TraceError
+from fmu_export.trace.trace import trace
+
+
+class Pendulum(ModelClass, name="TwoPendulums", stop_time=5.0, step_size=0.002):
+    """Two pendulums on one motor.
+
+    The second line is for readers of the source.
+    """
+
+    L = parameter([0.5, 0.8], "m", "Lengths", min=0.1)
+    g = parameter(9.81, "m/s2")
+    q = state([0.1, 0.2], "rad", "Angles")
+    w = state(0.0, "rad/s", size=2)
+    heat = state(0.0, "J")
+    torque = input_(0.0, "s-2")
+    height = output("m", "Heights", size=2)
+    total = output("m")
+
+    def gravity(m):
+        return m.g / m.L * np.sin(m.q)
+
+    def derivatives(m):
+        return {"w": m.torque * np.cos(m.t) - m.gravity(), "heat": m.w @ m.w, "q": m.w}
+
+    def outputs(m):
+        height = -m.L * np.cos(m.q)
+        return {"total": height[0] + height[1], "height": height}
+
+    @require("g must be positive")
+    def gravity_is_positive(m):
+        return m.g
+
+
+class Started(Pendulum):
+    """Starts where its end is."""
+
+    x_end = parameter(0.3, "m")
+
+    def initial(m):
+        return {"q": np.arcsin(m.x_end / m.L)}
+
+    @require("x_end is out of reach", at="start")
+    def within_reach(m):
+        return np.min(m.L) - m.x_end
+
+
+def test_a_class_becomes_the_flat_model_that_one_would_write() -> None:
+    model = Pendulum.model()
+    assert isinstance(model, Model)
+    assert (model.name, model.description) == ("TwoPendulums", "Two pendulums on one motor.")
+    assert model.default_experiment == DefaultExperiment(stop_time=5.0, step_size=0.002)
+    assert model.states == ("q", "w", "heat")
+    assert model.parameters.names == (
+        *("L[1]", "L[2]", "g"),
+        *("q_start[1]", "q_start[2]", "w_start[1]", "w_start[2]", "heat_start"),
+    )
+    assert model.parameters.starts.tolist() == [0.5, 0.8, 9.81, 0.1, 0.2, 0.0, 0.0, 0.0]
+    assert model.inputs.names == ("torque",)
+    assert model.outputs.names == ("q[1]", "q[2]", "w[1]", "w[2]", "heat", "height[1]", "height[2]", "total")
+    units = {v.name: (v.unit, v.description) for v in (*model.parameters.variables, *model.outputs.variables)}
+    assert units["L"] == ("m", "Lengths")
+    assert units["q"] == ("rad", "Angles")
+    assert units["q_start"] == ("rad", "Start of q: Angles")
+    assert units["heat_start"] == ("J", "Start of heat")
+    assert {v.name: v.min for v in model.parameters.variables}["L"] == 0.1
+
+
+def test_its_functions_are_those_of_the_methods() -> None:
+    model = Pendulum.model()
+    rng = np.random.default_rng(1)
+    p = rng.uniform(0.5, 2.0, 8)
+    x, u, t = rng.normal(size=5), rng.normal(size=1), 0.7
+    q, w = x[:2], x[2:4]
+    acceleration = u[0] * np.cos(t) - p[2] / p[:2] * np.sin(q)
+    np.testing.assert_array_equal(model.derivatives(t, x, u, p), [*w, *acceleration, w @ w])
+    height = -p[:2] * np.cos(q)
+    np.testing.assert_array_equal(model.output_values(t, x, u, p), [*x, *height, height[0] + height[1]])
+    np.testing.assert_array_equal(model.initial_state(p), p[3:])
+    (requirement,) = model.requirements
+    assert (requirement.message, requirement.at) == ("g must be positive", "step")
+    assert requirement.margin(t, x, u, p) == p[2]
+
+
+def test_it_is_traced_to_the_same_as_numpy() -> None:
+    traced = trace(Pendulum)
+    rng = np.random.default_rng(2)
+    p, x, u = rng.uniform(0.5, 2.0, 8), rng.normal(size=5), rng.normal(size=1)
+    for f, g in ((traced.derivatives, traced.model.derivatives), (traced.outputs, traced.model.output_values)):
+        np.testing.assert_allclose(f(0.3, x, u, p).full().ravel(), g(0.3, x, u, p), rtol=1e-14)
+    assert trace(Pendulum) is trace(Pendulum.model())
+
+
+def test_other_start_values_by_keyword() -> None:
+    model = Pendulum(g=1.62, L=1.0, q_start=[0.3, 0.4], torque=2.0).model()
+    assert model.parameters.starts.tolist() == [1.0, 1.0, 1.62, 0.3, 0.4, 0.0, 0.0, 0.0]
+    assert model.inputs.starts.tolist() == [2.0]
+    assert Pendulum.model().parameters.starts[2] == 9.81
+
+
+def test_methods_can_be_called_by_hand_at_the_start() -> None:
+    m: Any = Pendulum(g=1.62, L=1.0, q_start=[0.3, 0.4], torque=2.0)
+    np.testing.assert_array_equal(m.q, [0.3, 0.4])
+    np.testing.assert_array_equal(m.derivatives()["w"], 2.0 - 1.62 * np.sin([0.3, 0.4]))
+    assert m.gravity().shape == (2,)
+    assert Pendulum().t == 0.0
+
+
+def test_a_class_inherits_variables_methods_and_settings() -> None:
+    model = Started.model()
+    assert (model.name, model.description) == ("Started", "Starts where its end is.")
+    assert model.default_experiment.stop_time == 5.0
+    assert model.parameters.names == ("L[1]", "L[2]", "g", "x_end", "w_start[1]", "w_start[2]", "heat_start")
+    p = model.parameters.starts
+    np.testing.assert_array_equal(model.initial_state(p), [*np.arcsin(0.3 / p[:2]), 0.0, 0.0, 0.0])
+    assert [r.at for r in model.requirements] == ["step", "start"]
+    assert model.requirements[1].margin(None, None, None, p) == pytest.approx(0.2)
+
+    class Damped(Started, stop_time=8.0):
+        d = parameter(0.1, "s-1")
+        g = parameter(3.7, "m/s2", "On Mars")
+        heat = None  # type: ignore[assignment]
+
+        def derivatives(m):
+            rates = super().derivatives()
+            return {"q": rates["q"], "w": rates["w"] - m.d * m.w}
+
+        gravity_is_positive = None  # type: ignore[assignment]
+
+    model = Damped.model()
+    assert model.description == "Starts where its end is."
+    assert model.default_experiment == DefaultExperiment(stop_time=8.0, step_size=0.002)
+    assert model.states == ("q", "w")
+    assert dict(zip(model.parameters.names, model.parameters.starts, strict=True))["g"] == 3.7
+    assert [r.at for r in model.requirements] == ["start"]
+    assert Started.model().states == ("q", "w", "heat")
+
+
+def test_a_class_without_states_or_outputs() -> None:
+    class Sum(ModelClass):
+        a = input_(1.0)
+        b = input_(2.0)
+        y = output()
+
+        def outputs(self):
+            return {"y": self.a + self.b}
+
+    model = Sum.model()
+    assert model.description == ""
+    assert model.output_values(0.0, np.zeros(0), np.array([1.0, 5.0]), np.zeros(0)).tolist() == [6.0]
+    assert trace(Sum).outputs(0, [], [3, 4], []).full().tolist() == [[7.0]]
+
+    class Nothing(ModelClass):
+        pass
+
+    assert len(Nothing.model().outputs) == 0
+
+
+def test_a_class_in_a_composition_and_in_python_control() -> None:
+    class Load(ModelClass):
+        speed = input_(0.0, "rad/s", size=2)
+        lost = output("rad/s")
+
+        def outputs(m):
+            return {"lost": m.speed[0] - m.speed[1]}
+
+    whole = compose(
+        "Whole", "", {"a": Pendulum, "b": Load()}, [("a.w", "b.speed")], DefaultExperiment(stop_time=1.0, step_size=0.1)
+    )
+    assert whole.states == ("a.q", "a.w", "a.heat")
+    x = np.array([0.0, 0.0, 3.0, 1.0, 0.0])
+    assert whole.output_values(0.0, x, np.zeros(1), whole.parameters.starts)[-1] == 2.0
+    system = to_control(Pendulum(g=1.0), parameters={"L": [1.0, 2.0]})
+    np.testing.assert_allclose(system.dynamics(0.0, [0.5, 0.0, 0.0, 0.0, 0.0], [0.0])[2], -np.sin(0.5))
+
+
+def variant(**body: Any) -> Any:
+    """A subclass of Pendulum."""
+    return lambda: type("Variant", (Pendulum,), body).model()  # type: ignore[attr-defined]
+
+
+def rates(**changed: Any) -> Any:
+    """A subclass with other derivatives."""
+    return variant(derivatives=lambda m: {"q": m.w, "w": m.w, "heat": 0.0} | {k: f(m) for k, f in changed.items()})
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        (rates(p=lambda m: 0.0), "Variant.derivatives: it returns 'p', which is not declared"),
+        (rates(heta=lambda m: 0.0), "it returns 'heta', which is not declared; did you mean 'heat'"),
+        (
+            rates(g=lambda m: 0.0),
+            "returns 'g', which is a parameter; this method returns derivatives of states only",
+        ),
+        (rates(q=lambda m: m.qq), "Variant.derivatives: there is no 'qq'; did you mean 'q'"),
+        (rates(q=lambda m: m.height), "Variant.derivatives: 'height' is an output, whose value is not known there"),
+        (rates(q=lambda m: m.q[0]), "'q' is declared with shape (2,), but what it returns is as a scalar"),
+        (rates(q=lambda m: [0.0, 1.0, 2.0]), "'q' is declared with shape (2,), but what it returns is with shape (3,)"),
+        (rates(heat=lambda m: m.q), "'heat' is declared as a scalar, but what it returns is with shape (2,)"),
+        (rates(heat=lambda m: None), "'heat' is no number and no array of numbers, but NoneType"),
+        (rates(heat=lambda m: setattr(m, "g", 1.0)), "'g' can't be set; return what changes, as dict(g=...)"),
+        (variant(derivatives=lambda m: {"q": m.w}), "Variant.derivatives: the derivative of 'w' is missing"),
+        (variant(derivatives=lambda m: None), "Variant.derivatives: it returns NoneType; return a dictionary"),
+        (variant(outputs=lambda m: {"total": 1.0}), "Variant.outputs: the value of 'height' is missing"),
+        (
+            variant(outputs=lambda m: {"q": m.q}),
+            "Variant.outputs: it returns 'q', which is a state; this method returns outputs that are no states only",
+        ),
+        (variant(initial=lambda m: {"q": m.w}), "Variant.initial: 'w' is a state, whose value is not known there"),
+        (variant(initial=lambda m: {"total": 0.0}), "Variant.initial: it returns 'total', which is an output"),
+        (variant(gravity_is_positive=lambda m: 1.0), "Variant.gravity_is_positive hides a method that is marked"),
+        (
+            variant(both=require("vector")(lambda m: m.q)),
+            "Variant.both: it returns with shape (2,); return a scalar",
+        ),
+        (
+            variant(early=require("speed", at="start")(lambda m: m.w[0])),
+            "Variant.early: 'w' is a state, whose value is not known there; compute it from what is: parameters",
+        ),
+        (
+            variant(g=3.7),
+            "g hides a parameter; declare it anew, as g = parameter(...), or leave it out by None",
+        ),
+        (variant(t=parameter(1.0)), "Variant: a variable can't have the name 't'"),
+        (variant(_k=parameter(1.0)), "Variant: a variable can't have the name '_k'"),
+        (variant(a=(one := parameter(1.0)), b=one), "Variant: 'b' and 'a' are one declaration; write two"),
+        (variant(q_start=parameter(1.0)), "variable names are not unique"),
+        (variant(k=parameter(1.0, "parsec")), "'parsec' is not defined"),
+        (lambda: Pendulum(gg=1.0), "Pendulum(gg=...): there is no parameter or input 'gg'; did you mean 'g'"),
+        (lambda: Pendulum(total=1.0), "Pendulum(total=...): there is no parameter or input 'total'"),
+        (lambda: Pendulum(L=[1.0, 2.0, 3.0]), "Pendulum(L=...): [1.0, 2.0, 3.0] is not a number or 2 of them"),
+        (lambda: Pendulum(g="1"), "Pendulum(g=...): '1' is not a number"),
+        (lambda: Pendulum().speed, "Pendulum(): there is no 'speed'"),
+        (ModelClass, "ModelClass has no variables"),
+        (lambda: parameter("m"), "parameter: the start value 'm' is no number; write parameter(0.0, 'm') for a unit"),
+        (lambda: input_([1.0, 2.0], size=3), "input: size=3, but 2 start values"),
+        (lambda: state([None]), "state: the start value [None] is no number and no array of numbers"),
+        (lambda: require("x", at="end"), 'require: at=\'end\'; write "start" or "step"'),  # type: ignore[arg-type]
+    ],
+)
+def test_what_does_not_fit_is_refused_in_one_line(wrong: Any, message: str) -> None:
+    with pytest.raises(ArgumentError, match=re.escape(message)) as caught:
+        wrong()
+    assert "\n" not in str(caught.value)
+
+
+def test_a_name_that_only_a_branch_has_is_refused_while_tracing() -> None:
+    calls = []
+
+    class Fickle(ModelClass):
+        x = state()
+
+        def derivatives(m):
+            calls.append(0)
+            return {"x": m.x} if len(calls) == 1 else {"x": m.x, "y": 0.0}
+
+    with pytest.raises(TraceError, match=r"Fickle.derivatives: it returns 'y', which is not declared"):
+        trace(Fickle)
+
+
+def test_values_are_where_they_were_declared() -> None:
+    """Every element of every variable has its own place, whatever the order in which a method returns them."""
+    model = Started.model()
+    for layout in (model.parameters, model.outputs):
+        np.testing.assert_array_equal(
+            Layout(layout.variables).pack(**vars(layout.unpack(np.arange(len(layout))))), np.arange(len(layout))
+        )
