@@ -12,12 +12,14 @@ _MODULES = {
     "CompositionError": "fmu_export.trace.composition",
     "DefaultExperiment": "fmu_export.modelling.model",
     "DocumentationError": "fmu_export.package.documentation",
+    "Event": "fmu_export.modelling.model",
     "Layout": "fmu_export.modelling.variables",
     "MissingExtra": "fmu_export.errors",
     "Model": "fmu_export.modelling.model",
     "ModelClass": "fmu_export.modelling.model_class",
     "ModelError": "fmu_export.errors",
     "Requirement": "fmu_export.modelling.model",
+    "Sampled": "fmu_export.modelling.model",
     "StartValueError": "fmu_export.package.start_values",
     "ToolchainError": "fmu_export.native.toolchain",
     "TraceError": "fmu_export.errors",
@@ -41,12 +43,14 @@ __all__ = [
     "CompositionError",
     "DefaultExperiment",
     "DocumentationError",
+    "Event",
     "Layout",
     "MissingExtra",
     "Model",
     "ModelClass",
     "ModelError",
     "Requirement",
+    "Sampled",
     "StartValueError",
     "ToolchainError",
     "TraceError",
@@ -68,7 +72,7 @@ if TYPE_CHECKING:
     from fmu_export.control_backend import to_control
     from fmu_export.errors import ArgumentError, MissingExtra, ModelError, TraceError
     from fmu_export.modelling.declarations import input, output, parameter, require, state
-    from fmu_export.modelling.model import DefaultExperiment, Model, Requirement
+    from fmu_export.modelling.model import DefaultExperiment, Event, Model, Requirement, Sampled
     from fmu_export.modelling.model_class import ModelClass
     from fmu_export.modelling.variables import Layout, Variable
     from fmu_export.native.backend import build_native

@@ -41,9 +41,14 @@ def to_control(
     Raises
     ------
     ArgumentError
-        `parameters` has an unknown name or a value of the wrong size.
+        `parameters` has an unknown name or a value of the wrong size, or the model has discrete states or events.
     """
     model = flat_model(model)
+    if not model.is_continuous:
+        raise ArgumentError(
+            f"{model.name}: python-control takes continuous models, without discrete states and events; build an FMU "
+            "with build_native"
+        )
     defaults = parameter_array(model.parameters, parameters or {})
     names = model.parameters.names
 

@@ -1,4 +1,4 @@
-"""What a model is: declared variables and a few pure functions of (t, x, u, p).
+"""What a model is: declared variables and a few pure functions of (t, x, u, p), with discrete states (t, x, z, u, p).
 
 A `Model` knows no FMI, no solver and no file. Its functions are written in plain numpy notation, take flat arrays
 in the declared order and must stay free of branches on values, so that a back end can either call them with numbers
@@ -14,11 +14,12 @@ from typing import Any, Literal
 import numpy as np
 
 from fmu_export.errors import ArgumentError
-from fmu_export.modelling.names import check_identifier, check_text
+from fmu_export.modelling.names import check_identifier, check_text, check_variable_name
 from fmu_export.modelling.variables import Array, Layout, check_unique, number
 
-#: f(t, x, u, p): time (s), states (n_x,), inputs (n_u,), parameters (n_p,).
-ModelFunction = Callable[[Any, Array, Array, Array], Array]
+#: f(t, x, u, p): time (s), states (n_x,), inputs (n_u,), parameters (n_p,); of a model with discrete states z (n_z,)
+#: f(t, x, z, u, p).
+ModelFunction = Callable[..., Array]
 
 #: Parameters that the exporter adds to models with states.
 RESERVED = ("max_step",)
@@ -33,7 +34,7 @@ class Requirement:
     message : str
         What is wrong when it is not, and the remedy.
     margin : callable
-        margin(t, x, u, p) -> scalar; the requirement holds while it is positive.
+        margin(t, x, u, p) -> scalar, or margin(t, x, z, u, p); the requirement holds while it is positive.
     at : {"start", "step"}
         "start": depends on parameters only, checked before the initial state is computed;
         "step": checked at the start and before every integration step. A model without states has none of these; its
@@ -48,6 +49,91 @@ class Requirement:
         check_text("the message of a requirement", self.message)
         if self.at not in ("start", "step"):
             raise ArgumentError(f"requirement '{self.message}': at is {self.at!r}; it must be 'start' or 'step'")
+
+
+@dataclass(frozen=True)
+class Event:
+    """What happens when an indicator crosses zero: states change at once.
+
+    An event happens at the instant at which its indicator, from above zero, becomes zero or less (falling), from below
+    zero becomes zero or more (rising), or either. An indicator that begins on the other side has not crossed. After an
+    event that leaves the indicator at zero, and rising from there, the next fall is an event again.
+
+    Parameters
+    ----------
+    name : str
+        An identifier, unique in the model.
+    indicator : callable
+        indicator(t, x, u, p) -> scalar; with discrete states, indicator(t, x, z, u, p).
+    reset : callable
+        Of the same arguments -> the states (n_x,) after the event; with discrete states a pair, (n_x,) and (n_z,).
+    direction : {"falling", "rising", "both"}, optional
+
+    Raises
+    ------
+    ArgumentError
+        The name is no identifier, a function can't be called, or the direction is another.
+    """
+
+    name: str
+    indicator: ModelFunction
+    reset: Callable[..., Array | tuple[Array, Array]]
+    direction: Literal["falling", "rising", "both"] = "falling"
+
+    def __post_init__(self) -> None:
+        _check_part("event", self.name, indicator=self.indicator, reset=self.reset)
+        if self.direction not in ("falling", "rising", "both"):
+            raise ArgumentError(
+                f"event '{self.name}': direction is {self.direction!r}; it must be 'falling', 'rising' or 'both'"
+            )
+
+
+@dataclass(frozen=True)
+class Sampled:
+    """A change of the discrete states at the instants offset, offset + period, offset + 2 period, ...
+
+    At an instant the continuous states have arrived; all updates whose instant it is see the discrete states before
+    any of them, and each changes the elements for which it returns other values. Events follow.
+
+    Parameters
+    ----------
+    name : str
+        An identifier, unique in the model.
+    update : callable
+        update(t, x, z, u, p) -> discrete states (n_z,) from this instant on.
+    period, offset : float or str, optional
+        In seconds, or the name of a scalar parameter that holds it; the period is positive. Instants are those of the
+        time itself: with offset 0 there is one at t = 0, and none before it.
+
+    Raises
+    ------
+    ArgumentError
+        The name is no identifier, the update can't be called, or period or offset can't be taken.
+    """
+
+    name: str
+    update: ModelFunction
+    period: float | str
+    offset: float | str = 0.0
+
+    def __post_init__(self) -> None:
+        _check_part("sampled", self.name, update=self.update)
+        for what in ("period", "offset"):
+            value = getattr(self, what)
+            if not isinstance(value, str):
+                object.__setattr__(self, what, number(f"sampled '{self.name}'", what, value))
+        if not isinstance(self.period, str) and not self.period > 0.0:
+            raise ArgumentError(f"sampled '{self.name}': period {self.period!r} is not positive")
+
+
+def _check_part(kind: str, name: object, **functions: object) -> None:
+    try:
+        check_variable_name(name)
+    except ArgumentError as error:
+        raise ArgumentError(str(error).replace("variable", kind, 1)) from None
+    for what, function in functions.items():
+        if not callable(function):
+            raise ArgumentError(f"{kind} '{name}': {what} is no function")
 
 
 @dataclass(frozen=True)
@@ -95,6 +181,8 @@ def _the_state(t: Any, x: Array, *_: Array) -> Array:  # noqa: ARG001
 class Model:
     """FMI-free physics: a model as flat arrays and functions; `ModelClass` is the layer above, with names.
 
+    All functions take z, the discrete states, between x and u exactly if the model declares some.
+
     Parameters
     ----------
     name, description : str
@@ -113,12 +201,20 @@ class Model:
         When the equations may be evaluated.
     default_experiment : DefaultExperiment, optional
         Duration and step proposed to importers; 1 s in steps of 10 ms by default.
+    discrete : Layout, optional
+        The declared discrete states, which change at events and sampling instants only. One with the name of an output
+        is that output; the others are local variables of an FMU.
+    initial_discrete : callable, optional
+        initial_discrete(p) -> (n_z,); by default the start values of `discrete`.
+    events : tuple of Event, optional
+    sampled : tuple of Sampled, optional
 
     Raises
     ------
     ArgumentError
         A name can't be taken or is there twice, a start value is outside its limits, a state is no output, an input or
-        an output is declared as tunable, or an argument is of another kind.
+        an output is declared as tunable, a period is that of no fixed scalar parameter, nothing changes the discrete
+        states, or an argument is of another kind.
     """
 
     name: str
@@ -132,14 +228,20 @@ class Model:
     output_values: ModelFunction = _the_state
     default_experiment: DefaultExperiment = DEFAULT_EXPERIMENT
     requirements: tuple[Requirement, ...] = field(default=())
+    discrete: Layout = _NONE
+    initial_discrete: Callable[[Array], Array] | None = None
+    events: tuple[Event, ...] = ()
+    sampled: tuple[Sampled, ...] = ()
 
     def __post_init__(self) -> None:
         check_identifier("model", self.name)
         check_text(f"{self.name}: the description", self.description)
-        for group in ("parameters", "inputs", "outputs"):
+        for group in ("parameters", "inputs", "outputs", "discrete"):
             object.__setattr__(self, group, self._layout(group))
         object.__setattr__(self, "states", self._sequence("states", str, "names of outputs"))
         object.__setattr__(self, "requirements", self._sequence("requirements", Requirement, "Requirements"))
+        object.__setattr__(self, "events", self._sequence("events", Event, "Events"))
+        object.__setattr__(self, "sampled", self._sequence("sampled", Sampled, "Sampled"))
         if not isinstance(self.default_experiment, DefaultExperiment):
             raise ArgumentError(f"{self.name}: default_experiment is {self.default_experiment!r}, no DefaultExperiment")
         for function in ("initial_state", "derivatives", "output_values"):
@@ -147,6 +249,9 @@ class Model:
                 raise ArgumentError(f"{self.name}: {function} is no function")
         self._check_variables()
         self._check_functions()
+        self._check_discrete()
+        self._check_sampled()
+        self._check_names_of_parts()
 
     def _layout(self, group: str) -> Layout:
         value = getattr(self, group)
@@ -169,7 +274,10 @@ class Model:
 
     def _check_variables(self) -> None:
         groups = {"parameter": self.parameters, "input": self.inputs, "output": self.outputs}
+        outputs = [v.name for v in self.outputs.variables]
         declared = [v for layout in groups.values() for v in layout.variables]
+        declared += [v for v in self.discrete.variables if v.name not in outputs]
+        groups["discrete state"] = self.discrete
         check_unique([v.name for v in declared], f"{self.name}: ")
         check_unique([name for v in declared for name in v.names], f"{self.name}: ")
         for what, layout in groups.items():
@@ -178,11 +286,10 @@ class Model:
                     v.check_starts(f"{self.name}: {what}")
                 if v.tunable and what != "parameter":
                     raise ArgumentError(f"{self.name}: '{v.name}' is no parameter; only parameters can be tunable")
-                if self.states and v.name in RESERVED:
+                if (self.states or self.events) and v.name in RESERVED:
                     raise ArgumentError(
                         f"{self.name}: {what} '{v.name}': every FMU with states has a parameter of this name"
                     )
-        outputs = [v.name for v in self.outputs.variables]
         for state in self.states:
             if state not in outputs:
                 raise ArgumentError(
@@ -201,6 +308,56 @@ class Model:
             computed = ", ".join(name for name in outputs if name not in self.states)
             what = f"'{computed}' has no value" if computed else "the outputs are the states in another order"
             raise ArgumentError(f"{self.name}: {what}; give output_values")
+
+    def _check_discrete(self) -> None:
+        outputs = {v.name: v for v in self.outputs.variables}
+        for v in self.discrete.variables:
+            here = f"{self.name}: discrete state '{v.name}'"
+            if v.name in self.states:
+                raise ArgumentError(f"{here}: a state has this name too; a state is continuous or discrete")
+            same = outputs.get(v.name, v)
+            if (same.size, same.unit) != (v.size, v.unit):
+                raise ArgumentError(f"{here}: the output of this name has another size or unit")
+        if self.initial_discrete is not None and not callable(self.initial_discrete):
+            raise ArgumentError(f"{self.name}: initial_discrete is no function")
+        if self.initial_discrete is not None and not len(self.discrete):
+            raise ArgumentError(f"{self.name}: initial_discrete is given, but there are no discrete states")
+        if len(self.discrete) and not self.events and not self.sampled:
+            raise ArgumentError(
+                f"{self.name}: nothing changes the discrete states {', '.join(self.discrete.names)}; give events or "
+                "sampled, or make them parameters"
+            )
+
+    def _check_sampled(self) -> None:
+        fixed = {v.name: v.starts[0] for v in self.parameters.variables if v.size is None and not v.tunable}
+        for part in self.sampled:
+            here = f"{self.name}: sampled '{part.name}'"
+            if not len(self.discrete):
+                raise ArgumentError(f"{here}: there are no discrete states that it could change; declare them")
+            for what, value in (("period", part.period), ("offset", part.offset)):
+                if isinstance(value, str) and value not in fixed:
+                    raise ArgumentError(
+                        f"{here}: {what} {value!r} is no scalar parameter that is fixed during a run; known are "
+                        f"{', '.join(fixed) or 'none'}"
+                    )
+            if isinstance(part.period, str) and not fixed[part.period] > 0.0:
+                raise ArgumentError(
+                    f"{here}: its period '{part.period}' starts at {fixed[part.period]!r}; it must be positive"
+                )
+
+    def _check_names_of_parts(self) -> None:
+        names = [*(e.name for e in self.events), *(s.name for s in self.sampled)]
+        if twice := sorted({name for name in names if names.count(name) > 1}):
+            raise ArgumentError(f"{self.name}: names of events and sampled are not unique: {', '.join(twice)}")
+
+    @property
+    def is_continuous(self) -> bool:
+        """Whether nothing but time changes the states: there are no discrete states and no events."""
+        return not (len(self.discrete) or self.events)
+
+    def initial_discrete_state(self, p: Array) -> Array:
+        """The discrete states (n_z,) at the start, for parameters (n_p,)."""
+        return self.discrete.starts if self.initial_discrete is None else self.initial_discrete(p)
 
     @property
     def state_layout(self) -> Layout:

@@ -14,6 +14,7 @@ from importlib.metadata import version
 from os import PathLike
 from pathlib import Path
 
+from fmu_export.errors import ArgumentError
 from fmu_export.modelling.model import Model
 from fmu_export.modelling.model_class import AnyModel, flat_model
 from fmu_export.package.archive import write_archive
@@ -83,6 +84,8 @@ def build_pythonfmu(
 
     Raises
     ------
+    ArgumentError
+        The model has discrete states or events.
     TraceError
         The model can't be traced, or its trace computes something else than numpy.
     OSError
@@ -91,6 +94,11 @@ def build_pythonfmu(
         The installed pythonfmu has no binaries.
     """
     model = flat_model(model)
+    if not model.is_continuous:
+        raise ArgumentError(
+            f"{model.name}: the pythonfmu flavour takes continuous models, without discrete states and events; build "
+            "an FMU with build_native"
+        )
     traced = trace(model, unchecked)
     interface = interface_of(traced)
     # without its guid the description holds nothing that depends on the fingerprint

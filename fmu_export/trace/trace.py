@@ -131,6 +131,8 @@ def trace(model: AnyModel, unchecked: bool = False) -> TracedModel:
 
 @cache  # all flavours are built from the same
 def _traced(model: Model, unchecked: bool) -> TracedModel:
+    if not model.is_continuous:
+        raise TraceError(f"{model.name}: discrete states and events can't be exported yet")
     n_x, n_u, n_p = len(model.state_layout), len(model.inputs), len(model.parameters)
     t, x, u, p = (_symbols(*s) for s in (("t", 1), ("x", n_x), ("u", n_u), ("p", n_p)))
     T, X, U, P = Scalar(t), argument(x), argument(u), argument(p)
