@@ -25,6 +25,12 @@ their arguments, and outputs that have the name of a state and are something els
 tried is not seen. `build_native(..., unchecked=True)` and `build_pythonfmu(..., unchecked=True)` leave the comparison
 out; `generationTool` in the model description then says *equations unchecked*.
 
+Operations are exported as they are written: `(x + y) - y` is no `x`. One thing is left out: a product with the number 0
+is 0, so that an output does not seem to depend on what its matrix has a zero for, and steps do not compute it. So
+numpy's NaN for `0.0 * np.inf` is 0, and zeros lose their sign where they are multiplied by 0, added to 0 or chosen by
+`np.where`; where a value depends on that, as in `np.arctan2(0.0 * x, -1.0)`, the comparison finds it and refuses.
+Values that numpy computes as NaN or infinity are not compared.
+
 In the table `x` is an input of four elements, `t` the time, `C` and `M` are constants, a vector and a matrix.
 """
 

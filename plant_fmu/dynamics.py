@@ -44,16 +44,16 @@ def solve_positive_definite(W: Array, r: Array) -> Array:
     n = len(r)
     L: list[list[Any]] = [[None] * n for _ in range(n)]
     LD: list[list[Any]] = [[None] * n for _ in range(n)]  # L D
-    over_D: list[Any] = []
+    D: list[Any] = []
     f: list[Any] = []
     for j in range(n):
         for i in range(j, n):
             LD[i][j] = W[i, j] - sum(LD[i][k] * L[j][k] for k in range(j))
-        over_D.append(1.0 / LD[j][j])
+        D.append(LD[j][j])
         for i in range(j + 1, n):
-            L[i][j] = LD[i][j] * over_D[j]
+            L[i][j] = LD[i][j] / D[j]
         f.append(r[j] - sum(L[j][k] * f[k] for k in range(j)))
-    f = [f[i] * over_D[i] for i in range(n)]
+    f = [f[i] / D[i] for i in range(n)]
     for i in reversed(range(n)):
         f[i] = f[i] - sum(L[k][i] * f[k] for k in range(i + 1, n))
     return np.stack(f)
@@ -70,11 +70,9 @@ def mass_matrix(theta: Array | Directions, X: Any, Y: Any, Z: Any) -> Array:
 def inverse_mass_matrix(theta: Array, X: Any, Y: Any, Z: Any) -> Array:
     """Inverse of M_o, (6, 6) in 1/(kg m^2); in closed form, since its blocks are diagonal."""
     cosines, _ = relative_angles(theta)
-    over_determinants = 1.0 / (X * Y - (Z * cosines) ** 2)
-    coupling = np.diag(-Z * cosines * over_determinants)
-    return np.block(
-        [[Y * np.diag(over_determinants), coupling], [coupling, X * np.diag(over_determinants)]],
-    )
+    determinants = X * Y - (Z * cosines) ** 2
+    coupling = np.diag(-Z * cosines / determinants)
+    return np.block([[np.diag(Y / determinants), coupling], [coupling, np.diag(X / determinants)]])
 
 
 def coriolis_matrix(theta: Array | Directions, omega: Array, Z: Any) -> Array:

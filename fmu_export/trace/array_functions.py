@@ -23,13 +23,13 @@ from fmu_export.trace.arrays import (
     as_symbols,
     cast_elements,
     depends,
-    either,
     elements_of,
     elementwise,
     filled,
     plain,
     unwrapped,
 )
+from fmu_export.trace.expressions import as_written, either
 from fmu_export.trace.refusal import STORED, refuse
 from fmu_export.trace.ufuncs import accumulated, reduced
 
@@ -262,7 +262,18 @@ def _from_matrix(matrix: Any) -> Array:
 
 def _solve(a: Any, b: Any) -> Any:
     right = b if np.ndim(b) == 2 else np.reshape(b, (-1, 1))
-    return np.reshape(_from_matrix(ca.solve(_matrix(a), _matrix(right))), np.shape(b))
+    with as_written(False):
+        return np.reshape(_from_matrix(ca.solve(_matrix(a), _matrix(right))), np.shape(b))
+
+
+def _inverse(a: Any) -> Any:
+    with as_written(False):
+        return _from_matrix(ca.solve(_matrix(a), ca.SX.eye(len(a))))
+
+
+def _determinant(a: Any) -> Any:
+    with as_written(False):
+        return unwrapped(Scalar(ca.det(_matrix(a))), FLOAT)
 
 
 def _searchsorted(a: Any, v: Any, side: str = "left", sorter: Any = None) -> Any:
@@ -373,8 +384,8 @@ _HANDLERS: dict[Any, Callable[..., Any]] = {
     np.around: _round,
     np.linalg.norm: _norm,
     np.linalg.solve: _solve,
-    np.linalg.inv: lambda a: _from_matrix(ca.solve(_matrix(a), ca.SX.eye(len(a)))),
-    np.linalg.det: lambda a: unwrapped(Scalar(ca.det(_matrix(a))), FLOAT),
+    np.linalg.inv: _inverse,
+    np.linalg.det: _determinant,
     np.searchsorted: _searchsorted,
     np.digitize: lambda x, bins, right=False: _searchsorted(bins, x, "left" if right else "right"),
     np.interp: _interp,

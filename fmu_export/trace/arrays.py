@@ -14,17 +14,13 @@ from typing import Any
 import numpy as np
 
 from fmu_export.errors import needs
+from fmu_export.trace.expressions import either, is_number, truncated
 from fmu_export.trace.refusal import BRANCH, NUMBER, STORED, refuse
 
 with needs("export"):
     import casadi as ca
 
 FLOAT, INT, BOOL = np.dtype(float), np.dtype(np.int64), np.dtype(bool)
-
-
-def is_number(value: Any) -> bool:
-    """Whether an expression is a number."""
-    return bool(value.is_constant())
 
 
 class Scalar:
@@ -457,23 +453,6 @@ def cast_elements(base: Any, dtype: np.dtype[Any], wanted: np.dtype[Any]) -> Any
     if dtype == wanted:
         return base
     return filled([cast(value, wanted) for value in base.flat], base.shape)
-
-
-def either(condition: Any, a: Any, b: Any) -> Any:
-    """`a` where a condition holds, else `b`."""
-    if is_number(condition):
-        return a if float(condition) else b
-    return ca.if_else(condition, a, b)
-
-
-def truncated(a: Any) -> Any:
-    """An expression rounded towards zero."""
-    return ca.if_else(a < 0.0, ca.ceil(a), ca.floor(a))
-
-
-def is_nan(a: Any) -> Any:
-    """Whether an expression is NaN: it is in no order with infinity."""
-    return ca.logic_not(a <= ca.inf)
 
 
 #: What a reduction begins with.

@@ -24,6 +24,7 @@ from fmu_export.trace.arrays import (
     has_symbols,
     plain,
 )
+from fmu_export.trace.expressions import as_written
 from fmu_export.trace.refusal import place_of, refused
 
 with needs("export"):
@@ -109,7 +110,8 @@ def tracing(model: str) -> Iterator[None]:
         for name, function in replaced.items():
             setattr(np, name, function)
         try:
-            yield
+            with as_written():
+                yield
             if refused:  # the author's code has caught it
                 raise refused[0]
         except TraceError as error:

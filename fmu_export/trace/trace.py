@@ -20,6 +20,7 @@ from fmu_export.modelling.model import Model, Requirement
 from fmu_export.modelling.model_class import AnyModel, flat_model
 from fmu_export.trace.arrays import Scalar
 from fmu_export.trace.check import Checked, check_against_numpy
+from fmu_export.trace.expressions import as_written
 from fmu_export.trace.symbols import argument, column, tracing
 
 with needs("export"):
@@ -67,8 +68,13 @@ class TracedModel:
     @cached_property
     def step(self) -> ca.Function:
         """A Runge-Kutta step with constant inputs; all stages in one graph."""
+
+        def derivatives(*arguments: Any) -> Any:
+            with as_written():
+                return self.derivatives(*arguments)
+
         arguments = [*self.derivatives.sx_in(), ca.SX.sym("h")]
-        return _function(self.model.name, "step", arguments, rk4_step(self.derivatives, *arguments))
+        return _function(self.model.name, "step", arguments, rk4_step(derivatives, *arguments))
 
     @property
     def rates_depend_on_time(self) -> bool:
@@ -148,7 +154,7 @@ def _traced(model: Model, unchecked: bool) -> TracedModel:
         name: str, value: ca.SX, arguments: list[ca.SX], along: list[ca.SX], seeds: list[ca.SX]
     ) -> ca.Function:
         """The derivative of a column along the direction that seeds give."""
-        change = ca.jtimes(value, ca.vertcat(*along), ca.vertcat(*seeds))
+        change = ca.jtimes(ca.cse(value), ca.vertcat(*along), ca.vertcat(*seeds))
         return ca.Function(name, [*arguments, *seeds], [ca.densify(ca.cse(change + ca.SX(*value.shape)))])
 
     with tracing(model.name):
@@ -177,7 +183,8 @@ def _traced(model: Model, unchecked: bool) -> TracedModel:
         direction=direction("direction", ca.vertcat(y, rates), [t, x, u, p], [x, u, p], [dx, du, dp]),
     )
     if not unchecked:
-        check_against_numpy(model, _checked(model, traced))
+        with as_written():
+            check_against_numpy(model, _checked(model, traced))
     return traced
 
 
@@ -189,7 +196,8 @@ def _function(model: str, name: str, arguments: Sequence[ca.SX], value: ca.SX) -
             "function or an earlier call has kept; compute it from the arguments"
         )
     try:
-        traced = ca.Function(name, list(arguments), [ca.densify(ca.cse(value))])
+        with as_written():
+            traced = ca.Function(name, list(arguments), [ca.densify(ca.cse(value))])
     except RuntimeError as error:
         raise TraceError(
             f"{model}: {name} depends on a value that an earlier call has kept; compute it from the arguments"

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from fmu_export.errors import needs
+from fmu_export.trace import expressions
 from fmu_export.trace.arrays import (
     BOOL,
     FLOAT,
@@ -22,8 +23,6 @@ from fmu_export.trace.arrays import (
     cast_elements,
     elements_of,
     elementwise,
-    is_nan,
-    truncated,
     unwrapped,
 )
 from fmu_export.trace.refusal import STORED, refuse
@@ -32,67 +31,24 @@ with needs("export"):
     import casadi as ca
 
 
-def _rint(a: Any) -> Any:
-    below = ca.floor(a)
-    rest = a - below
-    half = below * 0.5
-    odd = half != ca.floor(half)
-    up = ca.logic_or(rest > 0.5, ca.logic_and(rest == 0.5, odd))
-    return ca.copysign(below + up, a)
-
-
-def _mod(a: Any, b: Any) -> Any:
-    rest = ca.fmod(a, b)
-    other_side = ca.if_else(b < 0.0, rest > 0.0, rest < 0.0)
-    return ca.if_else(rest == 0.0, ca.copysign(0.0, b), ca.if_else(other_side, rest + b, rest))
-
-
-def _floor_divide(a: Any, b: Any) -> Any:
-    quotient = (a - _mod(a, b)) / b
-    below = ca.floor(quotient)
-    return ca.if_else(b == 0.0, a / b, ca.if_else(quotient - below > 0.5, below + 1.0, below))
-
-
-def _xor(a: Any, b: Any) -> Any:
-    return (a != 0.0) != (b != 0.0)
-
-
-def _fmin(a: Any, b: Any) -> Any:
-    return ca.if_else(is_nan(a), b, ca.if_else(is_nan(b), a, ca.fmin(a, b)))
-
-
-def _fmax(a: Any, b: Any) -> Any:
-    return ca.if_else(is_nan(a), b, ca.if_else(is_nan(b), a, ca.fmax(a, b)))
-
-
-def _heaviside(a: Any, b: Any) -> Any:
-    return ca.if_else(is_nan(a), a, ca.if_else(a == 0.0, b, a > 0.0))
-
-
-def _logaddexp(a: Any, b: Any) -> Any:
-    return ca.if_else(a == b, a + np.log(2.0), ca.fmax(a, b) + ca.log1p(ca.exp(-ca.fabs(a - b))))
-
-
-_LN2, _LN10 = float(np.log(2.0)), float(np.log(10.0))
-
 #: What numpy's functions of numbers are on expressions.
 _UFUNCS: dict[np.ufunc, Callable[..., Any]] = {
-    np.add: ca.plus,
-    np.subtract: ca.minus,
-    np.multiply: ca.times,
-    np.divide: ca.rdivide,
+    np.add: expressions.plus,
+    np.subtract: expressions.minus,
+    np.multiply: expressions.times,
+    np.divide: expressions.divided,
     np.negative: lambda a: -a,
     np.positive: lambda a: a,
-    np.power: lambda a, b: a**b,
-    np.float_power: lambda a, b: a**b,
-    np.square: lambda a: a**2,
+    np.power: expressions.power,
+    np.float_power: expressions.power,
+    np.square: expressions.squared,
     np.reciprocal: lambda a: 1.0 / a,
     np.sqrt: ca.sqrt,
     np.exp: ca.exp,
     np.exp2: lambda a: ca.SX(2.0) ** a,
     np.log: ca.log,
-    np.log2: lambda a: ca.log(a) / _LN2,
-    np.log10: lambda a: ca.log(a) / _LN10,
+    np.log2: expressions.log2,
+    np.log10: expressions.log10,
     np.log1p: ca.log1p,
     np.expm1: ca.expm1,
     np.sin: ca.sin,
@@ -114,18 +70,18 @@ _UFUNCS: dict[np.ufunc, Callable[..., Any]] = {
     np.sign: ca.sign,
     np.floor: ca.floor,
     np.ceil: ca.ceil,
-    np.trunc: truncated,
-    np.rint: _rint,
+    np.trunc: expressions.truncated,
+    np.rint: expressions.rint,
     np.copysign: ca.copysign,
     np.signbit: lambda a: ca.copysign(1.0, a) < 0.0,
-    np.heaviside: _heaviside,
+    np.heaviside: expressions.heaviside,
     np.fmod: ca.fmod,
-    np.remainder: _mod,
-    np.floor_divide: _floor_divide,
+    np.remainder: expressions.mod,
+    np.floor_divide: expressions.floor_divide,
     np.minimum: ca.fmin,
     np.maximum: ca.fmax,
-    np.fmin: _fmin,
-    np.fmax: _fmax,
+    np.fmin: expressions.fmin,
+    np.fmax: expressions.fmax,
     np.less: lambda a, b: a < b,
     np.less_equal: lambda a, b: a <= b,
     np.greater: lambda a, b: a > b,
@@ -135,12 +91,12 @@ _UFUNCS: dict[np.ufunc, Callable[..., Any]] = {
     np.logical_and: lambda a, b: ca.logic_and(a, b),
     np.logical_or: lambda a, b: ca.logic_or(a, b),
     np.logical_not: lambda a: ca.logic_not(a),
-    np.logical_xor: _xor,
+    np.logical_xor: expressions.xor,
     np.bitwise_and: lambda a, b: ca.logic_and(a, b),
     np.bitwise_or: lambda a, b: ca.logic_or(a, b),
-    np.bitwise_xor: _xor,
+    np.bitwise_xor: expressions.xor,
     np.invert: lambda a: ca.logic_not(a),
-    np.isnan: is_nan,
+    np.isnan: expressions.is_nan,
     np.isinf: lambda a: ca.fabs(a) == ca.inf,
     np.isfinite: lambda a: ca.fabs(a) < ca.inf,
     np.deg2rad: lambda a: a * (np.pi / 180.0),
@@ -148,8 +104,8 @@ _UFUNCS: dict[np.ufunc, Callable[..., Any]] = {
     np.rad2deg: lambda a: a * (180.0 / np.pi),
     np.degrees: lambda a: a * (180.0 / np.pi),
     np.conjugate: lambda a: a,
-    np.cbrt: lambda a: ca.copysign(ca.fabs(a) ** (1.0 / 3.0), a),
-    np.logaddexp: _logaddexp,
+    np.cbrt: expressions.cbrt,
+    np.logaddexp: expressions.logaddexp,
 }
 _BITWISE = {np.bitwise_and, np.bitwise_or, np.bitwise_xor, np.invert}
 

@@ -144,6 +144,45 @@ _EQUAL = {
         np.floor(x / 0.1) * 0.1
         x - np.floor(x)
     """,
+    "as it is written": """
+        (x + 1e16) - 1e16
+        (x + C) - C
+        C - (x + C)
+        (x - C) + C
+        5.0 * (0.2 * x) - x
+        (x / C) * C - x
+        (x * C) / C - x
+        x * (1.0 / C) - x / C
+        x - x
+        0.0 * x + x
+        np.where(x / x == 1.0, x, 0.0)
+        np.sqrt(x)**2
+        np.where(np.isnan(np.sqrt(x)**2), 5.0, x)
+        np.sqrt(x)
+        y = np.sqrt(x)\\nreturn np.where(y == y, y, -1.0)
+        y = np.sqrt(x)\\nreturn np.where(y != y, 1.0, y)
+        np.sqrt(x * x)
+        np.log(np.exp(300.0 * x))
+        np.exp(np.log(x))
+        np.log(np.exp(1e-9 * x))
+        np.sin(x)**2 + np.cos(x)**2 - 1.0
+        s, c = 1e10, 0.0\\nfor v in x:\\n    z = s + (v - c)\\n    c = (z - s) - (v - c)\\n    s = z\\nreturn s - 1e10
+        0.5 * x + 0.5 * x
+        x**0
+        np.zeros(4)**0 * x
+        x**1
+        0.0**np.abs(x)
+        1.0**x
+        1.0 / (1.0 / x)
+        np.where(x == 1.0, 1.0, x / (x - 1.0))
+        np.copysign(0.0, x) + x
+        x * 1.0 / 1.0 - 0.0
+        -(-x)
+        (-x) * (-C)
+        -x - (-C)
+        (-x) / C
+        C / (-x)
+    """,
     "limits and signs": """
         np.clip(x, -0.5, 0.5)
         x.clip(-0.5, 0.5)
@@ -439,6 +478,12 @@ _REFUSED = {
         np.array(x, dtype=np.float32) * 2.0
         x.astype(complex).real
         x * complex(x[0]).real
+    """,
+    "the sign of a zero": """
+        np.arctan2(0.0 * x, -1.0)
+        np.copysign(1.0, 0.0 * x)
+        np.arctan2(x - x, -1.0) + np.arctan2(x * 0.0, -1.0)
+        np.tanh(1.0 / (0.0 * x))
     """,
     "options": """
         np.sum(x, where=x > 0)
