@@ -236,16 +236,22 @@ def execute(
         path = folder / "results.parquet"
         files = {folder / f"results.{name}" for name in formats} | {path}
         _check_room(folder, n_values, files, checkpoint)
-        try:
-            with TableWriter(
-                sorted(files), simulation.names, simulation.types, simulation.units, units_row=units_row
-            ) as writer:
-                results = run(sink=writer)
-        except (SimulationError, SimulationInterrupted) as error:
-            if error.results is not None:
-                error.results = StoredResults(path, error.results.info)
-            raise
-        return StoredResults(path, results.info)
+        while True:
+            names = simulation.names
+            try:
+                with TableWriter(
+                    sorted(files), names, simulation.types, simulation.units, units_row=units_row
+                ) as writer:
+                    results = run(sink=writer)
+            except (SimulationError, SimulationInterrupted) as error:
+                if error.results is not None:
+                    error.results = StoredResults(path, error.results.info)
+                raise
+            except SetupError:
+                if simulation.names == names:
+                    raise
+                continue  # without what FMUs have refused to give
+            return StoredResults(path, results.info)
 
 
 def _check_metrics(metrics: Mapping[str, Metric], recorded: Sequence[str]) -> None:
@@ -375,6 +381,14 @@ def _out_of_the_ordinary(info: Mapping[str, Any]) -> Iterator[str]:
     for component in info.get("tolerance_assumed", ()):
         tolerance = info["fmus"][component]["tolerance"]
         yield f"the FMU of '{component}' fails without a tolerance; it was told {tolerance:g}"
+    for component, why in info.get("derivatives_refused", {}).items():
+        yield (
+            f"the FMU of '{component}' says that it interpolates inputs, but {why}; they are held between "
+            "communication points (--extrapolation hold)"
+        )
+    if refused := info.get("not_recorded", {}):
+        names = ", ".join(f"{name} ({why})" for name, why in refused.items())
+        yield f"FMUs refuse to give these outputs, which are not in the results: {names}"
     for component, number in info.get("steps_repeated", {}).items():
         yield f"the FMU of '{component}' discarded {number} steps, which were repeated in shorter ones"
     if ended_by := info.get("ended_by"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -76,4 +77,6 @@ def _plan(found: ReadSystem, path: Path, args: argparse.Namespace) -> Plan:
     if step_size is None:
         raise UsageError(f"neither {path} nor its FMUs have a default step; give one with --step")
     start_time = found.start_time if args.start is None else args.start
-    return Plan.from_options(args, stop_time, step_size, start_time)
+    plan = Plan.from_options(args, stop_time, step_size, start_time)
+    order, extrapolation = args.order or found.order, args.extrapolation or found.extrapolation
+    return dataclasses.replace(plan, order=order, extrapolation=extrapolation)

@@ -234,6 +234,8 @@ def _of_description(
         start_time=found.start_time,
         start={name: c.start for name, c in components.items()},
         connections=tuple(found.system.connections),
+        order=found.order,
+        extrapolation=found.extrapolation,
     )
 
 

@@ -261,6 +261,10 @@ class Instance:
 
     # Calls
 
+    def lacks(self, function: str) -> bool:
+        """Whether the library has no such function."""
+        return not self._library.has(function)
+
     @property
     def address(self) -> int:
         """The instance as the FMU's functions take it; 0 before it is made."""

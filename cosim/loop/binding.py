@@ -79,6 +79,7 @@ class Extrapolated(ctypes.Structure):
         ("points", c_int32),
         ("degree", c_int32),
         ("known", c_int32),
+        ("refused", c_int32),
     )
 
 

@@ -47,6 +47,7 @@ typedef struct {
     const double *weights; /* for 1, 2, ... points known values: degree rows of points, times the step^-order */
     double time; /* of this point */
     int32_t points, degree, known;
+    int32_t refused; /* FMI 3.0: status with which the FMU refused a value during a step; -1 once that was told */
 } Extrapolated;
 
 /* What a connection between two types may carry: slots of REAL, SIGNED or UNSIGNED, to a C type with these bounds. */
@@ -258,7 +259,10 @@ static int extrapolate(const Loop *loop, const Operation *op, int64_t point, dou
         if (column != HELD) in->derivatives[i] = (loop->samples[row * loop->n_samples + column] - now[i]) * per_second;
     }
     in->time = time;
-    if (op->version == 3) return 0; /* the FMU asks for its inputs during the step */
+    if (op->version == 3) { /* the FMU asks for its inputs during the step */
+        if (point == 0) in->refused = 0;
+        return in->refused > 0 ? in->refused : 0;
+    }
     return ((Derivatives2 *)op->function)(op->instance, op->references, (size_t)op->n_references, in->orders,
                                           in->derivatives);
 }
@@ -287,9 +291,11 @@ EXPORT void intermediate_update(void *environment, double time, bool set_request
     *return_time = time;
     if (!set_requested || !op) return;
     do {
-        const Extrapolated *in = op->data;
+        Extrapolated *in = op->data;
         evaluate(in, time - in->time, op->n);
-        ((Exchange3 *)op->function)(op->instance, op->references, (size_t)op->n_references, in->buffer, (size_t)op->n);
+        int status = ((Exchange3 *)op->function)(op->instance, op->references, (size_t)op->n_references, in->buffer,
+                                                 (size_t)op->n);
+        if (status > 1 && !in->refused) in->refused = status;
     } while (op++->more);
 }
 
@@ -435,6 +441,7 @@ static const Field layout[] = {
     FIELD(Extrapolated, points),
     FIELD(Extrapolated, degree),
     FIELD(Extrapolated, known),
+    FIELD(Extrapolated, refused),
     STRUCT(Conversion),
     FIELD(Conversion, smallest),
     FIELD(Conversion, largest),

@@ -9,7 +9,7 @@ nothing is known of a connection's derivatives, and it is held for one step.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 
 from cosim.errors import SetupError
@@ -45,8 +45,17 @@ class ExtrapolatedInputs:
         return {"mode": extrapolation.name if self.algorithm.demanded else AUTO, **moving, "hold": list(self.held)}
 
 
-def extrapolated_inputs(system: ResolvedSystem, algorithm: Algorithm) -> ExtrapolatedInputs:
+def extrapolated_inputs(
+    system: ResolvedSystem, algorithm: Algorithm, refusing: Collection[str] = ()
+) -> ExtrapolatedInputs:
     """Decide for every fed input.
+
+    Parameters
+    ----------
+    system : ResolvedSystem
+    algorithm : Algorithm
+    refusing : collection of str
+        Components whose FMUs were found to refuse derivatives of their inputs, whatever their descriptions say.
 
     Raises
     ------
@@ -61,6 +70,8 @@ def extrapolated_inputs(system: ResolvedSystem, algorithm: Algorithm) -> Extrapo
         name = f"{component}.{element.name}"
         disturbed = (component, element.name) in added
         obstacle = "a sampled signal is added to it" if disturbed else _obstacle(system, component, element, every)
+        if component in refusing:
+            obstacle = "its FMU refuses derivatives of inputs"
         if extrapolation.degree == 0 or (obstacle and not algorithm.demanded):
             held.append(name)
         elif obstacle:

@@ -47,6 +47,7 @@ class NamedOperation:
     finite: tuple[tuple[str, int], ...] = ()  # names and positions of values that must be finite
     converted: tuple[Link, ...] = ()  # whose values must fit their targets
     raised: Callable[[], BaseException] | None = None  # gives the error that it ended with
+    transfer: Transfer | None = None  # GET: what is read
 
 
 class OperationTable:
@@ -83,6 +84,8 @@ class Exchange:
         What to do once in the initialisation mode, at every communication point, and to go on to the next one.
     events : Events or None
         Events of components that have some.
+    demanded : bool
+        An FMU that refuses what its inputs do during a step is an error; else they are held.
     exchanged_again : (int, int)
         Which operations at a communication point are performed again after an event: first, end.
     """
@@ -98,6 +101,7 @@ class Exchange:
         self._instances = instances
         self._layout = layout
         self._extrapolation = extrapolated.algorithm.extrapolation
+        self.demanded = extrapolated.algorithm.demanded
         self._arena = Arena()
         self._buffers: list[VariableBuffer] = []  # that operations point into
         self._extrapolated: list[tuple[Extrapolated, int]] = []  # with the number of inputs
@@ -167,6 +171,11 @@ class Exchange:
             for pointer, count in _arrays_of(inputs, n):
                 for i in range(count):
                     pointer[i] = rest.pop(0)
+
+    def refusing(self) -> set[str]:
+        """Components whose FMUs have refused inputs during a step, which were held then (FMI 3.0)."""
+        rows = [row for row in self.at_step.rows if row.operation.kind == OperationKind.EXTRAPOLATE]
+        return {row.component for row in rows if Extrapolated.from_address(row.operation.data).refused}
 
     def _events(self, layout: ValueLayout, *, reads_again: bool) -> Events | None:
         clocks: dict[tuple[str, int], list[int]] = {}
@@ -270,7 +279,7 @@ class Exchange:
         )
         positions = self._arena.integers([position for _, position in finite])
         operation, name = self._exchange(OperationKind.GET, transfer, targets=positions, n_targets=len(finite))
-        return NamedOperation(operation, transfer.component, name, finite)
+        return NamedOperation(operation, transfer.component, name, finite, transfer=transfer)
 
     def _set(self, transfer: Transfer) -> list[NamedOperation]:
         """A component's inputs, after those that are no copy of an output have been computed."""

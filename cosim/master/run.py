@@ -24,6 +24,7 @@ from cosim.loop.binding import (
     NOT_FINITE,
     RETURNED_EARLY,
     WANTS_TO_END,
+    Extrapolated,
     Loop,
     Operation,
     OperationKind,
@@ -36,6 +37,7 @@ from cosim.master.interrupts import DeferredInterrupt
 from cosim.master.operations import Exchange, NamedOperation, OperationTable
 from cosim.master.pacing import Pacer
 from cosim.master.recording import PassedOn, RecordedColumns, Recorder
+from cosim.master.refusals import refused_of
 from cosim.master.sampling import Samples
 from cosim.master.unfinished_steps import EndedBy, UnfinishedSteps
 from cosim.results.results import Results
@@ -50,6 +52,12 @@ _AHEAD = 1000
 
 #: An FMU that ends the simulation this near (in steps) to a communication point has reached it, for rounding.
 _SAME_TIME = 1e-6
+
+#: In place of the status with which an FMU refused inputs during a step: that is known.
+_TOLD = -1
+
+#: Status of FMI after which an instance is left alone.
+_FATAL = 4
 
 SHORTEST_TIME = 1e-6  # clocks have a resolution
 
@@ -126,6 +134,7 @@ class Run:
         self.ended_by: EndedBy | None = None
         self._end_point = 0
         self._not_terminated: dict[str, str] = {}
+        self._failed: NamedOperation | None = None
         self._sampled_from = self._sampled_end = 0
         self._records: np.ndarray | None = None  # that the loop points at
 
@@ -170,6 +179,32 @@ class Run:
         for component, instance in self._instances.items():
             with Failing(component, time, instance):
                 instance.exit_initialization_mode()
+
+    def refused_derivatives(self) -> dict[str, str]:
+        """Component -> how its FMU refuses derivatives of its inputs, all zero, after the initialisation mode.
+
+        Those of FMI 3.0 ask for their inputs during a step, and refuse them there.
+        """
+        refused = {}
+        for row in self._exchange.at_step.rows:
+            operation = row.operation
+            if operation.kind != OperationKind.EXTRAPOLATE or operation.version == 3:
+                continue
+            n, orders = operation.n_references, Extrapolated.from_address(operation.data).orders
+            try:
+                self._instances[row.component].call(
+                    row.function, _address(operation.references), n, _address(orders), (ctypes.c_double * n)()
+                )
+            except CallFailed as error:
+                refused[row.component] = str(error)
+        return refused
+
+    def refused_outputs(self) -> tuple[str, dict[str, str]]:
+        """Component whose outputs could not be read, and those that its FMU refuses to give, with what it did."""
+        row = self._failed
+        if row is None or row.transfer is None or self._loop.status in (NOT_FINITE, _FATAL):
+            return "", {}
+        return row.component, refused_of(self._instances[row.component], row.transfer)
 
     def _exchange_at_start(self, experiments: Mapping[str, ExperimentSetup]) -> None:
         """Exchange values in the initialisation mode.
@@ -269,6 +304,9 @@ class Run:
         between = {n: i.between for n, i in self._instances.items() if isinstance(i, EventInstance) and i.between}
         if between:
             results.info["events_between_points"] = between
+        if refusing := self._exchange.refusing():
+            said = dict.fromkeys(sorted(refusing), "it refuses fmi3SetFloat64 during a step")
+            results.info["derivatives_refused"] = {**results.info.get("derivatives_refused", {}), **said}
         if self._not_terminated:
             results.info["not_terminated"] = dict(self._not_terminated)
         results.info |= summary(instance.messages for instance in self._instances.values())
@@ -407,6 +445,12 @@ class Run:
         k = loop.failed
         while True:
             row, operation = table.rows[k], table.operations[k]
+            if operation.kind == OperationKind.EXTRAPOLATE and operation.version == 3 and not self._exchange.demanded:
+                Extrapolated.from_address(operation.data).refused = _TOLD
+                if self._perform_rest(table, k + 1, point):
+                    return
+                k += 1 + loop.failed
+                continue
             if operation.kind != OperationKind.STEP:
                 loop.failed = k  # the loop counts from where it went on
                 raise self._failure(table)
@@ -420,10 +464,14 @@ class Run:
                 status = self._status_of_step(row, operation, loop.status, time)
                 ended_by = self._unfinished.finish(row.component, status, time, step, inputs)
             self.ended_by = self.ended_by or ended_by
-            rest = len(table) - k - 1
-            if loop_library().loop_perform(ctypes.byref(loop), _from(table, k + 1), rest, point):
+            if self._perform_rest(table, k + 1, point):
                 return
             k += 1 + loop.failed
+
+    def _perform_rest(self, table: OperationTable, first: int, point: int) -> bool:
+        """Perform the operations of a table from one on; whether all went well."""
+        rest = len(table) - first
+        return bool(loop_library().loop_perform(ctypes.byref(self._loop), _from(table, first), rest, point))
 
     def _status_of_step(self, row: NamedOperation, operation: Operation, status: int, time: float) -> StepStatus:
         if operation.version < 3:
@@ -471,6 +519,7 @@ class Run:
     def _failure(self, table: OperationTable) -> BaseException:
         """The error that the loop has ended with."""
         row, time = table.rows[self._loop.failed], self._grid.time(self._loop.point)
+        self._failed = row
         if row.raised is not None:
             error: BaseException = row.raised()
             return error
@@ -556,6 +605,10 @@ def _reads(table: OperationTable, components: Collection[str]) -> Iterator[tuple
 def _rows(point: int, record_every: int) -> int:
     """Number of rows that are recorded before a point."""
     return -(-point // record_every)
+
+
+def _address(pointer: Any) -> Any:
+    return ctypes.cast(pointer, ctypes.c_void_p)
 
 
 def _pointer(array: np.ndarray, kind: Any) -> Any:

@@ -35,6 +35,7 @@ from cosim.master.interrupts import DeferredInterrupt
 from cosim.master.operations import Exchange
 from cosim.master.pacing import Pacer
 from cosim.master.recording import Growing, InMemory, PassedOn, RecordedColumns, Recorder, Sink
+from cosim.master.refusals import Refusals, function_for_derivatives, lacking_of
 from cosim.master.run import Grid, Run
 from cosim.master.sampling import Samples, sample
 from cosim.master.stepping import SteppedRun
@@ -130,22 +131,29 @@ class Simulation:
             system, self._ports, needs_levels=chosen.order.needs_levels, strict_inputs=strict_inputs
         )
         self._texts = Texts()
-        self._extrapolated = extrapolated_inputs(self._resolved, chosen)
-        recorded = _recorded(record, self._ports)
+        self._algorithm = chosen
+        self._recorded, self._records_all = _recorded(record, self._ports), record is None
+        self._refusals = Refusals()
+        self._lay_out()
+        self._log, self._messages = self._taking_messages(log)
+        self._stack: ExitStack | None = None
+        self._folders: dict[str, Path] = {}
+        self._instances: dict[str, Instance] = {}
+        self._used = False
+        self._reset: set[str] = set()
+        self._occupied_by = ""
+        self._samples: tuple[Any, Samples] | None = None
+
+    def _lay_out(self) -> None:
+        """Decide what is extrapolated and recorded, and where all values stand, by what the FMUs have not refused."""
+        self._extrapolated = extrapolated_inputs(self._resolved, self._algorithm, self._refusals.derivatives)
+        recorded = [(c, e) for c, e in self._recorded if f"{c}.{e.name}" not in self._refusals.outputs]
         self._layout = ValueLayout(self._resolved, recorded, self._extrapolated)
         self._names = [f"{component}.{element.name}" for component, element in recorded]
         self._columns = RecordedColumns(self._names, [e.type for _, e in recorded], self._texts)
         units = {n: self._ports[c].unit(e) for n, (c, e) in zip(self._names, recorded, strict=True)}
         self._units = {name: unit.name for name, unit in units.items() if unit is not None}
-        self._log, self._messages = self._taking_messages(log)
-        self._stack: ExitStack | None = None
-        self._folders: dict[str, Path] = {}
-        self._instances: dict[str, Instance] = {}
         self._exchange: Exchange | None = None
-        self._used = False
-        self._reset: set[str] = set()
-        self._occupied_by = ""
-        self._samples: tuple[Any, Samples] | None = None
 
     def _taking_messages(self, log: Log | str | None) -> tuple[LogWriter | None, dict[str, Messages]]:
         """The log, if there is one, and what takes the messages of each component."""
@@ -291,12 +299,61 @@ class Simulation:
         self._used = True
         self._instances = {name: self._instances[name] for name in self._resolved.components}
         if self._exchange is None:
+            self._do_without_absent()
             try:
                 self._exchange = Exchange(self._resolved, self._instances, self._extrapolated, self._layout)
             except CallFailed as error:
                 raise SetupError(f"an FMU {error}") from error
         self._exchange.values[:] = 0.0  # of all types: the first text is the empty one
         return self._exchange
+
+    # What FMUs refuse
+
+    def _do_without_absent(self) -> None:
+        """Hold inputs of FMUs that lack the function for their derivatives; leave out outputs that none can read.
+
+        Raises
+        ------
+        SetupError
+            Derivatives, which are asked for, can't be set.
+        """
+        found = Refusals()
+        for component in self._extrapolated.elements:
+            instance = self._instances[component]
+            name = function_for_derivatives(instance.version)
+            if component not in self._fmus or instance.version == 3 or not instance.lacks(name):
+                continue
+            lacks = f"it lacks the function {name.replace('fmi1', 'fmi')}"
+            if self._algorithm.demanded:
+                raise SetupError(
+                    f"the FMU of component '{component}' says that it interpolates inputs, but {lacks}; use "
+                    "extrapolation='hold' (option --extrapolation hold)"
+                )
+            found.derivatives[component] = lacks
+        for component in self._fmus if self._records_all else ():
+            elements = [e for c, e in self._recorded if c == component]
+            lacking = lacking_of(self._instances[component], elements)
+            found.outputs |= self._that_nothing_needs(component, lacking)
+        self._do_without(found)
+
+    def _that_nothing_needs(self, component: str, refused: Mapping[str, str]) -> dict[str, str]:
+        """Names of refused outputs that were to be recorded only; none if the FMU gives no output at all then."""
+        outputs = {e.name for e in self._ports[component].of_causality("output") if e.is_exchanged}
+        gone = {name.partition(".")[2] for name in self._refusals.outputs if name.startswith(f"{component}.")}
+        feeding = {k.source.name for k in self._resolved.links if k.source_component == component}
+        if feeding & set(refused) or not outputs - gone - set(refused):
+            return {}
+        recorded = {e.name for c, e in self._recorded if c == component} - gone
+        return {f"{component}.{name}": why for name, why in refused.items() if name in recorded}
+
+    def _do_without(self, found: Refusals) -> bool:
+        """Lay the system out again where an FMU has refused something; whether it has."""
+        if not found.about():
+            return False
+        self._refusals.derivatives |= found.derivatives
+        self._refusals.outputs |= found.outputs
+        self._lay_out()
+        return True
 
     # Runs
 
@@ -355,23 +412,25 @@ class Simulation:
         SimulationInterrupted
             Ctrl-C; its `results` hold what had been recorded.
         """
-        began = clock.perf_counter()
+        began, names = clock.perf_counter(), self.names
         grid = Grid(start_time, step_size, number_of_steps(start_time, stop_time, step_size), stop_time)
         samples, starts = self._prepared(grid, start or {}, signals, record_every)
         experiments = self._experiments(grid, tolerance)
         pacer = None if realtime is None else Pacer(realtime)
         if checkpoint is not None:
             self._check_states()
-            times, growing = self._times(grid, record_every), self._growing(grid, record_every)
+            times = self._times(grid, record_every)
             known = partial(_fingerprints, self._drives(signals), grid)
             slots = None if sink is None else self._slot_sink(sink)
-            with self._stepping(grid, samples, starts, record_every, experiments, growing) as (run, results):
+            with self._stepping(grid, samples, starts, record_every, experiments) as (run, growing, results):
+                self._check_sink(sink, names)
                 return CheckpointedRun(
                     run, growing, grid, record_every, results, times, known, checkpoint, slots
                 ).to_end(progress, pacer)
-        recorder = self._recorder(grid, record_every, sink)
         with self._occupied("a run of this simulation is going on") as interrupt:
             loop, results = self._begun(samples, starts, grid, record_every, experiments, interrupt)
+            self._check_sink(sink, names)
+            recorder = self._recorder(grid, record_every, sink)
             with _timed(results, began):
                 return loop.loop(recorder, record_every, results, progress, pacer)
 
@@ -423,8 +482,7 @@ class Simulation:
         grid = Grid(start_time, step_size, last, stop_time)
         samples, starts = self._prepared(grid, start or {}, signals, record_every)
         experiments = self._experiments(grid, tolerance)
-        growing = self._growing(grid, record_every)
-        with self._stepping(grid, samples, starts, record_every, experiments, growing) as (run, _):
+        with self._stepping(grid, samples, starts, record_every, experiments) as (run, _, _):
             yield run
             run.end()
 
@@ -436,25 +494,25 @@ class Simulation:
         starts: Sequence[StartValue],
         record_every: int,
         experiments: dict[str, ExperimentSetup],
-        recorder: Growing,
-    ) -> Iterator[tuple[SteppedRun, Results]]:
-        """A run to be stepped, and results without rows."""
+    ) -> Iterator[tuple[SteppedRun, Growing, Results]]:
+        """A run to be stepped, what it records to, and results without rows."""
         with self._occupied("a run of this simulation is being stepped") as interrupt:
             loop, results = self._begun(samples, starts, grid, record_every, experiments, interrupt)
+            growing = Growing(self._times(grid, record_every), len(self._names))
             run = SteppedRun(
                 loop,
                 self._resolved,
                 self._layout,
                 self._instances,
                 grid,
-                recorder,
+                growing,
                 record_every,
                 results,
                 interrupt,
                 exchanges_by_level=self._extrapolated.algorithm.order.needs_levels,
                 described=self._described(starts),
             )
-            yield run, results
+            yield run, growing, results
 
     @contextmanager
     def _occupied(self, what: str) -> Iterator[DeferredInterrupt]:
@@ -465,9 +523,6 @@ class Simulation:
                 yield interrupt
         finally:
             self._occupied_by = ""
-
-    def _growing(self, grid: Grid, record_every: int) -> Growing:
-        return Growing(self._times(grid, record_every), len(self._names))
 
     def _described(self, starts: Sequence[StartValue]) -> dict[str, Any]:
         """Properties of the system that a state must match, besides those in the results."""
@@ -544,7 +599,9 @@ class Simulation:
     ) -> tuple[Run, Results]:
         """A run whose FMUs have been initialised, and its results without rows.
 
-        An FMU that fails without a tolerance is told one: some need it without saying so in their description.
+        An FMU that fails without a tolerance is told one: some need it without saying so in their description. Inputs
+        of an FMU that refuses their derivatives are held, and outputs that it refuses to give are left out, where
+        nobody has asked for either.
         """
         first: SimulationError | None = None
         assumed: list[str] = []
@@ -552,11 +609,14 @@ class Simulation:
             run = Run(self._instances, self._fresh_exchange(), samples, grid, interrupt, self._columns)
             try:
                 run.initialize(starts, experiments)
+                tried = {} if self._algorithm.demanded else run.refused_derivatives()
             except InterruptedInCall as stop:
                 results = self._nothing_yet(grid, record_every, experiments, assumed)
                 results.info["status"] = "interrupted"
                 raise SimulationInterrupted(stop.time, results) from None
             except SimulationError as error:
+                if self._records_all and self._do_without(self._refused_outputs(run)):
+                    continue
                 first = first or error
                 setup = experiments.get(error.component)
                 failed = error.__cause__
@@ -566,7 +626,28 @@ class Simulation:
                 experiments[error.component] = dataclasses.replace(setup, tolerance=_ASSUMED_TOLERANCE)
                 assumed.append(error.component)
             else:
-                return run, self._nothing_yet(grid, record_every, experiments, assumed)
+                if not self._do_without(Refusals(tried)):
+                    return run, self._nothing_yet(grid, record_every, experiments, assumed)
+
+    def _refused_outputs(self, run: Run) -> Refusals:
+        """Outputs without which a run could begin that has failed to."""
+        component, refused = run.refused_outputs()
+        return Refusals(outputs=self._that_nothing_needs(component, refused) if refused else {})
+
+    def _check_sink(self, sink: Sink | None, names: Sequence[str]) -> None:
+        """Whether a sink gets what it was told that it would.
+
+        Raises
+        ------
+        SetupError
+            FMUs have refused some of it.
+        """
+        if sink is not None and (lost := sorted(set(names) - set(self._names))):
+            name, why = lost[0], self._refusals.outputs[lost[0]]
+            raise SetupError(
+                f"the FMU of component '{name.partition('.')[0]}' does not give '{name}' ({why}), which a sink was to "
+                "get; run again without it (Simulation.names has changed), or say what to record"
+            )
 
     def _nothing_yet(
         self, grid: Grid, record_every: int, experiments: Mapping[str, ExperimentSetup], assumed: Sequence[str]
@@ -592,6 +673,7 @@ class Simulation:
                 for name, f in self._fmus.items()
             },
             "parameters": self._parameters(grid.start_time),
+            **self._refusals.about(),
             **summary(self._messages.values()),
         }
         if assumed:

@@ -57,6 +57,7 @@ def read_osp(
     Returns
     -------
     ReadSystem
+        Its order is parallel (Jacobi), its extrapolation hold, as in libcosim.
 
     Raises
     ------
@@ -77,6 +78,8 @@ def read_osp(
         stop,
         reader.step,
         reader.findings.notes(),
+        order="parallel",
+        extrapolation="hold",
     )
 
 
@@ -314,6 +317,8 @@ class _Reader:
 
     def _made(self) -> System:
         system = System()
+        if not self.simulators and not self._broken:
+            self.findings.problem(f"{self.file}: has no simulators; name FMUs there, in Simulator elements")
         for function in self.functions.values():
             with self.findings.collecting():
                 self._wires += function.add_to(system, f"{self.file}", self.findings)

@@ -72,6 +72,8 @@ def read_ssp(
         values.add_files(root)
         step = step_size_of(document, root) if step_size is None else step_size
         system = _system(root, flow, values.found, step, findings)
+        if not system.components:
+            findings.problem(f"{document.where}: has no components; add one there, a Component element with an FMU")
         findings.raise_problems(_file(package, name), f"{package.path}")
     experiment = child(document.content, "DefaultExperiment")
     times = {} if experiment is None else experiment.attrib

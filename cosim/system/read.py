@@ -33,6 +33,8 @@ class ReadSystem:
         In s, if the description or its FMUs say.
     notes : tuple of str
         What was ignored, assumed or taken as it is, and the user should know.
+    order, extrapolation : str
+        How values are exchanged where the user does not say; see `cosim.master.algorithm`.
     """
 
     name: str
@@ -41,6 +43,8 @@ class ReadSystem:
     stop_time: float | None
     step_size: float | None
     notes: tuple[str, ...]
+    order: str = "sequential"
+    extrapolation: str = "auto"
 
 
 @dataclass

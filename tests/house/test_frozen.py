@@ -11,6 +11,7 @@ from tests.support.sources import sources
 CHANGING = {
     "cosim.fmi.event_mode._Timer",
     "cosim.fmi.messages._Kind",
+    "cosim.master.refusals.Refusals",
     "cosim.osp.functions.Function",
     "cosim.osp.reader._Simulator",
     "cosim.regression.session.Selection",

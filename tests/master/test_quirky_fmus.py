@@ -7,12 +7,15 @@ import signal
 from pathlib import Path
 from typing import Any
 
+import fmpy
 import numpy as np
 import pytest
 
+import cosim.commands.execution
 from cosim import Results, SetupError, Simulation, SimulationError, SimulationInterrupted, System, simulate
 from cosim.__main__ import main
 from cosim.master.unfinished_steps import UnfinishedSteps
+from tests.support.fmi3_gain import DESCRIPTION, build_gain, zipped
 from tests.support.native_fmus import FLAVOURS
 from tests.support.quirks import Quirk, quirky
 from tests.support.small_fmus import build
@@ -109,11 +112,117 @@ def test_no_step_ends_after_the_stop_time_for_rounding(folder: Path, stop_time: 
             assert run["m.y"] == results["m.y"][-1] == pytest.approx(0.5 * stop_time**2)
 
 
-def test_an_fmu_that_takes_no_derivatives_though_it_says_so_runs_with_held_inputs(folder: Path) -> None:
+HELD = [0.0, 0.0, 0.25, 0.75, 1.5]  # the integral of t with a zero-order hold
+
+
+def test_inputs_are_held_where_an_fmu_refuses_derivatives_that_it_says_it_takes(folder: Path) -> None:
     system = one(quirky(folder, Quirk.REFUSES_DERIVATIVES))
+    system.add("other", quirky(folder))
+    system.drive("other.u", lambda t: t)
+    with Simulation(system) as simulation:
+        for _ in range(2):
+            results = simulation.run(2.0, 0.5)
+            assert (y(results), results["other.y"].tolist()) == (HELD, PARABOLA)
+            assert results.info["extrapolation"] == {"mode": "auto", "linear": ["other.u"], "hold": ["m.u"]}
+            assert results.info["derivatives_refused"] == {"m": "fmi2SetRealInputDerivatives returned error"}
+        with simulation.start(step_size=0.5) as run:
+            run.step(4)
+            assert y(run.results) == HELD
+    assert "derivatives_refused" not in simulate(one(quirky(folder)), 2.0, 0.5).info
+    assert y(simulate(system, 2.0, 0.5, extrapolation="hold")) == HELD
     with pytest.raises(SimulationError, match=r"returned error, though it says that .*; use extrapolation='hold'"):
+        simulate(system, 2.0, 0.5, extrapolation="linear")
+
+
+def test_inputs_are_held_where_an_fmu_lacks_the_function_for_derivatives_that_it_says_it_takes(folder: Path) -> None:
+    system = one(quirky(folder, Quirk.LACKS_DERIVATIVES))
+    results = simulate(system, 2.0, 0.5)
+    assert (y(results), results.info["extrapolation"]["hold"]) == (HELD, ["m.u"])
+    assert results.info["derivatives_refused"] == {"m": "it lacks the function fmi2SetRealInputDerivatives"}
+    with pytest.raises(SetupError, match=r"'m' says that .* it lacks the function fmi2Set.*; use extrapolation='hold'"):
+        simulate(system, 2.0, 0.5, extrapolation="linear")
+
+
+def test_inputs_that_an_fmu_refuses_during_a_step_are_held(tmp_path: Path) -> None:
+    asks = DESCRIPTION.replace("<CoSimulation ", '<CoSimulation providesIntermediateUpdate="true" ').replace(
+        'name="v" ', 'name="v" intermediateUpdate="true" '
+    )
+    for name, definitions, expected in (("takes", (), PARABOLA), ("refuses", ("REFUSES_DURING_STEP",), HELD)):
+        (tmp_path / name).mkdir()
+        system = System()
+        system.add("m", build_gain(tmp_path / name, *definitions, description=asks), start={"u": 0.0})
+        system.drive("m.v", lambda t: t)
+        with Simulation(system, record=["m.x"]) as simulation:
+            for _ in range(2):
+                results = simulation.run(2.0, 0.5)
+                assert results["m.x"].tolist() == expected
+                refused = {"m": "it refuses fmi3SetFloat64 during a step"} if definitions else None
+                assert results.info.get("derivatives_refused") == refused
+    with pytest.raises(SimulationError, match=r"m failed at t = 0.5 s: fmi3SetFloat64 returned error, though it says"):
+        simulate(system, 2.0, 0.5, extrapolation="linear")
+
+
+# What FMUs refuse to give
+
+
+def test_an_output_that_an_fmu_refuses_is_left_out_unless_it_is_asked_for(folder: Path) -> None:
+    system = one(quirky(folder, Quirk.REFUSES_OUTPUT))
+    with Simulation(system) as simulation:
+        for _ in range(2):
+            results = simulation.run(2.0, 0.5)
+            assert y(results) == PARABOLA
+            assert results.names == simulation.names == ["m.u", "m.y", "m.tolerance"]
+            assert results.info["not_recorded"] == {"m.stop_time": "fmi2GetReal returned error"}
+    assert simulate(system, 2.0, 0.5, record=["m.y"]).info.get("not_recorded") is None
+    with pytest.raises(SimulationError, match="m failed at t = 0 s: fmi2GetReal returned error"):
+        simulate(system, 2.0, 0.5, record=["m.y", "m.stop_time"])
+    system.add("other", quirky(folder))
+    system.connect("m.stop_time", "other.u")
+    with pytest.raises(SimulationError, match="m failed at t = 0 s: fmi2GetReal returned error"):
         simulate(system, 2.0, 0.5)
-    assert y(simulate(system, 2.0, 0.5, extrapolation="hold")) == [0.0, 0.0, 0.25, 0.75, 1.5]
+
+
+def test_an_fmu_that_gives_no_output_at_all_fails(gain3c: Path, tmp_path: Path) -> None:
+    """What it can't give says nothing of it otherwise; a run that records nothing of it would hide the fault."""
+    description = DESCRIPTION.replace('name="x" valueReference="5"', 'name="x" valueReference="95"')
+    description = description.replace('<Output valueReference="5"', '<Output valueReference="95"')
+    fmu = zipped(tmp_path / "one.fmu", gain3c.with_suffix(fmpy.sharedLibraryExtension), description)
+    system = System()
+    system.add("m", fmu)
+    assert simulate(system, 0.2, 0.1).info["not_recorded"] == {"m.x": "fmi3GetFloat64 returned error"}
+    for reference in (2, 7, 9, 11):
+        description = description.replace(f' valueReference="{reference}"', f' valueReference="{90 + reference}"')
+    system = System()
+    system.add("m", zipped(tmp_path / "all.fmu", gain3c.with_suffix(fmpy.sharedLibraryExtension), description))
+    with pytest.raises(SimulationError, match=r"m failed at t = 0 s: fmi3Get.* returned error"):
+        simulate(system, 0.2, 0.1)
+
+
+def test_a_sink_gets_what_it_was_told_or_nothing(folder: Path) -> None:
+    rows: list[int] = []
+    with Simulation(one(quirky(folder, Quirk.REFUSES_OUTPUT))) as simulation:
+        with pytest.raises(SetupError, match=r"'m' does not give 'm.stop_time' \(fmi2GetReal returned error\)"):
+            simulation.run(2.0, 0.5, sink=lambda _, values: rows.append(values.shape[1]))
+        assert rows == []
+        simulation.run(2.0, 0.5, sink=lambda _, values: rows.append(values.shape[1]))
+    assert rows == [3]
+
+
+def test_a_long_run_of_the_command_line_leaves_refused_outputs_out(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(cosim.commands.execution, "MOST_VALUES_IN_MEMORY", 1)
+    fmu = quirky(folder, Quirk.REFUSES_OUTPUT | Quirk.REFUSES_DERIVATIVES)
+    table = tmp_path / "u.csv"
+    table.write_text("time,u\n0,0\n2,2\n")
+    options = ["--stop", "2", "--step", "0.5", "--set", "m.end=10", "--input", str(table), "--out", str(tmp_path / "o")]
+    assert main(["run", str(fmu), *(o.replace("m.end", f"{fmu.stem}.end") for o in options)]) == 0
+    out = capsys.readouterr().out
+    assert f"not in the results: {fmu.stem}.stop_time (fmi2GetReal returned error)" in out
+    assert f"'{fmu.stem}' says that it interpolates inputs, but fmi2SetRealInputDerivatives returned error" in out
+    results = Results.read(tmp_path / "o" / "results.csv")
+    assert results[f"{fmu.stem}.y"].tolist() == HELD
+    assert f"{fmu.stem}.stop_time" not in results.names
 
 
 def test_rounding_makes_some_of_these_steps_end_after_the_stop_time() -> None:
@@ -207,7 +316,7 @@ def test_a_failure_after_a_repeated_step_is_that_of_its_own_component(folder: Pa
     system.add("last", quirky(folder, Quirk.REFUSES_DERIVATIVES))
     system.drive("last.u", lambda t: t)
     with pytest.raises(SimulationError, match="last failed at t = 0 s: fmi2SetRealInputDerivatives") as failed:
-        simulate(system, 2.0, 0.5)
+        simulate(system, 2.0, 0.5, extrapolation="linear")
     assert failed.value.component == "last"
 
 

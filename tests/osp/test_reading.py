@@ -359,6 +359,11 @@ def test_no_such_file(tmp_path: Path) -> None:
         read_osp(tmp_path)
 
 
+def test_a_configuration_without_simulators(fmus: Path, tmp_path: Path) -> None:
+    with pytest.raises(OSPError, match=r"OspSystemStructure\.xml: has no simulators; name FMUs there, in Simulator el"):
+        read_osp(configuration(tmp_path / "none", fmus, ""))
+
+
 # The command line
 
 
@@ -371,7 +376,10 @@ def test_from_the_command_line(
     assert "note: loop/OspSystemStructure.xml: simulator 'tank': stepSize 0.3 s" in capsys.readouterr().out
     summary = json.loads(Path("results/loop/summary.json").read_text())
     assert (summary["osp"], summary["parameters"]["gain.K"], len(summary["notes"])) == ("loop", -1.0, 1)
-    assert main(["run", "loop/OspSystemStructure.xml", "--stop", "0.5"]) == 0
+    assert (summary["order"], summary["extrapolation"]["mode"]) == ("parallel", "hold")  # as libcosim's algorithm
+    assert main(["run", "loop/OspSystemStructure.xml", "--stop", "0.5", "--order", "sequential"]) == 0
+    summary = json.loads(Path("results/OspSystemStructure/summary.json").read_text())
+    assert (summary["order"], summary["extrapolation"]["mode"]) == ("sequential", "hold")
     assert main(["run", "loop", "--ssv", "x.ssv"]) == 1
     assert "--ssv is for SSPs; an OSP configuration takes start values by --set" in capsys.readouterr().err
 
@@ -416,7 +424,8 @@ def test_libcosim_gives_the_same(tmp_path: Path) -> None:
     path = configuration(tmp_path / "c", folder, SIMULATORS, ways, function)
     script = LIBCOSIM.replace("from_ssp_file(ssp_path=A.ssp)", "from_osp_config_file(osp_path=A.ssp)")
     other = fresh(tmp_path, script, ssp=path, names=["tank.x", "gain.y[1]"], n=4)
-    results = simulate(read_osp(path).system, 1.0, 0.25, order="parallel", extrapolation="hold")
+    found = read_osp(path)
+    results = simulate(found.system, 1.0, 0.25, order=found.order, extrapolation=found.extrapolation)
     for name in ("tank.x", "gain.y[1]"):
         np.testing.assert_allclose(other[name], results[name][1:], rtol=0, atol=1e-12)
 

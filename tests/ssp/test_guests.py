@@ -107,6 +107,14 @@ def test_sources_of_all_spellings(fmus: dict[str, Path], tmp_path: Path, source:
     assert_equal_runs(found.system, loop_by_hand(fmus))
 
 
+def test_an_ssp_without_components(tmp_path: Path) -> None:
+    path = archive(tmp_path / "none.ssp", description(elements()))
+    with pytest.raises(
+        SSPError, match=r"none\.ssp: .*has no components; add one there, a Component element with an FMU"
+    ):
+        read(path)
+
+
 def test_a_file_in_another_case_is_taken_with_a_note(fmus: dict[str, Path], tmp_path: Path) -> None:
     text = description(LOOP).replace("resources/gain.fmu", "Resources/GAIN.fmu")
     found = read(archive(tmp_path / "s.ssp", text, fmus))

@@ -21,7 +21,9 @@ enum {
     IS_ASYNCHRONOUS = 64, /* a step is pending until it was asked for three times */
     COMPUTES_IN_PART = 128, /* a longer step than `longest` ends at it */
     REFUSES_TO_OVERSHOOT = 256, /* a step that ends after the stop time is an error */
-    REFUSES_DERIVATIVES = 512 /* of inputs, which it says that it takes */
+    REFUSES_DERIVATIVES = 512, /* of inputs, which it says that it takes */
+    LACKS_DERIVATIVES = 1024, /* the function for them */
+    REFUSES_OUTPUT = 2048 /* the output stop_time */
 };
 
 enum { U, Y, STOP, TOLERANCE, END, INTERNAL, LONGEST, N_VARIABLES };
@@ -85,7 +87,7 @@ fmi2Status fmi2Terminate(fmi2Component c) {
 fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference r[], size_t n, fmi2Real v[]) {
     const Model *m = c;
     for (size_t i = 0; i < n; i++) {
-        if (r[i] >= N_VARIABLES) return fmi2Error;
+        if (r[i] >= N_VARIABLES || (r[i] == STOP && (QUIRKS & REFUSES_OUTPUT))) return fmi2Error;
         v[i] = m->v[r[i]];
     }
     return fmi2OK;
@@ -101,12 +103,14 @@ fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference r[], size_t n, 
     return fmi2OK;
 }
 
+#if !(QUIRKS & 1024) /* LACKS_DERIVATIVES */
 fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference r[], size_t n,
                                        const fmi2Integer orders[], const fmi2Real v[]) {
     if (n != 1 || r[0] != U || orders[0] != 1 || (QUIRKS & REFUSES_DERIVATIVES)) return fmi2Error;
     ((Model *)c)->rate = v[0];
     return fmi2OK;
 }
+#endif
 
 /* The input is linear over a step. */
 static void integrate(Model *m, double step) {

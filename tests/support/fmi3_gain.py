@@ -55,10 +55,11 @@ def zipped(path: Path, library: Path, description: str = DESCRIPTION) -> Path:
     return path
 
 
-def build_gain(folder: Path) -> Path:
-    """Compile and pack it; returns <folder>/gain.fmu."""
+def build_gain(folder: Path, *definitions: str, description: str = DESCRIPTION) -> Path:
+    """Compile it with definitions, and pack it with a description; returns <folder>/gain.fmu."""
     library = folder / f"gain{fmpy.sharedLibraryExtension}"
     headers = Path(fmpy.__file__).parent / "c-code"
     flags = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC", f"-I{headers}"]
+    flags += [f"-D{name}" for name in definitions]
     subprocess.run([*find_compiler(), *flags, str(SUPPORT / "fmi3_gain.c"), "-o", str(library)], check=True)
-    return zipped(folder / "gain.fmu", library)
+    return zipped(folder / "gain.fmu", library, description)
