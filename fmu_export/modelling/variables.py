@@ -12,7 +12,7 @@ import numpy as np
 
 from fmu_export.errors import ArgumentError
 from fmu_export.modelling.names import check_text, check_variable_name
-from fmu_export.modelling.units import unit
+from fmu_export.modelling.units import conversion, unit
 
 #: A flat array of floats, or of symbols while a back end traces the model.
 Array = Any
@@ -27,7 +27,9 @@ class Variable:
     name : str
         The paper's symbol in ASCII, for example ``theta_a``. Dots are levels of hierarchy.
     unit : str, optional
-        SI unit as defined in `fmu_export.modelling.units`; ``"1"`` for dimensionless.
+        Product of symbols, as ``N.m``, ``rad/s2``, ``km/h`` or ``degC`` (`fmu_export.modelling.units`); ``"1"`` for
+        dimensionless. The functions of the model get and give values in this unit; a state's derivative is in this
+        unit per second.
     description : str, optional
         One line for the users of other tools.
     size : int, optional
@@ -38,6 +40,8 @@ class Variable:
         Smallest and largest admissible value (both inclusive).
     tunable : bool, optional
         Whether a parameter may change during a run, between two steps; the states go on from where they are.
+    display_unit : str, optional
+        Unit in which tools show the values; of the same kind as `unit`.
 
     Raises
     ------
@@ -53,12 +57,14 @@ class Variable:
     min: float | None = None
     max: float | None = None
     tunable: bool = False
+    display_unit: str | None = None
 
     def __post_init__(self) -> None:
         check_variable_name(self.name)
         here = f"variable '{self.name}'"
         check_text(f"{here}: the description", self.description)
         try:
+            conversion(self.unit, self.unit if self.display_unit is None else self.display_unit)
             unit(self.unit)
         except (ValueError, TypeError, AttributeError) as error:
             raise ArgumentError(f"{here}: {error}") from None

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from importlib.metadata import PackageNotFoundError, version
 from xml.etree import ElementTree as ET
 
 from fmu_export.modelling.model import Model
-from fmu_export.modelling.units import unit
-from fmu_export.package.interface import ScalarVariable
+from fmu_export.modelling.units import conversion, unit
+from fmu_export.package.interface import Interface, ScalarVariable
 
 #: Name of this project as a distribution, which FMUs carry as the tool that made them.
 DISTRIBUTION = "closed-chain-cosim"
@@ -22,14 +21,22 @@ def package_version() -> str:
         return "0+unknown"
 
 
-def add_units(root: ET.Element, names: Iterable[str]) -> None:
-    """Add the definitions of units by name, each once."""
+def add_units(root: ET.Element, interface: Interface, *others: str) -> None:
+    """Add the definitions of the units of variables, and of others by name, each once."""
     definitions = ET.SubElement(root, "UnitDefinitions")
-    for name in dict.fromkeys(names):
+    for name in dict.fromkeys([*(v.unit for v in interface.variables), *others]):
+        found = unit(name)
         element = ET.SubElement(definitions, "Unit", name=name)
-        ET.SubElement(element, "BaseUnit", {k: str(n) for k, n in unit(name).exponents.items()})
-        for display, factor in unit(name).display.items():
-            ET.SubElement(element, "DisplayUnit", name=display, factor=repr(factor))
+        base = {k: str(n) for k, n in found.exponents.items()}
+        ET.SubElement(element, "BaseUnit", base | _line(found.factor, found.offset))
+        shown = [v.display_unit for v in interface.variables if v.unit == name and v.display_unit is not None]
+        for display in dict.fromkeys([*found.display, *shown]):
+            ET.SubElement(element, "DisplayUnit", {"name": display, **_line(*conversion(name, display))})
+
+
+def _line(factor: float, offset: float) -> dict[str, str]:
+    """Factor and offset where they are not what they are by default."""
+    return {k: repr(v) for k, v, default in (("factor", factor, 1.0), ("offset", offset, 0.0)) if v != default}
 
 
 def add_log_categories(root: ET.Element) -> None:
@@ -63,7 +70,7 @@ def type_attributes(v: ScalarVariable, guess: float | None = None) -> dict[str, 
     begin at the start of the system and not at zero.
     """
     attributes = {"unit": v.unit}
-    display = next(iter(unit(v.unit).display), None)
+    display = next(iter(unit(v.unit).display), None) if v.display_unit is None else v.display_unit
     if display is not None:
         attributes["displayUnit"] = display
     numbers = {"min": v.min, "max": v.max, "start": v.start if guess is None else guess}

@@ -68,7 +68,7 @@ def model_description(
                 for name in source_files:
                     ET.SubElement(files, "File", name=name)
     derivatives = interface.derivatives if "ModelExchange" in interfaces else ()
-    add_units(root, [*(v.unit for v in interface.variables), *(d.unit for d in derivatives)])
+    add_units(root, interface, *(d.unit for d in derivatives))
     add_log_categories(root)
     add_default_experiment(root, model)
     tool_annotation = ET.SubElement(ET.SubElement(root, "VendorAnnotations"), "Tool", name=DISTRIBUTION)

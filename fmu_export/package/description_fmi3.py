@@ -54,7 +54,7 @@ def model_description(
     for kind, attributes in interfaces.items():
         ET.SubElement(root, kind, {"modelIdentifier": model.name, **attributes})
     derivatives = interface.derivatives
-    add_units(root, [*(v.unit for v in interface.variables), *(d.unit for d in derivatives), "s"])
+    add_units(root, interface, *(d.unit for d in derivatives), "s")
     add_log_categories(root)
     add_default_experiment(root, model)
     variables = ET.SubElement(root, "ModelVariables")

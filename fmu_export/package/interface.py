@@ -24,6 +24,7 @@ class ScalarVariable:
     causality: Literal["parameter", "input", "output"]
     variability: Literal["fixed", "tunable", "continuous"]
     unit: str
+    display_unit: str | None
     description: str
     start: float | None
     min: float | None
@@ -166,6 +167,7 @@ def _flatten(layout: Layout, causality: Literal["parameter", "input", "output"])
                     causality=causality,
                     variability="continuous" if causality != "parameter" else "tunable" if v.tunable else "fixed",
                     unit=v.unit,
+                    display_unit=v.display_unit,
                     description=v.description + element,
                     start=None if causality == "output" else start,
                     min=v.min,

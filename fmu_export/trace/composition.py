@@ -16,6 +16,7 @@ from fmu_export.errors import ArgumentError, ModelError
 from fmu_export.modelling.model import DefaultExperiment, Model, ModelFunction, Requirement
 from fmu_export.modelling.model_class import AnyModel, flat_model
 from fmu_export.modelling.names import check_identifier
+from fmu_export.modelling.units import conversion
 from fmu_export.modelling.variables import Array, Layout, Variable
 from fmu_export.trace.trace import feedthrough
 
@@ -44,8 +45,9 @@ def compose(
     components : mapping
         Name of a component -> its `Model` or `ModelClass`.
     connections : iterable of (str, str)
-        (output, input), both `component.variable`, whole variables of one size and unit. At most one
-        connection feeds an input; those that nothing feeds are the inputs of the whole.
+        (output, input), both `component.variable`, whole variables of one size whose units measure the same; values
+        are converted where the units differ. At most one connection feeds an input; those that nothing feeds are the
+        inputs of the whole.
     default_experiment : DefaultExperiment
         Of the whole.
 
@@ -75,6 +77,7 @@ def compose(
             component: _Component(model, next(states), next(parameters)) for component, model in models.items()
         },
         sources=sources,
+        conversions={n: _conversions(model, sources[n], models) for n, model in models.items()},
         schedule=_schedule(models, sources),
     )
 
@@ -139,10 +142,11 @@ class _Component:
 
 @dataclass(frozen=True)
 class _Wiring:
-    """The components, the source of each scalar input of each component, and the order of evaluation."""
+    """The components, the source of each scalar input and the line that converts it, and the order of evaluation."""
 
     components: Mapping[str, _Component]
     sources: Mapping[str, tuple[_Source, ...]]
+    conversions: Mapping[str, tuple[tuple[float, float], ...]]
     schedule: tuple[str, ...]
 
     def inputs(self, t: Any, x: Array, u: Array, p: Array) -> dict[str, Array]:
@@ -162,10 +166,20 @@ class _Wiring:
     def _inputs_of(self, n: str, u: Array, outputs: Mapping[str, Array]) -> Array:
         starts = self.components[n].model.inputs.starts
         values = [
-            u[i] if source == _OUTSIDE else outputs[source][i] if source in outputs else start
-            for (source, i), start in zip(self.sources[n], starts, strict=True)
+            u[i]
+            if source == _OUTSIDE
+            else self._converted(n, j, outputs[source][i])
+            if source in outputs
+            else starts[j]
+            for j, (source, i) in enumerate(self.sources[n])
         ]
         return np.stack(values) if values else starts
+
+    def _converted(self, n: str, j: int, value: Any) -> Any:
+        """The value that feeds a scalar input, in the unit of the input."""
+        factor, offset = self.conversions[n][j]
+        value = value if factor == 1.0 else factor * value
+        return value if offset == 0.0 else value + offset
 
 
 def _schedule(components: Mapping[str, Model], sources: Mapping[str, tuple[_Source, ...]]) -> tuple[str, ...]:
@@ -208,10 +222,13 @@ def _fed_inputs(components: Mapping[str, Model], connections: Iterable[tuple[str
         for end, kind, known in ((source, "output", outputs), (target, "input", inputs)):
             if end not in known:
                 raise CompositionError(f"{here}: there is no {kind} '{end}'; known are {', '.join(known)}")
-        for what in ("size", "unit"):
-            ends = getattr(outputs[source], what), getattr(inputs[target], what)
-            if ends[0] != ends[1]:
-                raise CompositionError(f"{here}: the {what}s differ: {ends[0]} and {ends[1]}")
+        ends = outputs[source], inputs[target]
+        if ends[0].size != ends[1].size:
+            raise CompositionError(f"{here}: the sizes differ: {ends[0].size} and {ends[1].size}")
+        try:
+            conversion(ends[0].unit, ends[1].unit)
+        except ValueError as error:
+            raise CompositionError(f"{here}: {error}") from None
         if target in fed:
             raise CompositionError(f"{here}: {fed[target]} feeds this input already")
         fed[target] = source
@@ -231,6 +248,21 @@ def _sources(
         else:
             found += [(_OUTSIDE, i) for i in _positions(inputs, path)]
     return tuple(found)
+
+
+def _conversions(
+    model: Model, sources: tuple[_Source, ...], components: Mapping[str, Model]
+) -> tuple[tuple[float, float], ...]:
+    """Factor and offset of the scalar inputs of a component."""
+    units = {n: _units(m.outputs) for n, m in components.items()}
+    return tuple(
+        (1.0, 0.0) if owner == _OUTSIDE else conversion(units[owner][i], own)
+        for (owner, i), own in zip(sources, _units(model.inputs), strict=True)
+    )
+
+
+def _units(layout: Layout) -> list[str]:
+    return [v.unit for v in layout.variables for _ in v.names]
 
 
 def _positions(layout: Layout, name: str) -> list[int]:

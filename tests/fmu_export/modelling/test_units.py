@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from fmu_export.modelling.units import rate_unit, unit
+from fmu_export.modelling.units import conversion, rate_unit, unit
 
 #: Exponents of kg, m, s, A, K, mol, cd, rad (SI brochure, table 4).
 SI = {
@@ -95,14 +95,85 @@ def test_rates(name: str, rate: str) -> None:
 
 
 def test_display_units_are_how_often_they_go_into_one() -> None:
-    assert unit("m").display == {"mm": 1000.0}
-    assert unit("rad").display == {"deg": math.degrees(1.0)}
-    assert unit("rad/s").display == {"deg/s": math.degrees(1.0)}
-    assert unit("rad/s2").display == {"deg/s2": math.degrees(1.0)}
+    assert unit("m").display == {"mm": (1000.0, 0.0)}
+    assert unit("rad").display == {"deg": (math.degrees(1.0), 0.0)}
+    assert unit("rad/s").display == {"deg/s": (math.degrees(1.0), 0.0)}
+    assert unit("rad/s2").display == {"deg/s2": (math.degrees(1.0), 0.0)}
     assert unit("N.m").display == unit("m/s").display == unit("1").display == {}
 
 
-@pytest.mark.parametrize("name", ["", "/", "m/", "m/()", ".", "m.", "m0", "m10", "m 2", "M", "newton", "m/s/s", "(m)"])
+@pytest.mark.parametrize("name", ["", "/", "m/", "m/()", ".", "m.", "m0", "m10", "m 2", "wibble", "m/s/s", "(m)"])
 def test_what_is_no_unit(name: str) -> None:
     with pytest.raises(ValueError, match="is not defined; write a product of kg, m, s, A, K, mol, cd, rad, N"):
+        unit(name)
+
+
+#: Factor and offset to the base unit, and the base, from the definitions: BIPM brochure (table 8), NIST SP 811.
+OTHERS = {
+    "degC": (1.0, 273.15, "K"),
+    "degF": (5.0 / 9.0, 459.67 * 5.0 / 9.0, "K"),
+    "bar": (1e5, 0.0, "Pa"),
+    "mbar": (100.0, 0.0, "Pa"),
+    "kN": (1000.0, 0.0, "N"),
+    "kN.m": (1000.0, 0.0, "N.m"),
+    "km/h": (1.0 / 3.6, 0.0, "m/s"),
+    "rpm": (math.pi / 30.0, 0.0, "rad/s"),
+    "rev/min": (math.pi / 30.0, 0.0, "rad/s"),
+    "%": (0.01, 0.0, "1"),
+    "%/min": (0.01 / 60.0, 0.0, "1/s"),
+    "deg": (math.pi / 180.0, 0.0, "rad"),
+    "deg/s": (math.pi / 180.0, 0.0, "rad/s"),
+    "min": (60.0, 0.0, "s"),
+    "h": (3600.0, 0.0, "s"),
+    "d": (86400.0, 0.0, "s"),
+    "min-1": (1.0 / 60.0, 0.0, "Hz"),
+    "L": (1e-3, 0.0, "m3"),
+    "l/min": (1e-3 / 60.0, 0.0, "m3/s"),
+    "kW": (1000.0, 0.0, "W"),
+    "MW.h": (3.6e9, 0.0, "J"),
+    "kWh": (3.6e6, 0.0, "J"),
+    "mm": (1e-3, 0.0, "m"),
+    "um2": (1e-12, 0.0, "m2"),
+    "g/cm3": (1000.0, 0.0, "kg/m3"),
+    "t": (1000.0, 0.0, "kg"),
+    "mA": (1e-3, 0.0, "A"),
+    "kOhm": (1e3, 0.0, "Ohm"),
+    "uF": (1e-6, 0.0, "F"),
+    "MHz": (1e6, 0.0, "Hz"),
+    "mmol/L": (1.0, 0.0, "mol/m3"),
+    "psi": (0.45359237 * 9.80665 / 0.0254**2, 0.0, "Pa"),
+    "ft": (0.3048, 0.0, "m"),
+    "degC/s": (1.0, 0.0, "K/s"),
+    "W/(m2.degC)": (1.0, 0.0, "W/(m2.K)"),
+}
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_units_with_factor_and_offset(name: str) -> None:
+    factor, offset, base = OTHERS[name]
+    found = unit(name)
+    assert found.factor == pytest.approx(factor, rel=4e-16)
+    assert found.offset == pytest.approx(offset, rel=4e-16)
+    assert found.exponents == unit(base).exponents
+    assert conversion(name, base) == (found.factor, found.offset)
+    back = conversion(base, name)
+    assert back == (pytest.approx(1.0 / factor, rel=4e-16), pytest.approx(-offset / factor, rel=4e-16))
+    rate = unit(rate_unit(name))
+    assert (rate.factor, rate.offset) == (found.factor, 0.0)  # a rate has no offset
+    assert rate.exponents == unit(rate_unit(base)).exponents
+
+
+def test_conversions() -> None:
+    assert conversion("degF", "degC") == (5.0 / 9.0, -160.0 / 9.0)
+    assert conversion("degC", "degC") == (1.0, 0.0)
+    assert conversion("J", "N.m") == (1.0, 0.0)
+    with pytest.raises(ValueError, match="the units differ: bar and m"):
+        conversion("bar", "m")
+
+
+@pytest.mark.parametrize(
+    "name", ["dB", "Min", "Nm", "Nm/rad", "PS", "count", "bit", "G", "USD", "Km", "mdegC", "e", "kg_", "degC degC"]
+)
+def test_units_that_are_something_else_or_that_fmi_cannot_express(name: str) -> None:
+    with pytest.raises(ValueError, match=rf"^unit '{name}': '.*' (is not defined|can mean other things); write "):
         unit(name)
