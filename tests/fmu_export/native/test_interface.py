@@ -16,7 +16,7 @@ from fmpy.validation import validate_fmu
 from cosim import System, simulate
 from fmu_export import build_pythonfmu, compose
 from fmu_export.modelling.model import DefaultExperiment, Model, Requirement
-from fmu_export.modelling.variables import Variable
+from fmu_export.modelling.variables import Layout, Variable
 from fmu_export.native.backend import build_native
 from tests.support.native_fmus import ERROR, FLAVOURS, Host, unpack
 from tests.support.tiny_models import FRAGILE
@@ -40,18 +40,7 @@ def test_texts_reach_the_log_as_they_are_written_and_a_folder_may_be_text(tmp_pa
 def stateless(
     name: str, inputs: Sequence[Variable], outputs: Sequence[Variable], output_values: Callable[..., Any]
 ) -> Model:
-    return Model(
-        name,
-        "A model for tests",
-        parameters=[],  # type: ignore[arg-type]
-        inputs=inputs,  # type: ignore[arg-type]
-        outputs=outputs,  # type: ignore[arg-type]
-        states=(),
-        initial_state=lambda p: p[:0],
-        derivatives=lambda t, x, u, p: x,
-        output_values=output_values,
-        default_experiment=DefaultExperiment(1.0, 0.1),
-    )
+    return Model(name=name, inputs=Layout(inputs), outputs=Layout(outputs), output_values=output_values)
 
 
 #: At t = 0: 20 degC, 3000 rpm, 2 bar and half an opening.
