@@ -28,12 +28,15 @@ _MODULES = {
     "build_pythonfmu": "fmu_export.pythonfmu.backend",
     "build_script": "fmu_export.pythonfmu.script",
     "compose": "fmu_export.trace.composition",
+    "discrete": "fmu_export.modelling.declarations",
+    "every": "fmu_export.modelling.declarations",
     "input": "fmu_export.modelling.declarations",
     "output": "fmu_export.modelling.declarations",
     "parameter": "fmu_export.modelling.declarations",
     "require": "fmu_export.modelling.declarations",
     "state": "fmu_export.modelling.declarations",
     "to_control": "fmu_export.control_backend",
+    "when": "fmu_export.modelling.declarations",
     "write_start_values": "fmu_export.package.start_values",
 }
 
@@ -59,19 +62,22 @@ __all__ = [
     "build_pythonfmu",
     "build_script",
     "compose",
+    "discrete",
+    "every",
     "input",
     "output",
     "parameter",
     "require",
     "state",
     "to_control",
+    "when",
     "write_start_values",
 ]
 
 if TYPE_CHECKING:
     from fmu_export.control_backend import to_control
     from fmu_export.errors import ArgumentError, MissingExtra, ModelError, TraceError
-    from fmu_export.modelling.declarations import input, output, parameter, require, state
+    from fmu_export.modelling.declarations import discrete, every, input, output, parameter, require, state, when
     from fmu_export.modelling.model import DefaultExperiment, Event, Model, Requirement, Sampled
     from fmu_export.modelling.model_class import ModelClass
     from fmu_export.modelling.variables import Layout, Variable

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import difflib
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
@@ -15,6 +16,9 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
 _Method = TypeVar("_Method", bound=Callable[..., Any])
+
+#: Names that no variable can have, since they mean something else.
+_TAKEN = ("t", "model", "derivatives", "outputs", "initial")
 
 #: What each kind of variable is called in messages.
 KINDS = {
@@ -37,6 +41,7 @@ class Declaration:
     size: int | None
     options: dict[str, Any]
     is_output: bool
+    is_boolean: bool
     name: str = field(default="", init=False)
 
     def __set_name__(self, owner: type, name: str) -> None:
@@ -85,7 +90,7 @@ def _declaration(
         size, start = len(values), tuple(values.tolist())
     else:
         start = values.item()
-    return Declaration(kind, start, unit, description, size, options, is_output)
+    return Declaration(kind, start, unit, description, size, options, is_output, values.dtype.kind == "b")
 
 
 def parameter(
@@ -148,6 +153,29 @@ def state(
     return _declaration("state", start, unit, description, size, True, min=min, max=max)
 
 
+def discrete(
+    start: ArrayLike = 0.0,
+    unit: str = "1",
+    description: str = "",
+    *,
+    size: int | None = None,
+    min: float | None = None,
+    max: float | None = None,
+    output: bool = True,
+) -> Any:
+    """Declare a discrete state of a `ModelClass`, which changes at events and sampling instants only.
+
+    It starts at a parameter, as a `state` does. With False or True as start it is Boolean: comparisons are what it can
+    become, and `&`, `|`, `~` and `np.where` what takes it. Other arguments as of `parameter`.
+
+    Parameters
+    ----------
+    output : bool, optional
+        Whether it is an output, too; else it is a local variable of the FMU.
+    """
+    return _declaration("discrete", start, unit, description, size, output, min=min, max=max)
+
+
 def output(unit: str = "1", description: str = "", *, size: int | None = None) -> Any:
     """Declare an output of a `ModelClass`, whose value `outputs` returns.
 
@@ -161,6 +189,22 @@ def output(unit: str = "1", description: str = "", *, size: int | None = None) -
         Number of elements of a vector.
     """
     return _declaration("output", 0.0, unit, description, size, True)
+
+
+@dataclass(frozen=True)
+class WhenMark:
+    """What `when` has been given."""
+
+    indicator: Callable[[Any], Any]
+    direction: Literal["falling", "rising", "both"]
+
+
+@dataclass(frozen=True)
+class EveryMark:
+    """What `every` has been given."""
+
+    period: Any
+    offset: Any
 
 
 @dataclass(frozen=True)
@@ -182,6 +226,37 @@ def _marked(method: _Method, mark: Any) -> _Method:
     return method
 
 
+def when(
+    indicator: Callable[[Any], Any], direction: Literal["falling", "rising", "both"] = "falling"
+) -> Callable[[_Method], _Method]:
+    """Declare, above a method of a `ModelClass`, that it returns the states that change at an event.
+
+    Parameters
+    ----------
+    indicator : callable
+        Of the values `m`, as ``lambda m: m.h``; the event is where it crosses zero.
+    direction : {"falling", "rising", "both"}, optional
+        As of `Event`.
+    """
+    if not callable(indicator):
+        raise ArgumentError(f"when: the indicator {indicator!r} is no function; write when(lambda m: ...)")
+    if direction not in ("falling", "rising", "both"):
+        raise ArgumentError(f'when: direction={direction!r}; write "falling", "rising" or "both"')
+    return lambda method: _marked(method, WhenMark(indicator, direction))
+
+
+def every(period: Any, offset: Any = 0.0) -> Callable[[_Method], _Method]:
+    """Declare, above a method of a `ModelClass`, that it returns the discrete states that change at sampling instants.
+
+    Parameters
+    ----------
+    period, offset : float or parameter, optional
+        As of `Sampled`, in seconds: instants are offset, offset + period, ... A parameter of the class is given as it
+        is declared, as ``every(T)``, or by its name.
+    """
+    return lambda method: _marked(method, EveryMark(period, offset))
+
+
 def require(message: str, at: Literal["start", "step"] = "step") -> Callable[[_Method], _Method]:
     """Declare, above a method of a `ModelClass` that returns a scalar, that it must stay positive.
 
@@ -195,3 +270,53 @@ def require(message: str, at: Literal["start", "step"] = "step") -> Callable[[_M
     if at not in ("start", "step"):
         raise ArgumentError(f'require: at={at!r}; write "start" or "step"')
     return lambda method: _marked(method, RequireMark(message, at))
+
+
+def meant(name: str, known: Iterable[str]) -> str:
+    """The end of a message on an unknown name: the known name that is close to it, if there is one."""
+    close = difflib.get_close_matches(name, known, n=1)
+    return f"; did you mean '{close[0]}'" if close else ""
+
+
+def declared_variables(cls: type) -> dict[str, Declaration]:
+    """Variables of a class and of those that it inherits from, in the order of declaration.
+
+    Raises
+    ------
+    ArgumentError
+        A name is taken, one declaration stands for two variables, or something else hides a declaration.
+    """
+    found: dict[str, Declaration] = {}
+    for owner in reversed(cls.__mro__):
+        for name, value in vars(owner).items():
+            if isinstance(value, Declaration):
+                if name in _TAKEN or name.startswith("_"):
+                    raise ArgumentError(f"{cls.__name__}: a variable can't have the name '{name}'; take another")
+                if value.name != name:
+                    raise ArgumentError(f"{cls.__name__}: '{name}' and '{value.name}' are one declaration; write two")
+                found[name] = value
+            elif name in found and value is None:
+                del found[name]
+            elif name in found:
+                raise ArgumentError(
+                    f"{cls.__name__}: {owner.__name__}.{name} hides {KINDS[found[name].kind]}; declare it anew, as "
+                    f"{name} = {found[name].kind}(...), or leave it out by None"
+                )
+    return found
+
+
+def marked_methods(cls: type) -> dict[str, Any]:
+    """Methods of a class with a mark, in the order of definition: name -> mark."""
+    found: dict[str, Any] = {}
+    for owner in reversed(cls.__mro__):
+        for name, value in vars(owner).items():
+            if hasattr(value, MARK):
+                found[name] = getattr(value, MARK)
+            elif name in found and value is None:
+                del found[name]
+            elif name in found:
+                raise ArgumentError(
+                    f"{cls.__name__}: {owner.__name__}.{name} hides a method that is marked; mark it too, or leave it "
+                    f"out by {name} = None"
+                )
+    return found

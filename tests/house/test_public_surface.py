@@ -29,7 +29,7 @@ PAGES = [
     *sorted((CHECKOUT / "docs").rglob("*.md")),
     *(path for package in PACKAGES for path in sorted((CHECKOUT / package).glob("*.md"))),
 ]
-EXAMPLES = sorted((CHECKOUT / "examples").glob("*.py"))
+EXAMPLES = sorted(path for where in ("*.py", "models/*.py") for path in (CHECKOUT / "examples").glob(where))
 
 #: Names of entry-point groups, which look like modules.
 GROUPS = ("cosim.commands", "cosim.scenarios")

@@ -14,11 +14,14 @@ from fmu_export import (
     Model,
     ModelClass,
     compose,
+    discrete,
+    every,
     output,
     parameter,
     require,
     state,
     to_control,
+    when,
 )
 from fmu_export import input as input_
 from fmu_export.errors import ArgumentError, TraceError
@@ -235,7 +238,7 @@ def rates(**changed: Any) -> Any:
         (variant(gravity_is_positive=lambda m: 1.0), "Variant.gravity_is_positive hides a method that is marked"),
         (
             variant(both=require("vector")(lambda m: m.q)),
-            "Variant.both: it returns with shape (2,); return a scalar",
+            "Variant.both: one number is asked for, but it is an array of shape (2,)",
         ),
         (
             variant(early=require("speed", at="start")(lambda m: m.w[0])),
@@ -289,3 +292,126 @@ def test_values_are_where_they_were_declared() -> None:
         np.testing.assert_array_equal(
             Layout(layout.variables).pack(**vars(layout.unpack(np.arange(len(layout))))), np.arange(len(layout))
         )
+
+
+class Machine(ModelClass):
+    """Everything that is not continuous."""
+
+    T_s = parameter(0.1, "s")
+    limit = parameter(2.0)
+    x = state(1.0)
+    v = state([1.0, 2.0])
+    u = input_(0.5)
+    on = discrete(False)
+    count = discrete(0.0, output=False)
+    memory = discrete([0.1, 0.2, 0.3])
+
+    def initial(m):
+        return {"memory": np.full(3, m.limit), "v": np.stack([m.limit, 1.0])}
+
+    def derivatives(m):
+        return {"x": np.where(m.on, -m.x, m.u), "v": -m.v}
+
+    @when(lambda m: m.x - m.limit, "rising")
+    def too_much(m):
+        return {"on": True, "x": m.limit, "count": m.count + 1.0}
+
+    @when(lambda m: m.x)
+    def empty(m):
+        return {"on": ~m.on & (m.x < m.limit)}
+
+    @every(T_s, offset=0.05)
+    def remember(m):
+        return {"memory": np.concatenate([np.stack([m.x]), m.memory[:-1]])}
+
+    @every("T_s")
+    def tick(m):
+        return {"count": m.count + 10.0}
+
+    @require("x is above 5")
+    def bounded(m):
+        return 5.0 - m.x - m.count
+
+
+def test_events_and_samples_become_those_of_the_flat_model() -> None:
+    model = Machine.model()
+    assert model.parameters.names == ("T_s", "limit", "x_start", "on_start", "count_start")
+    assert model.discrete.names == ("on", "count", "memory[1]", "memory[2]", "memory[3]")
+    assert model.outputs.names == ("x", "v[1]", "v[2]", "on", "memory[1]", "memory[2]", "memory[3]")
+    assert [(e.name, e.direction) for e in model.events] == [("too_much", "rising"), ("empty", "falling")]
+    assert [(s.name, s.period, s.offset) for s in model.sampled] == [("remember", "T_s", 0.05), ("tick", "T_s", 0.0)]
+    p, u = np.array([0.1, 2.0, 1.0, 1.0, 4.0]), np.array([0.5])
+    assert model.initial_state(p).tolist() == [1.0, 2.0, 1.0]
+    z = model.initial_discrete_state(p)
+    assert z.tolist() == [1.0, 4.0, 2.0, 2.0, 2.0]
+    x = np.array([3.0, 1.0, -1.0])
+    now = (0.2, x, z, u, p)
+    assert model.derivatives(*now).tolist() == [-3.0, -1.0, 1.0]
+    assert model.derivatives(0.2, x, 0.0 * z, u, p).tolist() == [0.5, -1.0, 1.0]
+    assert model.output_values(*now).tolist() == [*x, 1.0, 2.0, 2.0, 2.0]
+    assert [e.indicator(*now) for e in model.events] == [1.0, 3.0]
+    new_x, new_z = model.events[0].reset(*now)
+    assert (new_x.tolist(), new_z.tolist()) == ([2.0, 1.0, -1.0], [1.0, 5.0, 2.0, 2.0, 2.0])
+    new_x, new_z = model.events[1].reset(0.2, [1.0, 1.0, 1.0], np.zeros(5), u, p)
+    assert (new_x.tolist(), new_z.tolist()) == ([1.0, 1.0, 1.0], [1.0, 0.0, 0.0, 0.0, 0.0])
+    assert model.sampled[0].update(*now).tolist() == [1.0, 4.0, 3.0, 2.0, 2.0]
+    assert model.sampled[1].update(*now).tolist() == [1.0, 14.0, 2.0, 2.0, 2.0]
+    assert model.requirements[0].margin(*now) == -2.0
+
+
+def test_methods_of_events_can_be_called_by_hand() -> None:
+    m: Any = Machine(x_start=3.0, on_start=True)
+    assert m.on is np.True_
+    assert m.too_much() == {"on": True, "x": 2.0, "count": 1.0}
+    assert m.remember()["memory"].tolist() == [3.0, 2.0, 2.0]
+
+
+def test_a_model_with_events_without_discrete_states() -> None:
+    class Ball(ModelClass):
+        e = parameter(0.8)
+        h = state(1.0, "m")
+        v = state(0.0, "m/s")
+
+        def derivatives(m):
+            return {"h": m.v, "v": -9.81}
+
+        @when(lambda m: m.h)
+        def bounce(m):
+            return {"h": 0.0, "v": -m.e * m.v}
+
+    (event,) = Ball.model().events
+    arguments = (0.0, np.array([-0.1, -2.0]), np.zeros(0), np.array([0.5, 1.0, 0.0]))
+    assert event.indicator(*arguments) == -0.1
+    assert event.reset(*arguments).tolist() == [0.0, 1.0]
+
+
+def machine(**body: Any) -> Any:
+    """A subclass of Machine."""
+    return lambda: type("Variant", (Machine,), body).model()  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        (machine(tick=every(0.1)(lambda m: {"x": 0.0})), "Variant.tick: it returns 'x', which is a state"),
+        (
+            machine(tick=every(0.1)(lambda m: {"on": 1.0})),
+            "'on' is declared as Boolean, but what it returns is a number",
+        ),
+        (machine(tick=every("T")(lambda m: {"on": True})), "sampled 'tick': period 'T' is no scalar parameter"),
+        (machine(tick=every(-1)(lambda m: {"on": True})), "sampled 'tick': period -1.0 is not positive"),
+        (machine(tick=lambda m: {}), "Variant.tick hides a method that is marked"),
+        (machine(empty=when(lambda m: m.v)(lambda m: {})), "Variant.empty: one number is asked for"),
+        (machine(empty=when(lambda m: m.y)(lambda m: {})), "Variant.empty: there is no 'y'"),
+        (machine(empty=when(lambda m: m.x)(lambda m: {"u": 1.0})), "Variant.empty: it returns 'u', which is an input"),
+        (lambda: when("x")(lambda m: {}), "when: the indicator 'x' is no function"),  # type: ignore[arg-type]
+        (lambda: when(len, "down")(lambda m: {}), "when: direction='down'; write"),  # type: ignore[arg-type]
+        (
+            lambda: every(0.1)(when(lambda m: m.x)(lambda m: {})),
+            "a method has one of @when, @every and @require; write two methods",
+        ),
+    ],
+)
+def test_events_and_samples_that_do_not_fit_are_refused(wrong: Any, message: str) -> None:
+    with pytest.raises(ArgumentError, match=re.escape(message)):
+        wrong()

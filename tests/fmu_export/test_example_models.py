@@ -1,0 +1,141 @@
+"""The example models against solutions by other means, in FMI 2.0 and 3.0, by FMPy and by our master."""
+
+from __future__ import annotations
+
+import runpy
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.linalg import expm
+
+from tests.support.compilation import built_once, shared_compilation
+from tests.support.example_models import FOLDER, Example, Values, build, by_fmpy, by_our_master
+from tests.support.native_fmus import FLAVOURS, require_compiler
+
+#: Integration of the oracles.
+TIGHT = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-12, "dense_output": True}
+
+
+def pendulum(times: np.ndarray) -> Values:
+    """The masses in Cartesian coordinates, held by the forces of the rods (Lagrange multipliers)."""
+    n, m, length, g, torque = 3, np.array([0.5, 1.0, 0.2]), np.array([0.3, 0.2, 0.4]), 9.81, 0.3
+    before = np.eye(n, k=-1)  # a rod's upper end is the mass before it
+    theta = np.array([1.0, -0.5, 0.3])
+    position = np.cumsum(np.stack([length * np.sin(theta), -length * np.cos(theta)]), axis=1)
+
+    def motion(t: float, state: np.ndarray) -> np.ndarray:
+        r, v = state.reshape(2, 2, n)
+        rods, speeds = r - r @ before.T, v - v @ before.T
+        applied = np.stack([np.zeros(n), -m * g])
+        # the torque on the first rod is a force across it
+        applied[:, 0] += torque / length[0] ** 2 * np.array([-rods[1, 0], rods[0, 0]])
+        # of each rod, rods . acceleration + speeds . speeds = 0
+        jacobian = np.concatenate([rods[k][:, None] * (np.eye(n) - before) for k in range(2)], axis=1)
+        mass = np.tile(m, 2)
+        force = np.linalg.solve(
+            jacobian / mass @ jacobian.T, -(speeds**2).sum(axis=0) - jacobian @ (applied.ravel() / mass)
+        )
+        acceleration = (applied.ravel() + jacobian.T @ force) / mass
+        return np.concatenate([v.ravel(), acceleration])
+
+    start = np.concatenate([position.ravel(), np.zeros(2 * n)])
+    r = solve_ivp(motion, (0.0, times[-1]), start, **TIGHT).sol(times)
+    x, y = r[:n].T, r[n : 2 * n].T
+    rods_x, rods_y = x - x @ before.T, y - y @ before.T
+    speed = (r[2 * n : 3 * n].T ** 2 + r[3 * n :].T ** 2) @ m / 2.0
+    return {"theta": np.unwrap(np.arctan2(rods_x, -rods_y), axis=0), "energy": speed + g * y @ m}
+
+
+def heat(times: np.ndarray) -> Values:
+    """The matrix exponential of the difference equations, whose state at rest is a line between the ends."""
+    n, diffusivity, left, right = 50, 0.02, 340.0, 310.0
+    place = np.arange(1, n + 1) / (n + 1)
+    rest = left + (right - left) * place
+    matrix = diffusivity * (n + 1) ** 2 * (np.eye(n, k=1) + np.eye(n, k=-1) - 2.0 * np.eye(n))
+    start = 280.0 + 50.0 * np.sin(np.pi * place)
+    step = expm(matrix * (times[1] - times[0]))
+    values = [start]
+    for _ in times[1:]:
+        values.append(rest + step @ (values[-1] - rest))
+    return {"T": np.array(values), "T_max": np.max(values, axis=1)}
+
+
+EXAMPLES = [
+    Example(
+        "n_link_pendulum",
+        stop=3.0,
+        step=0.02,
+        start={
+            "m_i": [0.5, 1.0, 0.2],
+            "l": [0.3, 0.2, 0.4],
+            "theta_start": [1.0, -0.5, 0.3],
+            "tau": 0.3,
+            "max_step": 2e-4,
+        },
+        solution=pendulum,
+        tolerance=1e-9,
+        tolerance_me=1e-6,
+    ),
+    Example(
+        "heat_equation",
+        stop=5.0,
+        step=0.1,
+        start={"T_mean": 280.0, "diffusivity": 0.02, "T_left": 340.0, "T_right": 310.0, "max_step": 2e-4},
+        solution=heat,
+        tolerance=1e-11,
+        tolerance_me=1e-7,
+    ),
+]
+
+
+@pytest.fixture(scope="session")
+def fmu_of(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, str], Path]:
+    """The FMU of an example, built when it is first asked for."""
+    require_compiler()
+    folder = tmp_path_factory.mktemp("examples")
+
+    def built(module: str, flavour: str) -> Path:
+        path = folder / flavour / f"{module}.fmu"
+        if not path.exists():
+            built_once(f"{module}-{flavour}", lambda common: build(module, common, flavour), path.parent)
+        return path
+
+    return built
+
+
+def test_every_example_is_compared_with_something() -> None:
+    assert {example.module for example in EXAMPLES} == {path.stem for path in FOLDER.glob("*.py")}
+
+
+@pytest.mark.parametrize("importer", ["fmpy", "fmpy_me", "our_master"])
+@pytest.mark.parametrize("flavour", FLAVOURS)
+@pytest.mark.parametrize("example", EXAMPLES, ids=lambda e: e.module)
+def test_example_is_right(example: Example, flavour: str, importer: str, fmu_of: Callable[[str, str], Path]) -> None:
+    fmu = fmu_of(example.module, flavour)
+    expected = example.solution(example.times)
+    names = {name: values.ndim > 1 for name, values in expected.items()}
+    if importer == "our_master":
+        found, tolerance = by_our_master(fmu, example, names), example.tolerance
+    elif importer == "fmpy":
+        found, tolerance = by_fmpy(fmu, example, names, "CoSimulation"), example.tolerance
+    else:
+        found, tolerance = by_fmpy(fmu, example, names, "ModelExchange"), example.tolerance_me
+    assert set(found) == set(expected)
+    for name, values in expected.items():
+        error = np.abs(found[name] - values).max()
+        assert error <= tolerance * np.abs(values).max(), (name, error)
+
+
+@pytest.mark.parametrize("module", sorted(path.stem for path in FOLDER.glob("*.py")))
+def test_example_runs_as_it_stands(
+    module: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    require_compiler()
+    monkeypatch.chdir(tmp_path)
+    with shared_compilation():
+        runpy.run_path(str(FOLDER / f"{module}.py"), run_name="__main__")
+    assert len(capsys.readouterr().out.splitlines()) >= 1
+    assert len(list(tmp_path.glob("*.fmu"))) == 1

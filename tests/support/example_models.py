@@ -1,0 +1,113 @@
+"""The models of examples/models: built once a session, and run by several importers."""
+
+from __future__ import annotations
+
+import importlib.util
+import inspect
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import fmpy
+import numpy as np
+
+from cosim import System, simulate
+from fmu_export import ModelClass, build_native
+
+FOLDER = Path(__file__).parents[2] / "examples" / "models"
+
+#: Values at times (n,): name of a variable -> (n,), or (n, k) of a vector.
+Values = dict[str, np.ndarray]
+
+
+@dataclass(frozen=True)
+class Example:
+    """An experiment with a model, and its solution by other means.
+
+    `tolerance` and `tolerance_me` bound the differences of values in co-simulation and in model exchange, relative to
+    the largest value of a variable. `inputs` are functions of time that change at communication points only.
+    """
+
+    module: str
+    stop: float
+    step: float
+    solution: Callable[[np.ndarray], Values]
+    tolerance: float
+    tolerance_me: float
+    start: Mapping[str, Any] = field(default_factory=dict)
+    inputs: Mapping[str, Callable[[float], float]] = field(default_factory=dict)
+
+    @property
+    def times(self) -> np.ndarray:
+        """The communication points."""
+        return np.arange(round(self.stop / self.step) + 1) * self.step
+
+
+def load(module: str) -> ModuleType:
+    """An example as a module."""
+    spec = importlib.util.spec_from_file_location(f"example_{module}", FOLDER / f"{module}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    loaded = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(loaded)
+    return loaded
+
+
+def model_of(module: str) -> type[ModelClass]:
+    """The class of an example."""
+    loaded = load(module)
+    (found,) = (c for c in vars(loaded).values() if inspect.isclass(c) and c.__module__ == loaded.__name__)
+    assert issubclass(found, ModelClass)
+    return found
+
+
+def build(module: str, folder: Path, flavour: str) -> None:
+    """Build the FMU of an example as <folder>/<module>.fmu."""
+    build_native(model_of(module), folder, flavour).rename(folder / f"{module}.fmu")  # type: ignore[arg-type]
+
+
+def _named(table: Mapping[str, np.ndarray], name: str, vector: bool) -> np.ndarray:
+    if not vector:
+        return np.asarray(table[name], dtype=float)
+    names = [f"{name}[{i + 1}]" for i in range(sum(1 for n in table if n.startswith(f"{name}[")))]
+    return np.column_stack([table[n] for n in names])
+
+
+def by_fmpy(fmu: Path, example: Example, names: Mapping[str, bool], kind: str) -> Values:
+    """FMPy: co-simulation, or model exchange by CVode; names of variables -> whether they are vectors."""
+    start = {}
+    for name, value in example.start.items():
+        elements = np.ravel(value)
+        start |= {name: value} if np.ndim(value) == 0 else {f"{name}[{i + 1}]": v for i, v in enumerate(elements)}
+    signals = None
+    if example.inputs:
+        columns = [example.times, *(np.vectorize(f, otypes=[float])(example.times) for f in example.inputs.values())]
+        signals = np.rec.fromarrays(columns, names=["time", *example.inputs])
+    description = fmpy.read_model_description(str(fmu))
+    outputs = [v.name for v in description.modelVariables if v.name.partition("[")[0] in names]
+    table = fmpy.simulate_fmu(
+        str(fmu),
+        stop_time=example.stop,
+        step_size=example.step,
+        output_interval=example.step,
+        start_values=start,
+        input=signals,
+        output=outputs,
+        fmi_type=kind,
+        relative_tolerance=1e-10 if kind == "ModelExchange" else None,
+        record_events=False,
+    )
+    np.testing.assert_allclose(table["time"], example.times, atol=1e-9)
+    return {name: _named({n: table[n] for n in outputs}, name, vector) for name, vector in names.items()}
+
+
+def by_our_master(fmu: Path, example: Example, names: Mapping[str, bool]) -> Values:
+    """The co-simulation master of this project."""
+    system = System()
+    system.add("model", fmu, start=dict(example.start))
+    for name, f in example.inputs.items():
+        system.drive(f"model.{name}", f)
+    results = simulate(system, example.stop, example.step)
+    return {name: np.asarray(results[f"model.{name}"], dtype=float) for name in names}
