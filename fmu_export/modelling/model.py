@@ -21,8 +21,16 @@ from fmu_export.modelling.variables import Array, Layout, check_unique, number
 #: f(t, x, z, u, p).
 ModelFunction = Callable[..., Array]
 
-#: Parameters that the exporter adds to models with states.
-RESERVED = ("max_step",)
+#: How the states are integrated in co-simulation: by the classical Runge-Kutta method with a fixed step, by that of
+#: Dormand and Prince with steps that a tolerance allows, or by RODAS, which is implicit, for stiff models.
+Solver = Literal["rk4", "dopri5", "rodas4"]
+
+#: Parameters that the exporter adds to models with states, by their solver.
+RESERVED: dict[Solver, tuple[str, ...]] = {
+    "rk4": ("max_step",),
+    "dopri5": ("rtol", "max_step"),
+    "rodas4": ("rtol", "max_step"),
+}
 
 
 @dataclass(frozen=True)
@@ -208,6 +216,9 @@ class Model:
         initial_discrete(p) -> (n_z,); by default the start values of `discrete`.
     events : tuple of Event, optional
     sampled : tuple of Sampled, optional
+    solver : {"rk4", "dopri5", "rodas4"}, optional
+        What integrates the states in co-simulation: the classical Runge-Kutta method with fixed steps; that of Dormand
+        and Prince, whose steps a tolerance determines; or RODAS, implicit, with a tolerance too, for stiff models.
 
     Raises
     ------
@@ -232,6 +243,7 @@ class Model:
     initial_discrete: Callable[[Array], Array] | None = None
     events: tuple[Event, ...] = ()
     sampled: tuple[Sampled, ...] = ()
+    solver: Solver = "rk4"
 
     def __post_init__(self) -> None:
         check_identifier("model", self.name)
@@ -247,11 +259,20 @@ class Model:
         for function in ("initial_state", "derivatives", "output_values"):
             if not callable(getattr(self, function)):
                 raise ArgumentError(f"{self.name}: {function} is no function")
+        self._check_solver()
         self._check_variables()
         self._check_functions()
         self._check_discrete()
         self._check_sampled()
         self._check_names_of_parts()
+
+    def _check_solver(self) -> None:
+        if self.solver not in RESERVED:
+            raise ArgumentError(f"{self.name}: solver is {self.solver!r}; known are {', '.join(RESERVED)}")
+        if self.solver != "rk4" and not self.states:
+            raise ArgumentError(
+                f"{self.name}: a model without states has nothing to integrate; leave out solver={self.solver!r}"
+            )
 
     def _layout(self, group: str) -> Layout:
         value = getattr(self, group)
@@ -286,7 +307,7 @@ class Model:
                     v.check_starts(f"{self.name}: {what}")
                 if v.tunable and what != "parameter":
                     raise ArgumentError(f"{self.name}: '{v.name}' is no parameter; only parameters can be tunable")
-                if (self.states or self.events) and v.name in RESERVED:
+                if (self.states or self.events) and v.name in RESERVED[self.solver]:
                     raise ArgumentError(
                         f"{self.name}: {what} '{v.name}': every FMU with states has a parameter of this name"
                     )

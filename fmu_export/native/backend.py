@@ -14,6 +14,7 @@ from typing import Literal
 
 import fmpy
 
+from fmu_export.modelling.model import Solver
 from fmu_export.modelling.model_class import AnyModel, flat_model
 from fmu_export.native.c_source import model_sources
 from fmu_export.native.toolchain import Target, ToolchainError, compile_library, host_target
@@ -55,8 +56,14 @@ _INTERFACES = {
     },
 }
 
-#: The model-independent adapter, its face for each version, and the headers of the standard that it needs.
-_ADAPTER = ("core.h", "core.c", "co_simulation.c", "rk4.c", "uri.h", "uri.c")
+#: The model-independent adapter, the integration method, a face for each version, and the headers of the standard that
+#: it needs.
+_ADAPTER = ("core.h", "core.c", "co_simulation.c", "uri.h", "uri.c")
+_METHODS: dict[Solver, tuple[str, ...]] = {
+    "rk4": ("rk4.c",),
+    "dopri5": ("adaptive.c", "dopri5.c"),
+    "rodas4": ("adaptive.c", "rodas4.c", "sparse_lu.h"),
+}
 _FACES = {"fmi2": "fmi2.c", "fmi3": "fmi3.c"}
 _HEADERS = {
     "fmi2": ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h"),
@@ -107,7 +114,7 @@ def build_native(
     traced = trace(model, unchecked)
     tool = "C code, equations unchecked" if unchecked else "C code"
     interface = interface_of(traced)
-    adapter = _adapter_sources(flavour)
+    adapter = _adapter_sources(flavour, model.solver)
     c_files = sorted(name for name in (*adapter, "model.c") if name.endswith(".c"))
 
     def description(guid: str) -> bytes:
@@ -146,9 +153,9 @@ def build_native(
     return path
 
 
-def _adapter_sources(flavour: str) -> dict[str, bytes]:
+def _adapter_sources(flavour: str, solver: Solver = "rk4") -> dict[str, bytes]:
     adapter = files("fmu_export.native") / "c_adapter"
     headers = Path(fmpy.__file__).parent / "c-code"
-    return {name: (adapter / name).read_bytes() for name in (*_ADAPTER, _FACES[flavour])} | {
+    return {name: (adapter / name).read_bytes() for name in (*_ADAPTER, *_METHODS[solver], _FACES[flavour])} | {
         name: (headers / name).read_bytes() for name in _HEADERS[flavour]
     }

@@ -7,6 +7,7 @@ import re
 from collections.abc import Sequence
 
 from fmu_export.errors import needs
+from fmu_export.native.implicit import ImplicitParts, implicit_parts
 from fmu_export.native.runge_kutta import STEP_PROTOTYPE, runge_kutta_source
 from fmu_export.package.interface import Interface
 from fmu_export.trace.operations import helpers
@@ -24,6 +25,8 @@ _ARGUMENTS = {
     "everything": ("t", "x", "u", "p"),
     "initial_state_direction": ("p", "dp"),
     "direction": ("t", "x", "u", "p", "dx", "du", "dp"),
+    "jacobian": ("t", "x", "u", "p"),
+    "time_derivative": ("t", "x", "u", "p", "u_rate"),
 }
 
 #: An FMU exports the functions of the standard only, whoever compiles it.
@@ -44,16 +47,31 @@ def model_sources(traced: TracedModel, interface: Interface, guid: str) -> dict[
         Fingerprint that the importer has to give back.
     """
     functions = [f for f in traced.functions if f.name() in _ARGUMENTS]
-    step = [runge_kutta_source(traced.rates)] if interface.states else []
+    solver = traced.model.solver
+    implicit = implicit_parts(traced) if solver == "rodas4" else None
+    if implicit:
+        functions += [implicit.jacobian, implicit.time_derivative]
+    step = [runge_kutta_source(traced.rates)] if interface.states and solver == "rk4" else []
     return {
-        "model.h": _header(traced, interface, guid, functions).encode(),
-        "model.c": (_HEADER + '#include <math.h>\n#include "model.h"\n\n' + _tables(traced, interface)).encode()
+        "model.h": _header(traced, interface, guid, functions, implicit).encode(),
+        "model.c": (
+            _HEADER
+            + '#include <math.h>\n#include "model.h"\n\n'
+            + _tables(traced, interface)
+            + _solver_tables(traced, implicit)
+        ).encode()
         + "".join(helper.c + "\n" for helper in helpers(functions)).encode()
         + "\n".join([*(c_function(f, _ARGUMENTS[f.name()]) for f in functions), *step]).encode(),
     }
 
 
-def _header(traced: TracedModel, interface: Interface, guid: str, functions: Sequence[ca.Function]) -> str:
+def _header(
+    traced: TracedModel,
+    interface: Interface,
+    guid: str,
+    functions: Sequence[ca.Function],
+    implicit: ImplicitParts | None,
+) -> str:
     start, step = (sum(r.at == at for r in traced.model.requirements) for at in ("start", "step"))
     sizes = {
         "N_P": interface.n_parameters,
@@ -63,6 +81,7 @@ def _header(traced: TracedModel, interface: Interface, guid: str, functions: Seq
         "N_START_REQUIREMENTS": start,
         "N_STEP_REQUIREMENTS": step,
         "RATES_DEPEND_ON_TIME": int(traced.rates_depend_on_time),
+        **_solver_sizes(traced, implicit),
     }
     return (
         _HEADER
@@ -78,9 +97,11 @@ def _header(traced: TracedModel, interface: Interface, guid: str, functions: Seq
         + "extern const int model_state_outputs[N_X + 1]; /* output of each state */\n"
         + "extern const int model_output_states[N_Y + 1]; /* state of each output, -1 for an output that is none */\n"
         + "extern const char *const model_start_requirements[N_START_REQUIREMENTS + 1];\n"
-        + "extern const char *const model_step_requirements[N_STEP_REQUIREMENTS + 1];\n\n"
+        + "extern const char *const model_step_requirements[N_STEP_REQUIREMENTS + 1];\n"
+        + "".join(f"extern const {table};\n" for table in _solver_table_values(traced, implicit))
+        + "\n"
         + "".join(f"{_prototype(f, _ARGUMENTS[f.name()])};\n" for f in functions)
-        + (f"{STEP_PROTOTYPE.format(prefix='model')};\n" if interface.states else "")
+        + (f"{STEP_PROTOTYPE.format(prefix='model')};\n" if interface.states and traced.model.solver == "rk4" else "")
         + _SHOW
         + "\n#endif\n"
     )
@@ -111,6 +132,30 @@ def _tables(traced: TracedModel, interface: Interface) -> str:
         f"const char *const model_start_requirements[N_START_REQUIREMENTS + 1] = {{{messages('start')}}};\n"
         f"const char *const model_step_requirements[N_STEP_REQUIREMENTS + 1] = {{{messages('step')}}};\n\n"
     )
+
+
+def _solver_sizes(traced: TracedModel, implicit: ImplicitParts | None) -> dict[str, int]:
+    solver = traced.model.solver
+    adaptive = {f"SOLVER_{solver.upper()}": 1} if solver != "rk4" else {}
+    return {"ADAPTIVE": len(adaptive), **adaptive, **(implicit.sizes if implicit else {})}
+
+
+def _solver_table_values(traced: TracedModel, implicit: ImplicitParts | None) -> dict[str, str]:
+    """What methods with a tolerance, and what implicit methods read: declaration -> values."""
+    if traced.model.solver == "rk4":
+        return {}
+    nominals = [1.0 for _ in traced.model.state_layout.names]
+    return {
+        "double model_nominals[N_X]": ", ".join(map(_literal, nominals)),
+        **(
+            {f"int {name}": ", ".join(map(str, values)) for name, values in implicit.tables.items()} if implicit else {}
+        ),
+    }
+
+
+def _solver_tables(traced: TracedModel, implicit: ImplicitParts | None) -> str:
+    tables = _solver_table_values(traced, implicit)
+    return "".join(f"const {name} = {{{values}}};\n" for name, values in tables.items()) + "\n" * bool(tables)
 
 
 def _prototype(f: ca.Function, names: Sequence[str], prefix: str = "model") -> str:

@@ -15,6 +15,19 @@ if TYPE_CHECKING:
 #: Every model with states integrates with steps no longer than this; it is numerics, so no model declares it.
 MAX_STEP = Variable("max_step", "s", "Largest step of the internal Runge-Kutta method", start=1e-3, min=1e-9)
 
+#: What methods have that choose their steps: a tolerance, and a limit that is none unless somebody sets it.
+ADAPTIVE = (
+    Variable(
+        "rtol",
+        "1",
+        "Relative tolerance of the internal integration, where the importer gives none",
+        start=1e-6,
+        min=1e-11,
+        max=0.1,
+    ),
+    Variable("max_step", "s", "Largest step of the internal integration", start=1e300, min=1e-9),
+)
+
 
 @dataclass(frozen=True)
 class ScalarVariable:
@@ -87,8 +100,8 @@ def interface_of(traced: TracedModel) -> Interface:
     """
     model = traced.model
     _check_tunables(traced)
-    declared = model.parameters.variables
-    parameters = Layout((*declared, MAX_STEP)) if model.states else model.parameters
+    numerics = () if not model.states else (MAX_STEP,) if model.solver == "rk4" else ADAPTIVE
+    parameters = Layout((*model.parameters.variables, *numerics))
     variables = (
         *_flatten(parameters, "parameter"),
         *_flatten(model.inputs, "input"),

@@ -85,7 +85,7 @@ def build_pythonfmu(
     Raises
     ------
     ArgumentError
-        The model has discrete states or events.
+        The model has discrete states or events, or another solver than "rk4".
     TraceError
         The model can't be traced, or its trace computes something else than numpy.
     OSError
@@ -98,6 +98,11 @@ def build_pythonfmu(
         raise ArgumentError(
             f"{model.name}: the pythonfmu flavour takes continuous models, without discrete states and events; build "
             "an FMU with build_native"
+        )
+    if model.solver != "rk4":
+        raise ArgumentError(
+            f"{model.name}: the pythonfmu flavour has no solver {model.solver!r}, only 'rk4'; build an FMU with "
+            "build_native"
         )
     traced = trace(model, unchecked)
     interface = interface_of(traced)

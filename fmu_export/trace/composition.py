@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from fmu_export.errors import ArgumentError, ModelError
-from fmu_export.modelling.model import DefaultExperiment, Model, ModelFunction, Requirement
+from fmu_export.modelling.model import DefaultExperiment, Model, ModelFunction, Requirement, Solver
 from fmu_export.modelling.model_class import AnyModel, flat_model
 from fmu_export.modelling.names import check_identifier
 from fmu_export.modelling.units import conversion
@@ -35,6 +35,7 @@ def compose(
     components: Mapping[str, AnyModel],
     connections: Iterable[tuple[str, str]],
     default_experiment: DefaultExperiment,
+    solver: Solver | None = None,
 ) -> Model:
     """Connect models to one model.
 
@@ -50,6 +51,8 @@ def compose(
         inputs of the whole.
     default_experiment : DefaultExperiment
         Of the whole.
+    solver : {"rk4", "dopri5", "rodas4"}, optional
+        What integrates the whole; by default what integrates all of its components that have states.
 
     Returns
     -------
@@ -59,7 +62,8 @@ def compose(
     Raises
     ------
     CompositionError
-        A component's name is no identifier, a connection is wrong, or there is an algebraic loop.
+        A component's name is no identifier, a connection is wrong, there is an algebraic loop, or the components have
+        different solvers and none is chosen.
     """
     for component in components:
         try:
@@ -123,12 +127,21 @@ def compose(
         derivatives=derivatives,
         output_values=output_values,
         default_experiment=default_experiment,
+        solver=_common_solver(name, models) if solver is None else solver,
         requirements=tuple(
             replace(r, message=f"{component}: {r.message}", margin=margin(component, r))
             for component, m in models.items()
             for r in m.requirements
         ),
     )
+
+
+def _common_solver(name: str, components: Mapping[str, Model]) -> Solver:
+    solvers = {component: model.solver for component, model in components.items() if model.states}
+    if len(set(solvers.values())) > 1:
+        said = ", ".join(f"{component}: {solver}" for component, solver in solvers.items())
+        raise CompositionError(f"{name}: the components have different solvers ({said}); choose one by solver=")
+    return next(iter(solvers.values()), "rk4")
 
 
 @dataclass(frozen=True)

@@ -4,10 +4,7 @@
 #include <math.h>
 #include <string.h>
 
-/* More internal steps than this in one communication step is taken for a mistake, not for work to do. */
-#define MOST_INTERNAL_STEPS 1000000.0
-
-#if N_X > 0
+#if N_X > 0 && !ADAPTIVE
 /* One internal step from `x`, where the inputs are `u` and change at `u_rate`, to `next`. */
 static CoreStatus internal_step(Core *core, double time, double h, const double x[], const double u[],
                                 const double u_rate[], const double rates[], double next[]) {
@@ -17,15 +14,16 @@ static CoreStatus internal_step(Core *core, double time, double h, const double 
 }
 
 /* From the states to `next`. */
-static CoreStatus integrate(Core *core, double time, double step, double next[]) {
+static CoreStatus core_integrate(Core *core, double time, double step, double next[]) {
     CoreState *s = &core->state;
     double max_step = PARAMETERS(core)[N_P - 1], exact = 1.0;
     if (step > max_step * (1.0 + 1e-6)) exact = step / max_step; /* longer by rounding only: that stays one step */
     if (exact > MOST_INTERNAL_STEPS)
         return core_fail(
             core, CORE_DISCARD,
-            "communication step %g s needs %.4g internal steps; make it shorter, or max_step (%g s) longer", step,
-            exact, max_step);
+            "communication step %g s needs %.4g internal steps; make it shorter, or max_step (%g s) longer, or export "
+            "the model with solver=\"dopri5\" or, if it is stiff, \"rodas4\"",
+            step, exact, max_step);
     if (RATES_DEPEND_ON_TIME && time != s->time) s->valid = 0; /* by rounding: importers count time in their own way */
     s->time = time;
     core_have_rates(core);
@@ -61,7 +59,7 @@ CoreStatus core_do_step(Core *core, double time, double step) {
         return core_fail(core, CORE_ERROR, "communication step %g s at %g s is not positive and finite", step, time);
 #if N_X > 0
     double *next = s->x[!s->which]; /* a copy of what has just been written would have to wait for it */
-    CoreStatus status = integrate(core, time, step, next);
+    CoreStatus status = core_integrate(core, time, step, next);
     if (status != CORE_OK) return status;
     if (!core_all_finite(next, N_X))
         return core_fail(core, CORE_DISCARD,

@@ -148,6 +148,25 @@ CoreStatus core_start_at(Core *core, double time) {
     return CORE_OK;
 }
 
+CoreStatus core_set_tolerance(Core *core, double tolerance) {
+#if ADAPTIVE
+    double lower = model_limits[RTOL][0], upper = model_limits[RTOL][1];
+    double nearest = tolerance < lower ? lower : tolerance > upper ? upper : tolerance;
+    if (!(tolerance > 0.0))
+        return core_fail(core, CORE_ERROR,
+                         "the relative tolerance %g is not positive; leave it undefined or set it to "
+                         "between %g and %g",
+                         tolerance, lower, upper);
+    core->state.tolerance = nearest;
+    if (nearest != tolerance)
+        return core_fail(core, CORE_WARNING, "the relative tolerance %g is not between %g and %g: %g is used",
+                         tolerance, lower, upper, nearest);
+#else
+    (void)core, (void)tolerance;
+#endif
+    return CORE_OK;
+}
+
 static CoreStatus compute_initial_state(Core *core) {
     CoreStatus status = check_parameters(core);
     if (status != CORE_OK) return status;
@@ -398,6 +417,10 @@ CoreStatus core_deserialize(Core *core, const char bytes[], size_t size, CoreSta
     if (!core_all_finite(state->values, N_PU) || state->which & ~1 || !core_all_finite(state->x[state->which], N_X) ||
         !core_all_finite(state->u_rate, N_U) || !isfinite(state->time))
         return core_fail(core, CORE_ERROR, "the FMU state is damaged: it has values that are not finite");
+#if ADAPTIVE
+    if (!(state->tolerance >= 0.0 && state->control.proposed >= 0.0 && state->control.size >= 0.0))
+        return core_fail(core, CORE_ERROR, "the FMU state is damaged: its step size or its tolerance makes no sense");
+#endif
     state->valid = 0;
     return CORE_OK;
 }

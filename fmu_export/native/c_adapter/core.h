@@ -28,6 +28,21 @@ typedef enum {
 
 enum { OUTPUTS_VALID = 1, RATES_VALID = 2 };
 
+/* More internal steps than this in one communication step is taken for a mistake, not for work to do. */
+#define MOST_INTERNAL_STEPS 1000000
+
+/* The parameters that the export adds: max_step, and for methods that estimate their error rtol. */
+enum { MAX_STEP = N_P - 1, RTOL = N_P - 2 };
+
+#if ADAPTIVE
+/* What a method that estimates its error keeps from step to step. */
+typedef struct {
+    double proposed; /* length of the next step, 0 before the first one */
+    double size;     /* of the last step, 0 if that is no guide */
+    double error;    /* of the last step */
+} StepControl;
+#endif
+
 /* All that changes: a copy of it is the FMU state. */
 typedef struct {
     double values[N_VALUES + N_STEP_REQUIREMENTS + 1];
@@ -38,6 +53,10 @@ typedef struct {
     int which; /* of the two are the states */
     int valid; /* which computed values belong to the present state and inputs: OUTPUTS_VALID, RATES_VALID */
     int discarded; /* the last step failed */
+#if ADAPTIVE
+    StepControl control;
+    double tolerance; /* relative, of the importer, 0 if it gives none */
+#endif
 } CoreState;
 
 typedef void CoreLogger(void *environment, CoreStatus status, const char *message);
@@ -53,6 +72,15 @@ typedef struct {
     int model_exchange;
     int within_step; /* the importer is being asked for inputs */
     char *resources; /* folder */
+#if ADAPTIVE /* of the step that is being tried */
+    int violated; /* requirement that forbids the end of the step, -1 for none */
+#endif
+#ifdef SOLVER_DOPRI5
+    double arrival[N_X + N_STEP_REQUIREMENTS + 1]; /* derivatives and margins at its end */
+#endif
+#ifdef SOLVER_RODAS4
+    double jacobian[N_JACOBIAN + 1], factors[N_FACTORS];
+#endif
 } Core;
 
 #define PARAMETERS(core) ((core)->state.values)
@@ -97,6 +125,9 @@ static inline int core_all_finite(const double v[], size_t n) {
 
 CoreStatus core_reset(Core *core);
 CoreStatus core_start_at(Core *core, double time);
+
+/* Take the relative tolerance that an importer gives for a run, which methods of fixed step don't need. */
+CoreStatus core_set_tolerance(Core *core, double tolerance);
 CoreStatus core_exit_initialization(Core *core);
 
 /* Of n variables by value reference; after a failure none is set. */
@@ -111,6 +142,25 @@ CoreStatus core_do_step(Core *core, double time, double step);
  * accepted; 0 for a method without estimate. */
 CoreStatus method_step(Core *core, double time, double h, const double x[], const double u[], const double u_rate[],
                        const double rates[], double next[], double *error);
+
+#if ADAPTIVE
+/* From the states at `time` to `next`, in internal steps that the tolerance allows. */
+CoreStatus core_integrate(Core *core, double time, double step, double next[]);
+
+/* The largest of v, where that is 1 which the tolerance allows for a step from `x` to `next`. */
+double core_scaled(const Core *core, const double v[], const double x[], const double next[]);
+
+/* Derivatives and margins for a stage of a step; whether they may be used. */
+int core_usable_rates(Core *core, double time, const double x[], const double u[], double rates[]);
+
+/* What a method does before its steps from `x`, whatever their length, and how it gets the derivatives and margins at the
+ * end of an accepted step. */
+void method_prepare(Core *core, double time, const double x[], const double u[]);
+void method_arrive(Core *core, double time, const double x[], const double u[], double rates[]);
+
+/* By what the length h of a step with this estimate should be multiplied; `last` is the step before, NULL for none. */
+double method_factor(const StepControl *last, double h, double error);
+#endif
 
 CoreStatus core_set_time(Core *core, double time);
 CoreStatus core_set_states(Core *core, const double x[]);

@@ -86,9 +86,11 @@ void fmi2FreeInstance(fmi2Component c) {
 
 fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean tolerance_defined, fmi2Real tolerance, fmi2Real start,
                                fmi2Boolean stop_defined, fmi2Real stop) {
-    (void)tolerance_defined, (void)tolerance, (void)stop_defined, (void)stop;
+    (void)stop_defined, (void)stop;
     CHECK(c, INSTANTIATED);
-    return (fmi2Status)core_start_at(&instance->core, start);
+    CoreStatus status = core_start_at(&instance->core, start);
+    if (status == CORE_OK && tolerance_defined) status = core_set_tolerance(&instance->core, tolerance);
+    return (fmi2Status)status;
 }
 
 fmi2Status fmi2EnterInitializationMode(fmi2Component c) {

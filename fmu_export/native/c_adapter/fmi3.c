@@ -120,10 +120,11 @@ void fmi3FreeInstance(fmi3Instance c) {
 
 fmi3Status fmi3EnterInitializationMode(fmi3Instance c, fmi3Boolean tolerance_defined, fmi3Float64 tolerance,
                                        fmi3Float64 start, fmi3Boolean stop_defined, fmi3Float64 stop) {
-    (void)tolerance_defined, (void)tolerance, (void)stop_defined, (void)stop;
+    (void)stop_defined, (void)stop;
     CHECK(c, INSTANTIATED);
     CoreStatus status = core_start_at(&instance->core, start);
-    if (status == CORE_OK) instance->core.state.phase = INITIALIZATION;
+    if (status == CORE_OK && tolerance_defined) status = core_set_tolerance(&instance->core, tolerance);
+    if (status <= CORE_WARNING) instance->core.state.phase = INITIALIZATION;
     return (fmi3Status)status;
 }
 

@@ -1,0 +1,169 @@
+/* Internal steps as long as the tolerance allows, for methods that estimate their error. */
+#include "core.h"
+
+#include <math.h>
+#include <string.h>
+
+/* By how much a step may grow or shrink, at most; and when its end can't be computed at all. */
+#define MOST_GROWTH 5.0
+#define MOST_SHRINKAGE 0.2
+#define RETREAT 0.1
+
+/* Of the tolerance, what one step may use: errors of many steps add up, and are amplified where solutions part. */
+#define SHARE 0.1
+
+/* Errors below this are no reason for longer steps. */
+#define LEAST_ERROR 1e-4
+
+#ifdef SOLVER_RODAS4
+#define ADVICE ", or export a model that is not stiff with solver=\"dopri5\""
+#else
+#define ADVICE ", or export a stiff model with solver=\"rodas4\""
+#endif
+
+static double relative_tolerance(const Core *core) {
+    return core->state.tolerance > 0.0 ? core->state.tolerance : PARAMETERS(core)[RTOL];
+}
+
+double core_scaled(const Core *core, const double v[], const double x[], const double next[]) {
+    double rtol = relative_tolerance(core), largest = 0.0;
+    for (int i = 0; i < N_X; i++) {
+        double size = fabs(x[i]) > fabs(next[i]) ? fabs(x[i]) : fabs(next[i]);
+        double scaled = fabs(v[i]) / (SHARE * rtol * (1e-4 * model_nominals[i] + size));
+        if (!(scaled <= largest)) largest = scaled;
+        if (isnan(scaled)) break;
+    }
+    return largest;
+}
+
+int core_usable_rates(Core *core, double time, const double x[], const double u[], double rates[]) {
+    model_rates(time, x, u, PARAMETERS(core), rates);
+    core->violated = -1;
+    for (int i = N_STEP_REQUIREMENTS - 1; i >= 0; i--)
+        if (!(rates[N_X + i] > 0.0)) core->violated = i;
+    return core->violated < 0 && core_all_finite(rates, N_X);
+}
+
+/* A first step so short that an explicit Euler step would change the states by a hundredth. */
+static double first_size(const Core *core, const double x[], const double rates[], double longest) {
+    double size = core_scaled(core, x, x, x), speed = core_scaled(core, rates, x, x);
+    double h = 0.01 * (size > 1.0 ? size : 1.0) / speed;
+    return h < longest ? h : longest;
+}
+
+/* The estimate of what the inputs inside a step add that are not linear between its ends, by Simpson's rule. */
+static double input_error(Core *core, double time, double h, const double x[], const double next[], const double u[],
+                          const double u_rate[], const double u_middle[]) {
+    double middle[N_X], linear[N_U + 1], with[N_X + N_STEP_REQUIREMENTS + 1], without[N_X + N_STEP_REQUIREMENTS + 1];
+    int differs = 0;
+    for (int j = 0; j < N_U; j++) {
+        linear[j] = u[j] + 0.5 * h * u_rate[j];
+        differs |= linear[j] != u_middle[j];
+    }
+    if (!differs) return 0.0;
+    for (int i = 0; i < N_X; i++) middle[i] = 0.5 * (x[i] + next[i]);
+    if (!core_usable_rates(core, time + 0.5 * h, middle, u_middle, with)) return NAN;
+    if (!core_usable_rates(core, time + 0.5 * h, middle, linear, without)) return NAN;
+    for (int i = 0; i < N_X; i++) with[i] = 2.0 / 3.0 * h * (with[i] - without[i]);
+    return core_scaled(core, with, x, next);
+}
+
+/* One step tried, with the inputs that the importer gives inside it, if it does. */
+static CoreStatus try_step(Core *core, double time, double h, const double x[], const double u[], double u_rate[],
+                           const double rates[], double next[], double *error) {
+    double u_middle[N_U + 1];
+    if (core->request_inputs) {
+        core->request_inputs(core->environment, time + 0.5 * h);
+        memcpy(u_middle, INPUTS(core), N_U * sizeof *u_middle);
+        core->request_inputs(core->environment, time + h);
+        for (int j = 0; j < N_U; j++) u_rate[j] = (INPUTS(core)[j] - u[j]) / h;
+    }
+    CoreStatus status = method_step(core, time, h, x, u, u_rate, rates, next, error);
+    if (status != CORE_OK) return status;
+    if (!core_all_finite(next, N_X)) *error = NAN;
+    if (core->request_inputs && *error <= 1.0) {
+        double of_inputs = input_error(core, time, h, x, next, u, u_rate, u_middle);
+        if (!(of_inputs <= *error)) *error = of_inputs;
+    }
+    return CORE_OK;
+}
+
+/* Why no step from a time is short enough. */
+static CoreStatus fail_to_shorten(Core *core, double time, double error) {
+    if (isnan(error) && core->violated >= 0)
+        return core_fail(core, CORE_DISCARD, "t = %.9g s: %s", time, model_step_requirements[core->violated]);
+    if (isnan(error))
+        return core_fail(
+            core, CORE_DISCARD,
+            "t = %.9g s: the derivatives are not finite, however short the internal step; check inputs and "
+            "parameters",
+            time);
+    return core_fail(core, CORE_DISCARD,
+                     "t = %.9g s: no internal step is short enough for the relative tolerance %g: a state jumps or "
+                     "grows without bound; check inputs and parameters, or set rtol higher",
+                     time, relative_tolerance(core));
+}
+
+static CoreStatus fail_to_arrive(Core *core, double time, double step, double h) {
+    return core_fail(
+        core, CORE_DISCARD,
+        "communication step %g s needs more than %d internal steps (at t = %.9g s they have %.3g s, at most "
+        "max_step = %g s); make it shorter, or set rtol higher" ADVICE,
+        step, MOST_INTERNAL_STEPS, time, h, PARAMETERS(core)[MAX_STEP]);
+}
+
+/* What the next step should be after a good one of length h, or after one that was too long. */
+static void plan(StepControl *control, double h, double error, int good, int rejected) {
+    int cut_short = good && h < control->proposed; /* by the end of the communication step, or max_step */
+    double bounded = error > LEAST_ERROR ? error : LEAST_ERROR, most = rejected ? 1.0 : MOST_GROWTH;
+    double factor = isfinite(error) ? method_factor(good && !cut_short ? control : NULL, h, bounded) : RETREAT;
+    if (isfinite(error)) factor = factor > most ? most : factor < MOST_SHRINKAGE ? MOST_SHRINKAGE : factor;
+    if (!cut_short || factor < 1.0 || h * factor > control->proposed) control->proposed = h * factor;
+    if (good) { /* a step that was cut short says nothing of how the error changes from step to step */
+        control->size = cut_short ? 0.0 : h;
+        control->error = error > 1e-2 ? error : 1e-2;
+    }
+}
+
+CoreStatus core_integrate(Core *core, double time, double step, double next[]) {
+    CoreState *s = &core->state;
+    double max_step = PARAMETERS(core)[MAX_STEP], done = 0.0, error = 0.0;
+    double x[N_X], u[N_U + 1], u_rate[N_U + 1], rates[N_X + N_STEP_REQUIREMENTS + 1];
+    StepControl control = s->control;
+    int arrived = 1, rejected = 0;
+    if (RATES_DEPEND_ON_TIME && time != s->time) s->valid = 0; /* by rounding: importers count time in their own way */
+    s->time = time;
+    core_have_rates(core);
+    memcpy(x, STATES(core), sizeof x);
+    memcpy(u, INPUTS(core), N_U * sizeof *u);
+    memcpy(u_rate, s->u_rate, N_U * sizeof *u_rate);
+    memcpy(rates, RATES(core), sizeof rates);
+    if (!(control.proposed > 0.0)) control.proposed = first_size(core, x, rates, step);
+    for (int tries = 0; done < step; tries++) {
+        double now = time + done, rest = step - done, h = control.proposed < max_step ? control.proposed : max_step;
+        if (arrived) {
+            CoreStatus status = core_check_margins(core, now, rates + N_X, CORE_DISCARD);
+            if (status != CORE_OK) return status;
+            if (!core_all_finite(rates, N_X)) return fail_to_shorten(core, now, NAN);
+            method_prepare(core, now, x, u);
+        }
+        if (tries == MOST_INTERNAL_STEPS) return fail_to_arrive(core, now, step, h);
+        if (h < 1e-15 * (fabs(now) > step ? fabs(now) : step)) return fail_to_shorten(core, now, error);
+        int last = h * (1.0 + 1e-6) >= rest;
+        h = last ? rest : 2.0 * h > rest ? 0.5 * rest : h;
+        CoreStatus status = try_step(core, now, h, x, u, u_rate, rates, next, &error);
+        if (status != CORE_OK) return status;
+        arrived = error <= 1.0;
+        plan(&control, h, error, arrived, rejected);
+        rejected = !arrived;
+        if (rejected) continue;
+        if (last) break;
+        done += h;
+        memcpy(x, next, sizeof x);
+        for (int j = 0; j < N_U; j++)
+            u[j] = core->request_inputs ? INPUTS(core)[j] : INPUTS(core)[j] + done * u_rate[j];
+        method_arrive(core, time + done, x, u, rates);
+    }
+    s->control = control;
+    return CORE_OK;
+}

@@ -1,0 +1,62 @@
+/* The method of Dormand and Prince, explicit, of order 5 with an estimate of order 4.
+ * After Hairer, Norsett, Wanner, Solving Ordinary Differential Equations I, table II.5.2. */
+#include "core.h"
+
+#include <math.h>
+#include <string.h>
+
+enum { STAGES = 7 };
+
+static const double TIMES[STAGES] = {0.0, 1.0 / 5, 3.0 / 10, 4.0 / 5, 8.0 / 9, 1.0, 1.0};
+/* The states of each stage; those of the last one are those at the end of the step. */
+static const double STATE[STAGES][STAGES - 1] = {
+    {0.0},
+    {1.0 / 5},
+    {3.0 / 40, 9.0 / 40},
+    {44.0 / 45, -56.0 / 15, 32.0 / 9},
+    {19372.0 / 6561, -25360.0 / 2187, 64448.0 / 6561, -212.0 / 729},
+    {9017.0 / 3168, -355.0 / 33, 46732.0 / 5247, 49.0 / 176, -5103.0 / 18656},
+    {35.0 / 384, 0.0, 500.0 / 1113, 125.0 / 192, -2187.0 / 6784, 11.0 / 84},
+};
+/* The difference of the two methods. */
+static const double ERROR[STAGES] = {71.0 / 57600,      0.0,        -71.0 / 16695, 71.0 / 1920,
+                                     -17253.0 / 339200, 22.0 / 525, -1.0 / 40};
+
+void method_prepare(Core *core, double time, const double x[], const double u[]) {
+    (void)core, (void)time, (void)x, (void)u;
+}
+
+void method_arrive(Core *core, double time, const double x[], const double u[], double rates[]) {
+    (void)time, (void)x, (void)u;
+    memcpy(rates, core->arrival, sizeof core->arrival); /* the last stage has computed them */
+}
+
+CoreStatus method_step(Core *core, double time, double h, const double x[], const double u[], const double u_rate[],
+                       const double rates[], double next[], double *error) {
+    double k[STAGES - 1][N_X], sum[N_X], at_u[N_U + 1];
+    memcpy(k[0], rates, sizeof k[0]);
+    for (int stage = 1; stage < STAGES; stage++) {
+        for (int i = 0; i < N_X; i++) sum[i] = 0.0;
+        for (int j = 0; j < stage; j++)
+            for (int i = 0; i < N_X; i++) sum[i] += STATE[stage][j] * k[j][i];
+        for (int i = 0; i < N_X; i++) next[i] = x[i] + h * sum[i];
+        for (int i = 0; i < N_U; i++) at_u[i] = u[i] + TIMES[stage] * h * u_rate[i];
+        if (!core_usable_rates(core, time + TIMES[stage] * h, next, at_u, core->arrival)) return *error = NAN, CORE_OK;
+        if (stage < STAGES - 1) memcpy(k[stage], core->arrival, sizeof k[stage]);
+    }
+    for (int i = 0; i < N_X; i++) sum[i] = ERROR[STAGES - 1] * core->arrival[i];
+    for (int j = 0; j < STAGES - 1; j++)
+        for (int i = 0; i < N_X; i++) sum[i] += ERROR[j] * k[j][i];
+    for (int i = 0; i < N_X; i++) sum[i] *= h;
+    *error = core_scaled(core, sum, x, next);
+    return CORE_OK;
+}
+
+/* The controller of section IV.2 there (volume II), proportional to error^(-3/16) and integral by error^(1/32), which
+ * square roots give with equal bits everywhere. */
+double method_factor(const StepControl *last, double h, double error) {
+    (void)h;
+    double eighth = sqrt(sqrt(sqrt(error))), factor = 0.9 / (eighth * sqrt(eighth));
+    if (last && last->size > 0.0) factor *= sqrt(sqrt(sqrt(sqrt(sqrt(last->error)))));
+    return factor;
+}
