@@ -59,7 +59,7 @@ def to_control(
 
     return control.NonlinearIOSystem(
         lambda t, x, u, params: model.derivatives(t, x, u, p(params)),
-        lambda t, x, u, params: model.output_values(t, x, u, p(params)),
+        lambda t, x, u, params: model.output_values(t, x, u, p(params))[: len(model.outputs)],
         inputs=_labels(model.inputs),
         outputs=_labels(model.outputs),
         states=_labels(model.state_layout),

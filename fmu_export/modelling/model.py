@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -185,6 +186,16 @@ def _the_state(t: Any, x: Array, *_: Array) -> Array:  # noqa: ARG001
     return x
 
 
+@dataclass(frozen=True)
+class _SomeStates:
+    """Outputs that are states, by their positions."""
+
+    where: tuple[int, ...]
+
+    def __call__(self, t: Any, x: Array, *_: Array) -> Array:  # noqa: ARG002
+        return x[list(self.where)]
+
+
 @dataclass(frozen=True, kw_only=True)
 class Model:
     """FMI-free physics: a model as flat arrays and functions; `ModelClass` is the layer above, with names.
@@ -196,19 +207,22 @@ class Model:
     name, description : str
         The name is also the FMI model identifier; the description is optional.
     parameters, inputs, outputs : Layout, optional
-        The declared variables. Every state is among the outputs, under its own name.
+        The declared variables.
     states : tuple of str, optional
-        Names of the outputs that make up the state vector, in its order.
+        Names of the outputs and locals that make up the state vector, in its order.
     initial_state : callable
         initial_state(p) -> (n_x,); optional without states, as are the derivatives.
     derivatives : callable
         derivatives(t, x, u, p) -> (n_x,), per second.
     output_values : callable
-        outputs(t, x, u, p) -> (n_y,), in the order of `outputs`; optional where those are the states, in their order.
+        outputs(t, x, u, p) -> the outputs, in their order, then the locals that are no states; optional where all of
+        these are states.
     requirements : tuple of Requirement
         When the equations may be evaluated.
     default_experiment : DefaultExperiment, optional
         Duration and step proposed to importers; 1 s in steps of 10 ms by default.
+    locals : Layout, optional
+        Variables that can be seen, but not connected: states that are no outputs, and what is computed beside them.
     discrete : Layout, optional
         The declared discrete states, which change at events and sampling instants only. One with the name of an output
         is that output; the others are local variables of an FMU.
@@ -223,9 +237,9 @@ class Model:
     Raises
     ------
     ArgumentError
-        A name can't be taken or is there twice, a start value is outside its limits, a state is no output, an input or
-        an output is declared as tunable, a period is that of no fixed scalar parameter, nothing changes the discrete
-        states, or an argument is of another kind.
+        A name can't be taken or is there twice, a start value is outside its limits, a state is neither output nor
+        local, an input or an output is declared as tunable, a period is that of no fixed scalar parameter, nothing
+        changes the discrete states, or an argument is of another kind.
     """
 
     name: str
@@ -239,6 +253,7 @@ class Model:
     output_values: ModelFunction = _the_state
     default_experiment: DefaultExperiment = DEFAULT_EXPERIMENT
     requirements: tuple[Requirement, ...] = field(default=())
+    locals: Layout = _NONE
     discrete: Layout = _NONE
     initial_discrete: Callable[[Array], Array] | None = None
     events: tuple[Event, ...] = ()
@@ -248,9 +263,9 @@ class Model:
     def __post_init__(self) -> None:
         check_identifier("model", self.name)
         check_text(f"{self.name}: the description", self.description)
-        for group in ("parameters", "inputs", "outputs", "discrete"):
+        for group in ("parameters", "inputs", "outputs", "locals", "discrete"):
             object.__setattr__(self, group, self._layout(group))
-        object.__setattr__(self, "states", self._sequence("states", str, "names of outputs"))
+        object.__setattr__(self, "states", self._sequence("states", str, "names of outputs or locals"))
         object.__setattr__(self, "requirements", self._sequence("requirements", Requirement, "Requirements"))
         object.__setattr__(self, "events", self._sequence("events", Event, "Events"))
         object.__setattr__(self, "sampled", self._sequence("sampled", Sampled, "Sampled"))
@@ -294,7 +309,7 @@ class Model:
         return parts
 
     def _check_variables(self) -> None:
-        groups = {"parameter": self.parameters, "input": self.inputs, "output": self.outputs}
+        groups = {"parameter": self.parameters, "input": self.inputs, "output": self.outputs, "local": self.locals}
         outputs = [v.name for v in self.outputs.variables]
         declared = [v for layout in groups.values() for v in layout.variables]
         declared += [v for v in self.discrete.variables if v.name not in outputs]
@@ -303,7 +318,7 @@ class Model:
         check_unique([name for v in declared for name in v.names], f"{self.name}: ")
         for what, layout in groups.items():
             for v in layout.variables:
-                if what != "output":  # outputs have no start values
+                if what not in ("output", "local"):  # these have no start values
                     v.check_starts(f"{self.name}: {what}")
                 if v.tunable and what != "parameter":
                     raise ArgumentError(f"{self.name}: '{v.name}' is no parameter; only parameters can be tunable")
@@ -311,11 +326,12 @@ class Model:
                     raise ArgumentError(
                         f"{self.name}: {what} '{v.name}': every FMU with states has a parameter of this name"
                     )
+        known = [v.name for v in self.computed.variables]
         for state in self.states:
-            if state not in outputs:
+            if state not in known:
                 raise ArgumentError(
-                    f"{self.name}: state '{state}' is no output; declare an output of this name, known are "
-                    f"{', '.join(outputs) or 'none'}"
+                    f"{self.name}: state '{state}' is no output and no local; declare one of this name, known are "
+                    f"{', '.join(known) or 'none'}"
                 )
         check_unique(self.states, f"{self.name}: states: ")
 
@@ -324,11 +340,11 @@ class Model:
         for name, left_out in (("initial_state", _no_state), ("derivatives", _the_state)):
             if self.states and getattr(self, name) is left_out:
                 raise ArgumentError(f"{self.name}: there are states, but no {name}; give the function")
-        outputs = tuple(v.name for v in self.outputs.variables)
-        if self.output_values is _the_state and outputs != self.states:
-            computed = ", ".join(name for name in outputs if name not in self.states)
-            what = f"'{computed}' has no value" if computed else "the outputs are the states in another order"
-            raise ArgumentError(f"{self.name}: {what}; give output_values")
+        if self.output_values is _the_state or isinstance(self.output_values, _SomeStates):
+            if computed := [v.name for v in self.returned.variables if v.name not in self.states]:
+                raise ArgumentError(f"{self.name}: '{', '.join(computed)}' has no value; give output_values")
+            where = tuple(self.state_layout.names.index(name) for name in self.returned.names)
+            object.__setattr__(self, "output_values", _SomeStates(where))
 
     def _check_discrete(self) -> None:
         outputs = {v.name: v for v in self.outputs.variables}
@@ -380,8 +396,18 @@ class Model:
         """The discrete states (n_z,) at the start, for parameters (n_p,)."""
         return self.discrete.starts if self.initial_discrete is None else self.initial_discrete(p)
 
-    @property
+    @cached_property
     def state_layout(self) -> Layout:
         """The declared variables of the states, in the order of the state vector."""
-        declared = {v.name: v for v in self.outputs.variables}
+        declared = {v.name: v for v in self.computed.variables}
         return Layout([declared[name] for name in self.states])
+
+    @cached_property
+    def computed(self) -> Layout:
+        """The variables of an FMU that are computed: outputs, then locals."""
+        return Layout([*self.outputs.variables, *self.locals.variables])
+
+    @cached_property
+    def returned(self) -> Layout:
+        """What `output_values` returns: outputs, then locals that are no states."""
+        return Layout([*self.outputs.variables, *(v for v in self.locals.variables if v.name not in self.states)])

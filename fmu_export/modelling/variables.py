@@ -42,6 +42,8 @@ class Variable:
         Whether a parameter may change during a run, between two steps; the states go on from where they are.
     display_unit : str, optional
         Unit in which tools show the values; of the same kind as `unit`.
+    nominal : float, optional
+        Positive magnitude that values usually have, 1 by default; integrators weigh errors of states by it.
 
     Raises
     ------
@@ -58,6 +60,7 @@ class Variable:
     max: float | None = None
     tunable: bool = False
     display_unit: str | None = None
+    nominal: float | None = None
 
     def __post_init__(self) -> None:
         check_variable_name(self.name)
@@ -75,6 +78,10 @@ class Variable:
         self._set("max", _limit(here, "max", self.max, math.inf))
         if self.min is not None and self.max is not None and self.min > self.max:
             raise ArgumentError(f"{here}: min {self.min!r} is greater than max {self.max!r}")
+        if self.nominal is not None:
+            self._set("nominal", number(here, "nominal", self.nominal))
+            if not self.nominal > 0.0:
+                raise ArgumentError(f"{here}: nominal is {self.nominal!r}; it must be positive")
         self._set("start", _starts(here, self.start, self.size or 1))
 
     def _set(self, name: str, value: Any) -> None:

@@ -76,7 +76,8 @@ def _header(
     sizes = {
         "N_P": interface.n_parameters,
         "N_U": interface.n_inputs,
-        "N_Y": interface.n_outputs,
+        "N_Y": interface.n_computed,
+        "N_OUTPUTS": interface.n_outputs,
         "N_X": len(interface.states),
         "N_START_REQUIREMENTS": start,
         "N_STEP_REQUIREMENTS": step,
@@ -94,8 +95,9 @@ def _header(
         + "extern const char *const model_names[N_P + N_U + N_Y + N_X + 1];\n"
         + "extern const double model_limits[N_P + 1][2];\n"
         + "extern const int model_tunable[N_P + 1]; /* whether a parameter may change between two steps */\n"
-        + "extern const int model_state_outputs[N_X + 1]; /* output of each state */\n"
-        + "extern const int model_output_states[N_Y + 1]; /* state of each output, -1 for an output that is none */\n"
+        + "extern const int model_state_outputs[N_X + 1]; /* output or local of each state */\n"
+        + "extern const int model_output_states[N_Y + 1]; /* state of each output or local, -1 where it is none */\n"
+        + "extern const double model_nominals[N_X + 1]; /* of the states */\n"
         + "extern const char *const model_start_requirements[N_START_REQUIREMENTS + 1];\n"
         + "extern const char *const model_step_requirements[N_STEP_REQUIREMENTS + 1];\n"
         + "".join(f"extern const {table};\n" for table in _solver_table_values(traced, implicit))
@@ -117,8 +119,9 @@ def _tables(traced: TracedModel, interface: Interface) -> str:
     tunable = "".join(f"{int(v.variability == 'tunable')}, " for v in parameters)
     first_output = interface.n_parameters + interface.n_inputs
     states = ", ".join(str(s - first_output) for s in (*interface.states, first_output))
+    nominals = "".join(f"{_literal(interface.variables[i].nominal or 1.0)}, " for i in interface.states)
     state_of = {output: i for i, output in enumerate(interface.states)}
-    state_of_outputs = ", ".join(str(state_of.get(first_output + i, -1)) for i in range(interface.n_outputs + 1))
+    state_of_outputs = ", ".join(str(state_of.get(first_output + i, -1)) for i in range(interface.n_computed + 1))
 
     def messages(at: str) -> str:
         return ", ".join(c_string(r.message) for r in traced.model.requirements if r.at == at) or "0"
@@ -129,6 +132,7 @@ def _tables(traced: TracedModel, interface: Interface) -> str:
         f"const int model_tunable[N_P + 1] = {{{tunable}0}};\n"
         f"const int model_state_outputs[N_X + 1] = {{{states}}};\n"
         f"const int model_output_states[N_Y + 1] = {{{state_of_outputs}}};\n"
+        f"const double model_nominals[N_X + 1] = {{{nominals}1.0}};\n"
         f"const char *const model_start_requirements[N_START_REQUIREMENTS + 1] = {{{messages('start')}}};\n"
         f"const char *const model_step_requirements[N_STEP_REQUIREMENTS + 1] = {{{messages('step')}}};\n\n"
     )

@@ -73,7 +73,7 @@ def type_attributes(v: ScalarVariable, guess: float | None = None) -> dict[str, 
     display = next(iter(unit(v.unit).display), None) if v.display_unit is None else v.display_unit
     if display is not None:
         attributes["displayUnit"] = display
-    numbers = {"min": v.min, "max": v.max, "start": v.start if guess is None else guess}
+    numbers = {"min": v.min, "max": v.max, "nominal": v.nominal, "start": v.start if guess is None else guess}
     return attributes | {name: repr(value) for name, value in numbers.items() if value is not None}
 
 

@@ -122,14 +122,21 @@ def _model_structure(root: ET.Element, interface: Interface, derivatives: Sequen
     outputs = interface.dependencies
     if derivatives:
         outputs = tuple((*u, *x) for u, x in zip(outputs, interface.state_dependencies, strict=True))
-    _unknowns(structure, "Outputs", enumerate(outputs, start=first_output))
+    n = interface.n_outputs  # locals are no unknowns, unless they are states at the initialisation
+    _unknowns(structure, "Outputs", enumerate(outputs[:n], start=first_output))
     if derivatives:
         _unknowns(structure, "Derivatives", enumerate((d.dependencies for d in derivatives), start=first_derivative))
-    initial = [*interface.initial_dependencies, *(d.initial_dependencies for d in derivatives)]
-    _unknowns(structure, "InitialUnknowns", enumerate(initial, start=first_output))
+    states = interface.states if derivatives else ()
+    computed = enumerate(interface.initial_dependencies, start=first_output)
+    initial = [(i, row) for i, row in computed if i < first_output + n or i in states]
+    initial += enumerate((d.initial_dependencies for d in derivatives), start=first_derivative)
+    _unknowns(structure, "InitialUnknowns", initial)
 
 
 def _unknowns(structure: ET.Element, tag: str, rows: Iterable[tuple[int, Iterable[int]]]) -> None:
+    rows = list(rows)
+    if not rows:  # FMI 2.0 has no empty lists
+        return
     parent = ET.SubElement(structure, tag)
     for position, row in rows:
         knowns = sorted(row)

@@ -67,7 +67,7 @@ def model_description(
             "causality": v.causality,
             "variability": v.variability,
         }
-        if v.causality == "output":
+        if v.causality in ("output", "local"):
             attributes["initial"] = "approx" if reference in guesses else "calculated"
         if v.causality == "input":
             attributes["intermediateUpdate"] = "true"
@@ -119,14 +119,17 @@ def _model_structure(root: ET.Element, interface: Interface) -> None:
     of_outputs = interface.dependencies, interface.state_dependencies, interface.parameter_dependencies
     outputs = [(*u, *x, *p) for u, x, p in zip(*of_outputs, strict=True)]
     derivatives = [(*d.dependencies, *d.parameter_dependencies) for d in interface.derivatives]
-    _unknowns(structure, "Output", first_output, outputs)
-    _unknowns(structure, "ContinuousStateDerivative", first_derivative, derivatives)
-    initial = [*interface.initial_dependencies, *(d.initial_dependencies for d in interface.derivatives)]
-    _unknowns(structure, "InitialUnknown", first_output, initial)
+    n = interface.n_outputs  # locals are no unknowns, unless they are states at the initialisation
+    _unknowns(structure, "Output", enumerate(outputs[:n], start=first_output))
+    _unknowns(structure, "ContinuousStateDerivative", enumerate(derivatives, start=first_derivative))
+    computed = enumerate(interface.initial_dependencies, start=first_output)
+    initial = [(i, row) for i, row in computed if i < first_output + n or i in interface.states]
+    initial += enumerate((d.initial_dependencies for d in interface.derivatives), start=first_derivative)
+    _unknowns(structure, "InitialUnknown", initial)
 
 
-def _unknowns(structure: ET.Element, tag: str, first: int, rows: Iterable[Iterable[int]]) -> None:
-    for reference, row in enumerate(rows, start=first):
+def _unknowns(structure: ET.Element, tag: str, rows: Iterable[tuple[int, Iterable[int]]]) -> None:
+    for reference, row in rows:
         knowns = sorted(row)
         ET.SubElement(
             structure,

@@ -134,12 +134,13 @@ def reference_run(model: Model) -> ReferenceRun:
     inputs = model.inputs.starts + _AMPLITUDE * np.sin(2.0 * np.pi * np.outer(time - start, frequencies))
     inputs = np.round(inputs, 6)  # the last digits of a sine depend on the platform
     x = model.initial_state(p)
-    outputs = [model.output_values(time[0], x, inputs[0], p)]
+    n_y = len(model.outputs)  # locals follow them
+    outputs = [model.output_values(time[0], x, inputs[0], p)[:n_y]]
     h = _ROW / _SUBSTEPS
     for t, t_end, u in zip(time, time[1:], inputs, strict=False):
         for i in range(_SUBSTEPS if model.states else 0):
             x = rk4_step(model.derivatives, t + i * h, x, u, p, h)
-        outputs.append(model.output_values(t_end, x, u, p))
+        outputs.append(model.output_values(t_end, x, u, p)[:n_y])
     run = ReferenceRun(time, inputs, np.array(outputs))
     if not np.isfinite(run.outputs).all():
         raise DocumentationError(f"{model.name}: the reference run from the start values is not finite")
@@ -258,7 +259,7 @@ def _usage(model: Model, run: ReferenceRun) -> str:
     signals = f'read_csv("documentation/reference/{name}_in.csv")' if len(model.inputs) else "None  # it has no inputs"
     held = {v.name: list(v.starts) if v.size else v.starts[0] for v in model.inputs.variables}
     return f"""from fmpy import simulate_fmu
-result = simulate_fmu("{name}.fmu", output=["{model.outputs.names[0]}"])  # or all outputs
+result = simulate_fmu("{name}.fmu", output=["{model.computed.names[0]}"])  # or all outputs
 
 # the reference result, with the documentation unpacked
 from fmpy.util import read_csv

@@ -34,7 +34,7 @@ class ScalarVariable:
     """One scalar of the interface; its value reference is its position in `Interface.variables`."""
 
     name: str
-    causality: Literal["parameter", "input", "output"]
+    causality: Literal["parameter", "input", "output", "local"]
     variability: Literal["fixed", "tunable", "continuous"]
     unit: str
     display_unit: str | None
@@ -42,6 +42,7 @@ class ScalarVariable:
     start: float | None
     min: float | None
     max: float | None
+    nominal: float | None
 
 
 @dataclass(frozen=True)
@@ -62,11 +63,11 @@ class StateDerivative:
 
 @dataclass(frozen=True)
 class Interface:
-    """The scalar variables of a model, parameters first, then inputs, then outputs.
+    """The scalar variables of a model, parameters first, then inputs, then outputs, then locals.
 
-    `dependencies` and `initial_dependencies` hold for each output (in order) the positions of the variables its value
-    depends on directly: inputs during the simulation, parameters and inputs at initialisation; `state_dependencies`
-    and `parameter_dependencies` those of the states and of the parameters during the simulation.
+    `dependencies` and `initial_dependencies` hold for each output and local (in order) the positions of the variables
+    that its value depends on directly: inputs during the simulation, parameters and inputs at initialisation;
+    `state_dependencies` and `parameter_dependencies` those of the states and of the parameters during the simulation.
     """
 
     variables: tuple[ScalarVariable, ...]
@@ -84,9 +85,14 @@ class Interface:
         return tuple(d.state for d in self.derivatives)
 
     @property
+    def n_computed(self) -> int:
+        """Number of scalar outputs and locals."""
+        return len(self.variables) - self.n_parameters - self.n_inputs
+
+    @property
     def n_outputs(self) -> int:
         """Number of scalar outputs."""
-        return len(self.variables) - self.n_parameters - self.n_inputs
+        return sum(v.causality == "output" for v in self.variables)
 
 
 def interface_of(traced: TracedModel) -> Interface:
@@ -106,10 +112,12 @@ def interface_of(traced: TracedModel) -> Interface:
         *_flatten(parameters, "parameter"),
         *_flatten(model.inputs, "input"),
         *_flatten(model.outputs, "output"),
+        *_flatten(model.locals, "local"),
     )
     first_input = len(parameters)
     first_output = first_input + len(model.inputs)
-    states = [first_output + model.outputs.names.index(name) for name in model.state_layout.names]
+    places = {name: first_output + i for i, name in enumerate(model.computed.names)}
+    states = [places[name] for name in model.state_layout.names]
     on_parameters, on_inputs = traced.initial_output_dependencies()
     return Interface(
         variables=variables,
@@ -169,7 +177,7 @@ def _check_tunables(traced: TracedModel) -> None:
             )
 
 
-def _flatten(layout: Layout, causality: Literal["parameter", "input", "output"]) -> list[ScalarVariable]:
+def _flatten(layout: Layout, causality: Literal["parameter", "input", "output", "local"]) -> list[ScalarVariable]:
     scalars = []
     for v in layout.variables:
         for i, (name, start) in enumerate(zip(v.names, v.starts, strict=True)):
@@ -182,9 +190,10 @@ def _flatten(layout: Layout, causality: Literal["parameter", "input", "output"])
                     unit=v.unit,
                     display_unit=v.display_unit,
                     description=v.description + element,
-                    start=None if causality == "output" else start,
+                    start=None if causality in ("output", "local") else start,
                     min=v.min,
                     max=v.max,
+                    nominal=v.nominal,
                 )
             )
     return scalars

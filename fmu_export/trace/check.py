@@ -185,8 +185,8 @@ class _Check:
         self.compared = False
         self.failure = ""
         self.limits = _limits(model)
-        outputs = list(model.outputs.names)
-        self.states = [(outputs.index(name), i) for i, name in enumerate(model.state_layout.names)]
+        outputs = list(model.returned.names)
+        self.states = [(outputs.index(s), i) for i, s in enumerate(model.state_layout.names) if s in outputs]
 
     def start(self) -> Points:
         """The start values, as one point."""

@@ -85,6 +85,8 @@ def compose(
         schedule=_schedule(models, sources),
     )
 
+    with_locals = {n for n, model in models.items() if len(model.returned) > len(model.outputs)}
+
     def derivatives(t: Any, x: Array, u: Array, p: Array) -> Array:
         inputs_of = wiring.inputs(t, x, u, p)
         return np.concatenate(
@@ -96,10 +98,15 @@ def compose(
 
     def output_values(t: Any, x: Array, u: Array, p: Array) -> Array:
         inputs_of = wiring.inputs(t, x, u, p)
+        values = {
+            n: component.model.output_values(t, x[component.x], inputs_of[n], p[component.p])
+            for n, component in wiring.components.items()
+        }
+        sizes = {n: len(model.outputs) for n, model in models.items()}
         return np.concatenate(
             [
-                component.model.output_values(t, x[component.x], inputs_of[n], p[component.p])
-                for n, component in wiring.components.items()
+                *(v[: sizes[n]] for n, v in values.items()),
+                *(v[sizes[n] :] for n, v in values.items() if n in with_locals),
             ]
         )
 
@@ -120,6 +127,7 @@ def compose(
         parameters=Layout([v for component, m in models.items() for v in _prefixed(component, m.parameters)]),
         inputs=inputs,
         outputs=Layout([v for component, m in models.items() for v in _prefixed(component, m.outputs)]),
+        locals=Layout([v for component, m in models.items() for v in _prefixed(component, m.locals)]),
         states=tuple(f"{component}.{state}" for component, m in models.items() for state in m.states),
         initial_state=lambda p: np.concatenate(
             [component.model.initial_state(p[component.p]) for component in wiring.components.values()]

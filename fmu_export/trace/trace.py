@@ -31,10 +31,10 @@ with needs("export"):
 class TracedModel:
     """The expression graphs of a model, as CasADi functions of flat arguments.
 
-    Each function has one output (n,). Arguments: `initial_state` (p), `derivatives`, `outputs`, `step_margins`, `rates`
-    and `everything` (t, x, u, p), `step` (t, x, u, p, h) and `start_margins` (p). `rates` are the derivatives, then the
-    margins, `everything` the outputs, then the rates: what they share is computed once, and an integrator step that
-    begins there takes the derivatives as its first stage.
+    Each function has one output (n,); `outputs` are those and the locals. Arguments: `initial_state` (p),
+    `derivatives`, `outputs`, `step_margins`, `rates` and `everything` (t, x, u, p), `step` (t, x, u, p, h) and
+    `start_margins` (p). `rates` are the derivatives, then the margins, `everything` the outputs, then the rates: what
+    they share is computed once, and an integrator step that begins there takes the derivatives as its first stage.
     Directional derivatives by CasADi's forward mode: `initial_state_direction` (p, dp), and `direction` (t, x, u, p,
     dx, du, dp), that of the outputs, then that of the derivatives.
     """
@@ -210,13 +210,12 @@ def _function(model: str, name: str, arguments: Sequence[ca.SX], value: ca.SX) -
 
 
 def _outputs(model: Model, t: Any, x: Any, u: Any, p: Any) -> ca.SX:
-    """The outputs; one with the name of a state is the state itself, whatever the model computes for it."""
-    y: ca.SX = column(model.output_values(t, x, u, p), f"{model.name}: output_values", len(model.outputs))
+    """Outputs and locals; one with the name of a state is the state itself, whatever the model computes for it."""
+    returned = column(model.output_values(t, x, u, p), f"{model.name}: output_values", len(model.returned))
     states = column(x, "states", len(model.state_layout))
-    places = {name: i for i, name in enumerate(model.outputs.names)}
-    for i, name in enumerate(model.state_layout.names):
-        y[places[name]] = states[i]
-    return y
+    found = {name: returned[i] for i, name in enumerate(model.returned.names)}
+    found |= {name: states[i] for i, name in enumerate(model.state_layout.names)}
+    return ca.vertcat(ca.SX(0, 1), *(found[name] for name in model.computed.names))
 
 
 def _margins(model: Model, at: str, *arguments: Any) -> ca.SX:
@@ -280,10 +279,19 @@ def _checked(model: Model, traced: TracedModel) -> list[Checked]:
     return [
         Checked("initial_state", lambda t, x, u, p: model.initial_state(p), of_all(traced.initial_state), states),
         Checked("derivatives", model.derivatives, traced.derivatives, tuple(f"der({s})" for s in states)),
-        Checked("output_values", model.output_values, traced.outputs, model.outputs.names),
+        Checked("output_values", model.output_values, _returned(traced), model.returned.names),
         Checked("requirements", start, of_all(traced.start_margins), start_names),
         Checked("requirements", step, traced.step_margins, step_names),
     ]
+
+
+def _returned(traced: TracedModel) -> ca.Function:
+    """The traced function of what `output_values` returns: without locals that are states."""
+    arguments, names = traced.outputs.sx_in(), traced.model.computed.names
+    values = traced.outputs(*arguments)
+    wanted = set(traced.model.returned.names)
+    rows = [values[i] for i, name in enumerate(names) if name in wanted]
+    return ca.Function("outputs", arguments, [ca.vertcat(ca.SX(0, 1), *rows)])
 
 
 def feedthrough(model: Model) -> list[list[int]]:

@@ -290,9 +290,9 @@ static CoreStatus compute(Core *core, int which) {
 CoreStatus core_get(Core *core, const unsigned references[], size_t n, double values[]) {
     CoreState *s = &core->state;
     int initialized = !(s->phase & (INSTANTIATED | INITIALIZATION));
-    if (initialized && are_all(N_PU, N_Y, references, n)) {
+    if (initialized && are_all(N_PU, N_OUTPUTS, references, n)) {
         CoreStatus status = s->valid & OUTPUTS_VALID ? CORE_OK : compute(core, OUTPUTS_VALID);
-        if (status == CORE_OK) memcpy(values, OUTPUTS(core), N_Y * sizeof *values);
+        if (status == CORE_OK) memcpy(values, OUTPUTS(core), N_OUTPUTS * sizeof *values);
         return status;
     }
     size_t known = s->valid & OUTPUTS_VALID ? N_VARIABLES : N_PU, i = 0;

@@ -10,8 +10,8 @@
 #pragma GCC visibility push(hidden) /* an FMU exports the functions of the standard only, whoever compiles it */
 #endif
 
-/* Values stand in one array: parameters, inputs, outputs, state derivatives, and, which are no part of the interface,
- * margins of the requirements. The time has the value reference after the derivatives. */
+/* Values stand in one array: parameters, inputs, the N_Y that are computed (outputs, then locals), state derivatives,
+ * and, which are no part of the interface, margins of the requirements. The time has the value reference after the derivatives. */
 enum { N_PU = N_P + N_U, N_VARIABLES = N_P + N_U + N_Y, N_VALUES = N_P + N_U + N_Y + N_X, TIME = N_VALUES };
 
 /* The numbers of fmi2Status and fmi3Status. */

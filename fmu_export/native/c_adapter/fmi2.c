@@ -363,6 +363,6 @@ fmi2Status fmi2GetContinuousStates(fmi2Component c, fmi2Real x[], size_t n) {
 fmi2Status fmi2GetNominalsOfContinuousStates(fmi2Component c, fmi2Real nominals[], size_t n) {
     CHECK(c, EVENT | CONTINUOUS | TERMINATED);
     if (check_states(instance, nominals, n, __func__)) return fmi2Error;
-    for (size_t i = 0; i < n; i++) nominals[i] = 1.0;
+    for (size_t i = 0; i < n; i++) nominals[i] = model_nominals[i];
     return fmi2OK;
 }

@@ -460,7 +460,7 @@ fmi3Status fmi3GetContinuousStates(fmi3Instance c, fmi3Float64 x[], size_t n) {
 fmi3Status fmi3GetNominalsOfContinuousStates(fmi3Instance c, fmi3Float64 nominals[], size_t n) {
     CHECK(c, INITIALIZATION | EVENT | CONTINUOUS | TERMINATED);
     if (check_states(instance, nominals, n, __func__)) return fmi3Error;
-    for (size_t i = 0; i < n; i++) nominals[i] = 1.0;
+    for (size_t i = 0; i < n; i++) nominals[i] = model_nominals[i];
     return fmi3OK;
 }
 

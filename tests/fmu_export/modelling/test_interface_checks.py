@@ -192,7 +192,7 @@ def test_outputs_have_no_start_values_to_check() -> None:
     [
         (
             {"states": ("height",)},
-            "Tank: state 'height' is no output; declare an output of this name, known are level",
+            "Tank: state 'height' is no output and no local; declare one of this name, known are level",
         ),
         ({"states": ("level", "level")}, "Tank: states: variable names are not unique: level"),
         ({"states": "level"}, "Tank: states is 'level'; give a tuple of names of outputs"),

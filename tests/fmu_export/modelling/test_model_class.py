@@ -252,7 +252,7 @@ def rates(**changed: Any) -> Any:
         (variant(_k=parameter(1.0)), "Variant: a variable can't have the name '_k'"),
         (variant(a=(one := parameter(1.0)), b=one), "Variant: 'b' and 'a' are one declaration; write two"),
         (variant(q_start=parameter(1.0)), "variable names are not unique"),
-        (variant(k=parameter(1.0, "wibble")), "'parsec' is not defined"),
+        (variant(k=parameter(1.0, "wibble")), "'wibble' is not defined"),
         (lambda: Pendulum(gg=1.0), "Pendulum(gg=...): there is no parameter or input 'gg'; did you mean 'g'"),
         (lambda: Pendulum(total=1.0), "Pendulum(total=...): there is no parameter or input 'total'"),
         (lambda: Pendulum(L=[1.0, 2.0, 3.0]), "Pendulum(L=...): [1.0, 2.0, 3.0] is not a number or 2 of them"),
