@@ -19,7 +19,7 @@ from fmu_export.modelling.declarations import (
     marked_methods,
     meant,
 )
-from fmu_export.modelling.model import DefaultExperiment, Event, Model, Requirement, Sampled
+from fmu_export.modelling.model import DefaultExperiment, Event, Model, Requirement, Sampled, Solver
 from fmu_export.modelling.variables import Array, Layout, Variable
 
 
@@ -30,6 +30,7 @@ class Settings:
     name: str
     description: str
     experiment: DefaultExperiment
+    solver: Solver
 
 
 def flatten(cls: type, settings: Settings, starts: Mapping[str, Any]) -> tuple[dict[str, Any], Model]:
@@ -225,6 +226,7 @@ class _Flattening:
             derivatives=self._function("derivatives", derivatives),
             output_values=self._function("outputs", output_values),
             default_experiment=self.settings.experiment,
+            solver=self.settings.solver,
             requirements=tuple(
                 Requirement(k.message, self._margin(name, k.at), k.at)
                 for name, k in marks

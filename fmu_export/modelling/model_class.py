@@ -14,7 +14,7 @@ from typing import Any, ClassVar, NoReturn, TypeAlias
 from fmu_export.errors import ArgumentError
 from fmu_export.modelling.declarations import declared_variables, meant
 from fmu_export.modelling.flattening import Settings, flatten
-from fmu_export.modelling.model import DEFAULT_EXPERIMENT, Model
+from fmu_export.modelling.model import DEFAULT_EXPERIMENT, Model, Solver
 
 
 class _FlatModel:
@@ -48,6 +48,8 @@ class ModelClass:
         Keyword of the class; the first line of its docstring by default.
     start_time, stop_time, step_size : float, optional
         Keywords of the class: the `DefaultExperiment`, of 1 s in steps of 10 ms by default.
+    solver : {"rk4", "dopri5", "rodas4"}, optional
+        Keyword of the class: as of `Model`.
 
     Raises
     ------
@@ -89,6 +91,7 @@ class ModelClass:
         start_time: float | None = None,
         stop_time: float | None = None,
         step_size: float | None = None,
+        solver: Solver | None = None,
     ) -> None:
         super().__init_subclass__()
         inherited = getattr(cls, "_settings", None)
@@ -100,6 +103,7 @@ class ModelClass:
             name=name or cls.__name__,
             description=description or text or (inherited.description if inherited else ""),
             experiment=replace(before, **{k: float(v) for k, v in times.items() if v is not None}),
+            solver=solver or (inherited.solver if inherited else "rk4"),
         )
         declared_variables(cls)
 

@@ -58,7 +58,7 @@ class Pendulum(ModelClass, name="TwoPendulums", stop_time=5.0, step_size=0.002):
         return m.g
 
 
-class Started(Pendulum):
+class Started(Pendulum, solver="dopri5"):
     """Starts where its end is."""
 
     x_end = parameter(0.3, "m")
@@ -76,6 +76,7 @@ def test_a_class_becomes_the_flat_model_that_one_would_write() -> None:
     assert isinstance(model, Model)
     assert (model.name, model.description) == ("TwoPendulums", "Two pendulums on one motor.")
     assert model.default_experiment == DefaultExperiment(stop_time=5.0, step_size=0.002)
+    assert model.solver == "rk4"
     assert model.states == ("q", "w", "heat")
     assert model.parameters.names == (
         *("L[1]", "L[2]", "g"),
@@ -154,7 +155,7 @@ def test_a_class_inherits_variables_methods_and_settings() -> None:
         gravity_is_positive = None  # type: ignore[assignment]
 
     model = Damped.model()
-    assert model.description == "Starts where its end is."
+    assert (model.description, model.solver) == ("Starts where its end is.", "dopri5")
     assert model.default_experiment == DefaultExperiment(stop_time=8.0, step_size=0.002)
     assert model.states == ("q", "w")
     assert dict(zip(model.parameters.names, model.parameters.starts, strict=True))["g"] == 3.7
