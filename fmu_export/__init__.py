@@ -31,6 +31,7 @@ _MODULES = {
     "discrete": "fmu_export.modelling.declarations",
     "every": "fmu_export.modelling.declarations",
     "input": "fmu_export.modelling.declarations",
+    "local": "fmu_export.modelling.declarations",
     "output": "fmu_export.modelling.declarations",
     "parameter": "fmu_export.modelling.declarations",
     "require": "fmu_export.modelling.declarations",
@@ -65,6 +66,7 @@ __all__ = [
     "discrete",
     "every",
     "input",
+    "local",
     "output",
     "parameter",
     "require",
@@ -77,7 +79,7 @@ __all__ = [
 if TYPE_CHECKING:
     from fmu_export.control_backend import to_control
     from fmu_export.errors import ArgumentError, MissingExtra, ModelError, TraceError
-    from fmu_export.modelling.declarations import discrete, every, input, output, parameter, require, state, when
+    from fmu_export.modelling.declarations import discrete, every, input, local, output, parameter, require, state, when
     from fmu_export.modelling.model import DefaultExperiment, Event, Model, Requirement, Sampled
     from fmu_export.modelling.model_class import ModelClass
     from fmu_export.modelling.variables import Layout, Variable

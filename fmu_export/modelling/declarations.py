@@ -27,6 +27,7 @@ KINDS = {
     "state": "a state",
     "discrete": "a discrete state",
     "output": "an output",
+    "local": "a local variable",
 }
 
 
@@ -34,7 +35,7 @@ KINDS = {
 class Declaration:
     """A variable of a `ModelClass`; `name` is that of the class attribute."""
 
-    kind: Literal["parameter", "input", "state", "discrete", "output"]
+    kind: Literal["parameter", "input", "state", "discrete", "output", "local"]
     start: Any
     unit: str
     description: str
@@ -69,7 +70,7 @@ class Declaration:
 
 
 def _declaration(
-    kind: Literal["parameter", "input", "state", "discrete", "output"],
+    kind: Literal["parameter", "input", "state", "discrete", "output", "local"],
     start: Any,
     unit: str,
     description: str,
@@ -101,6 +102,8 @@ def parameter(
     size: int | None = None,
     min: float | None = None,
     max: float | None = None,
+    nominal: float | None = None,
+    display_unit: str | None = None,
     tunable: bool = False,
 ) -> Any:
     """Declare a parameter of a `ModelClass`.
@@ -117,10 +120,13 @@ def parameter(
         Number of elements of a vector with one start value for all.
     min, max : float, optional
         Smallest and largest admissible value.
+    nominal, display_unit : float and str, optional
+        As of `Variable`.
     tunable : bool, optional
         Whether it may change during a run, between two steps.
     """
-    return _declaration("parameter", start, unit, description, size, False, min=min, max=max, tunable=tunable)
+    options = {"min": min, "max": max, "nominal": nominal, "display_unit": display_unit, "tunable": tunable}
+    return _declaration("parameter", start, unit, description, size, False, **options)
 
 
 def input(
@@ -131,9 +137,12 @@ def input(
     size: int | None = None,
     min: float | None = None,
     max: float | None = None,
+    nominal: float | None = None,
+    display_unit: str | None = None,
 ) -> Any:
     """Declare an input of a `ModelClass`; arguments as of `parameter`."""
-    return _declaration("input", start, unit, description, size, False, min=min, max=max)
+    options = {"min": min, "max": max, "nominal": nominal, "display_unit": display_unit}
+    return _declaration("input", start, unit, description, size, False, **options)
 
 
 def state(
@@ -144,13 +153,22 @@ def state(
     size: int | None = None,
     min: float | None = None,
     max: float | None = None,
+    nominal: float | None = None,
+    display_unit: str | None = None,
+    output: bool = True,
 ) -> Any:
-    """Declare a continuous state of a `ModelClass`, whose derivative `derivatives` returns; it is an output, too.
+    """Declare a continuous state of a `ModelClass`, whose derivative `derivatives` returns.
 
     The state `h` starts at the parameter `h_start`, which is added with this start value, unit, smallest and largest
-    value, unless `initial` computes the start from other parameters. Arguments as of `parameter`.
+    value, unless `initial` computes the start from other parameters. Other arguments as of `parameter`.
+
+    Parameters
+    ----------
+    output : bool, optional
+        Whether it is an output, too; else it is a local variable of the FMU.
     """
-    return _declaration("state", start, unit, description, size, True, min=min, max=max)
+    options = {"min": min, "max": max, "nominal": nominal, "display_unit": display_unit}
+    return _declaration("state", start, unit, description, size, output, **options)
 
 
 def discrete(
@@ -161,6 +179,8 @@ def discrete(
     size: int | None = None,
     min: float | None = None,
     max: float | None = None,
+    nominal: float | None = None,
+    display_unit: str | None = None,
     output: bool = True,
 ) -> Any:
     """Declare a discrete state of a `ModelClass`, which changes at events and sampling instants only.
@@ -173,10 +193,18 @@ def discrete(
     output : bool, optional
         Whether it is an output, too; else it is a local variable of the FMU.
     """
-    return _declaration("discrete", start, unit, description, size, output, min=min, max=max)
+    options = {"min": min, "max": max, "nominal": nominal, "display_unit": display_unit}
+    return _declaration("discrete", start, unit, description, size, output, **options)
 
 
-def output(unit: str = "1", description: str = "", *, size: int | None = None) -> Any:
+def output(
+    unit: str = "1",
+    description: str = "",
+    *,
+    size: int | None = None,
+    nominal: float | None = None,
+    display_unit: str | None = None,
+) -> Any:
     """Declare an output of a `ModelClass`, whose value `outputs` returns.
 
     Parameters
@@ -187,8 +215,25 @@ def output(unit: str = "1", description: str = "", *, size: int | None = None) -
         One line for the users of other tools.
     size : int, optional
         Number of elements of a vector.
+    nominal, display_unit : float and str, optional
+        As of `Variable`.
     """
-    return _declaration("output", 0.0, unit, description, size, True)
+    return _declaration("output", 0.0, unit, description, size, True, nominal=nominal, display_unit=display_unit)
+
+
+def local(
+    unit: str = "1",
+    description: str = "",
+    *,
+    size: int | None = None,
+    nominal: float | None = None,
+    display_unit: str | None = None,
+) -> Any:
+    """Declare a local variable of a `ModelClass`, whose value `outputs` returns; other FMUs can't be connected to it.
+
+    Arguments as of `output`.
+    """
+    return _declaration("local", 0.0, unit, description, size, False, nominal=nominal, display_unit=display_unit)
 
 
 @dataclass(frozen=True)

@@ -66,7 +66,10 @@ class _Flattening:
         self.states = Layout([d.variable() for d in self._of("state")])
         self.discrete = Layout([d.variable() for d in self._of("discrete")])
         self.outputs = Layout([d.variable(start=0.0) for d in self.declared.values() if d.is_output])
-        self.computed = Layout([d.variable() for d in self._of("output")])
+        self.locals = Layout(
+            [d.variable(start=0.0) for d in self._of("state", "local") if d.kind == "local" or not d.is_output]
+        )
+        self.computed = Layout([d.variable() for d in self._of("output", "local")])
 
     def _of(self, *kinds: str) -> list[Declaration]:
         return [d for d in self.declared.values() if d.kind in kinds]
@@ -194,11 +197,11 @@ class _Flattening:
             return self._packed("derivatives", returned, self.states, "derivative")
 
         def output_values(returned: Any, m: Any) -> Array:
-            self._check_names("outputs", returned, outputs, "outputs that are no states")
+            self._check_names("outputs", returned, outputs, "outputs and locals that are no states")
             computed = self._packed("outputs", returned, self.computed, "value")
             values = vars(m)["_flat"] | vars(self.computed.unpack(computed))
-            known = {v.name: values[v.name] for v in self.outputs.variables}
-            return self.outputs.pack(**known) if known else np.zeros(0)
+            wanted = Layout([*self.outputs.variables, *(v for v in self.locals.variables if v.name not in states)])
+            return wanted.pack(**{v.name: values[v.name] for v in wanted.variables}) if len(wanted) else np.zeros(0)
 
         def reset(name: str) -> Callable[[Any, Any], Any]:
             def changed(returned: Any, m: Any) -> Any:
@@ -232,6 +235,7 @@ class _Flattening:
                 for name, k in marks
                 if isinstance(k, RequireMark)
             ),
+            locals=self.locals,
             discrete=self.discrete,
             initial_discrete=(lambda p: start(self.discrete, p)) if discrete else None,
             events=tuple(

@@ -119,7 +119,7 @@ class ModelClass:
         return {}
 
     def outputs(self) -> dict[str, Any]:
-        """Value of each output that is no state."""
+        """Value of each output and of each local variable that is no state."""
         return {}
 
     def initial(self) -> dict[str, Any]:

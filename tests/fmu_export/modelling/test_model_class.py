@@ -16,6 +16,7 @@ from fmu_export import (
     compose,
     discrete,
     every,
+    local,
     output,
     parameter,
     require,
@@ -201,6 +202,31 @@ def test_a_class_in_a_composition_and_in_python_control() -> None:
     np.testing.assert_allclose(system.dynamics(0.0, [0.5, 0.0, 0.0, 0.0, 0.0], [0.0])[2], -np.sin(0.5))
 
 
+def test_locals_and_what_importers_show_values_by() -> None:
+    class Drum(ModelClass):
+        length = parameter(2.0, "m", display_unit="mm")
+        turns = state(0.0, "rad", nominal=100.0, output=False)
+        speed = state(1.0, "rad/s", display_unit="rpm")
+        wound = output("m", nominal=1e3)
+        rest = local("m", "What is not wound yet", size=2)
+
+        def derivatives(m):
+            return {"turns": m.speed, "speed": -m.speed}
+
+        def outputs(m):
+            return {"wound": 0.1 * m.turns, "rest": m.length - np.stack([0.1, 0.2]) * m.turns}
+
+    model = Drum.model()
+    assert (model.outputs.names, model.locals.names) == (("speed", "wound"), ("turns", "rest[1]", "rest[2]"))
+    x = np.array([5.0, 3.0])
+    values = model.output_values(0.0, x, np.zeros(0), np.array([2.0, 0.0, 0.0]))
+    assert values.tolist() == [3.0, 0.5, 1.5, 1.0]
+    declared = {v.name: v for v in (*model.parameters.variables, *model.computed.variables)}
+    assert [declared[n].nominal for n in ("turns", "turns_start", "wound", "speed")] == [100.0, 100.0, 1e3, None]
+    assert [declared[n].display_unit for n in ("length", "speed", "speed_start", "rest")] == ["mm", "rpm", "rpm", None]
+    assert trace(Drum).outputs(0.0, x, [], [2.0, 0.0, 0.0]).full().ravel().tolist() == [3.0, 0.5, 5.0, 1.5, 1.0]
+
+
 def variant(**body: Any) -> Any:
     """A subclass of Pendulum."""
     return lambda: type("Variant", (Pendulum,), body).model()  # type: ignore[attr-defined]
@@ -232,7 +258,7 @@ def rates(**changed: Any) -> Any:
         (variant(outputs=lambda m: {"total": 1.0}), "Variant.outputs: the value of 'height' is missing"),
         (
             variant(outputs=lambda m: {"q": m.q}),
-            "Variant.outputs: it returns 'q', which is a state; this method returns outputs that are no states only",
+            "it returns 'q', which is a state; this method returns outputs and locals that are no states only",
         ),
         (variant(initial=lambda m: {"q": m.w}), "Variant.initial: 'w' is a state, whose value is not known there"),
         (variant(initial=lambda m: {"total": 0.0}), "Variant.initial: it returns 'total', which is an output"),
