@@ -22,6 +22,7 @@ from fmu_export.package import description_fmi2, description_fmi3
 from fmu_export.package.archive import write_archive
 from fmu_export.package.interface import interface_of
 from fmu_export.package.start_values import MEMBER, start_values_text
+from fmu_export.progress import Progress
 from fmu_export.trace.trace import trace
 
 _COMMON_2 = {
@@ -71,6 +72,10 @@ _HEADERS = {
 }
 
 
+#: Stands for the GUID in the sources and the description, of which it is the fingerprint.
+_NO_GUID = "{" + 32 * "0" + "}"
+
+
 def build_native(
     model: AnyModel,
     folder: str | PathLike[str],
@@ -111,45 +116,51 @@ def build_native(
         The file can't be written; an older one is unchanged.
     """
     model = flat_model(model)
-    traced = trace(model, unchecked)
-    tool = "C code, equations unchecked" if unchecked else "C code"
-    interface = interface_of(traced)
-    adapter = _adapter_sources(flavour, model.solver)
-    c_files = sorted(name for name in (*adapter, "model.c") if name.endswith(".c"))
-
-    def description(guid: str) -> bytes:
+    with Progress(f"{model.name}, {flavour}") as progress:
+        progress.stage = "tracing"
+        traced = trace(model, unchecked)
+        tool = "C code, equations unchecked" if unchecked else "C code"
+        interface = interface_of(traced)
+        progress.stage = "writing C"
+        adapter = _adapter_sources(flavour, model.solver)
+        c_files = sorted(name for name in (*adapter, "model.c") if name.endswith(".c"))
         if flavour == "fmi2":
-            return description_fmi2.model_description(model, interface, guid, _INTERFACES["fmi2"], tool, c_files)
-        return description_fmi3.model_description(model, interface, guid, _INTERFACES["fmi3"], tool)
+            unstamped = description_fmi2.model_description(
+                model, interface, _NO_GUID, _INTERFACES["fmi2"], tool, c_files
+            )
+        else:
+            unstamped = description_fmi3.model_description(model, interface, _NO_GUID, _INTERFACES["fmi3"], tool)
+        sources = adapter | model_sources(traced, interface, _NO_GUID)
+        digest = hashlib.sha256(unstamped)
+        for name, source in sorted(sources.items()):
+            digest.update(name.encode() + source)
+        guid = "{" + digest.hexdigest()[:32] + "}"
+        sources["model.h"] = sources["model.h"].replace(_NO_GUID.encode(), guid.encode())
+        binaries = {}
+        for target in targets if targets is not None else [host_target()]:
+            place = target.fmi2_folder if flavour == "fmi2" else target.fmi3_folder
+            if place is None:
+                continue
+            progress.stage = f"compiling for {target.name}"
+            name = f"binaries/{place}/{model.name}{target.suffix}"
+            binaries[name] = compile_library(sources, model.name, target if targets is not None else None)
+        if not binaries:
+            raise ToolchainError("FMI 2.0 has no place for binaries of this machine; build the fmi3 flavour")
+        progress.stage = "writing the archive"
+        members = {
+            "modelDescription.xml": unstamped.replace(_NO_GUID.encode(), guid.encode()),
+            MEMBER: start_values_text(interface),
+            **binaries,
+            **{f"sources/{name}": source for name, source in sources.items()},
+        }
+        if page is not None:
+            from fmu_export.package.documentation import documentation_members
 
-    digest = hashlib.sha256(description(guid=""))
-    for name, source in sorted((adapter | model_sources(traced, interface, guid="")).items()):
-        digest.update(name.encode() + source)
-    guid = "{" + digest.hexdigest()[:32] + "}"
-    sources = adapter | model_sources(traced, interface, guid)
-    path = Path(folder) / f"{model.name}.fmu"
-    binaries = {}
-    for target in targets if targets is not None else [host_target()]:
-        place = target.fmi2_folder if flavour == "fmi2" else target.fmi3_folder
-        if place is None:
-            continue
-        name = f"binaries/{place}/{model.name}{target.suffix}"
-        binaries[name] = compile_library(sources, model.name, target if targets is not None else None)
-    if not binaries:
-        raise ToolchainError("FMI 2.0 has no place for binaries of this machine; build the fmi3 flavour")
-    members = {
-        "modelDescription.xml": description(guid),
-        MEMBER: start_values_text(interface),
-        **binaries,
-        **{f"sources/{name}": source for name, source in sources.items()},
-    }
-    if page is not None:
-        from fmu_export.package.documentation import documentation_members
-
-        members |= documentation_members(model, interface, page, flavour, figures)
-    if flavour == "fmi3":
-        members["sources/buildDescription.xml"] = description_fmi3.build_description(model, c_files)
-    write_archive(path, members)
+            members |= documentation_members(model, interface, page, flavour, figures)
+        if flavour == "fmi3":
+            members["sources/buildDescription.xml"] = description_fmi3.build_description(model, c_files)
+        path = Path(folder) / f"{model.name}.fmu"
+        write_archive(path, members)
     return path
 
 

@@ -5,13 +5,18 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
 
 from fmu_export.errors import needs
+from fmu_export.native.expressions import SCALARS, Tables, literal
 from fmu_export.native.implicit import ImplicitParts, implicit_parts
+from fmu_export.native.loops import loop_statements
 from fmu_export.native.runge_kutta import STEP_PROTOTYPE, runge_kutta_source
+from fmu_export.native.straight_c import straight_statements
 from fmu_export.package.interface import Interface
+from fmu_export.trace.graph import Graph
 from fmu_export.trace.operations import helpers
-from fmu_export.trace.straight_line import statements
 from fmu_export.trace.trace import TracedModel
 
 with needs("export"):
@@ -33,6 +38,10 @@ _ARGUMENTS = {
 _HIDE = "\n#if defined(__GNUC__) && !defined(_WIN32)\n#pragma GCC visibility push(hidden)\n#endif\n"
 _SHOW = "\n#if defined(__GNUC__) && !defined(_WIN32)\n#pragma GCC visibility pop\n#endif\n"
 
+#: Functions with fewer characters stay as they are; others get loops where these save so much.
+_SHORT = 1000
+_SHORTER = 0.6
+
 _HEADER = "/* Generated from the model by tracing; do not edit. */\n"
 
 
@@ -46,32 +55,40 @@ def model_sources(traced: TracedModel, interface: Interface, guid: str) -> dict[
     guid : str
         Fingerprint that the importer has to give back.
     """
+    equations = _equations(traced)
+    head = _HEADER + '#include <math.h>\n#include "model.h"\n\n'
+    tables = _tables(traced, interface) + _solver_tables(equations.implicit)
+    return {
+        "model.h": _header(traced, interface, guid, equations).encode(),
+        "model.c": (head + tables + equations.source).encode(),
+    }
+
+
+@dataclass(frozen=True)
+class _Equations:
+    """The traced functions that the adapter calls, what an implicit method needs besides, and all of them as C."""
+
+    functions: list[ca.Function]
+    implicit: ImplicitParts | None
+    source: str
+
+
+@cache  # once for all flavours
+def _equations(traced: TracedModel) -> _Equations:
     functions = [f for f in traced.functions if f.name() in _ARGUMENTS]
     solver = traced.model.solver
     implicit = implicit_parts(traced) if solver == "rodas4" else None
     if implicit:
         functions += [implicit.jacobian, implicit.time_derivative]
-    step = [runge_kutta_source(traced.rates)] if interface.states and solver == "rk4" else []
-    return {
-        "model.h": _header(traced, interface, guid, functions, implicit).encode(),
-        "model.c": (
-            _HEADER
-            + '#include <math.h>\n#include "model.h"\n\n'
-            + _tables(traced, interface)
-            + _solver_tables(traced, implicit)
-        ).encode()
-        + "".join(helper.c + "\n" for helper in helpers(functions)).encode()
-        + "\n".join([*(c_function(f, _ARGUMENTS[f.name()]) for f in functions), *step]).encode(),
-    }
+    tables = Tables()
+    parts = [c_function(f, _ARGUMENTS[f.name()], tables=tables) for f in functions]
+    if traced.model.states and solver == "rk4":
+        parts.append(runge_kutta_source(traced.rates))
+    before = "".join(helper.c + "\n" for helper in helpers(functions)) + tables.source()
+    return _Equations(functions, implicit, "\n".join([before, *parts] if before else parts))
 
 
-def _header(
-    traced: TracedModel,
-    interface: Interface,
-    guid: str,
-    functions: Sequence[ca.Function],
-    implicit: ImplicitParts | None,
-) -> str:
+def _header(traced: TracedModel, interface: Interface, guid: str, equations: _Equations) -> str:
     start, step = (sum(r.at == at for r in traced.model.requirements) for at in ("start", "step"))
     sizes = {
         "N_P": interface.n_parameters,
@@ -82,7 +99,7 @@ def _header(
         "N_START_REQUIREMENTS": start,
         "N_STEP_REQUIREMENTS": step,
         "RATES_DEPEND_ON_TIME": int(traced.rates_depend_on_time),
-        **_solver_sizes(traced, implicit),
+        **_solver_sizes(traced, equations.implicit),
     }
     return (
         _HEADER
@@ -100,9 +117,9 @@ def _header(
         + "extern const double model_nominals[N_X + 1]; /* of the states */\n"
         + "extern const char *const model_start_requirements[N_START_REQUIREMENTS + 1];\n"
         + "extern const char *const model_step_requirements[N_STEP_REQUIREMENTS + 1];\n"
-        + "".join(f"extern const {table};\n" for table in _solver_table_values(traced, implicit))
+        + "".join(f"extern const {table};\n" for table in _solver_table_values(equations.implicit))
         + "\n"
-        + "".join(f"{_prototype(f, _ARGUMENTS[f.name()])};\n" for f in functions)
+        + "".join(f"{_prototype(f, _ARGUMENTS[f.name()])};\n" for f in equations.functions)
         + (f"{STEP_PROTOTYPE.format(prefix='model')};\n" if interface.states and traced.model.solver == "rk4" else "")
         + _SHOW
         + "\n#endif\n"
@@ -113,13 +130,13 @@ def _tables(traced: TracedModel, interface: Interface) -> str:
     names = [v.name for v in interface.variables] + [d.name for d in interface.derivatives]
     parameters = interface.variables[: interface.n_parameters]
     limits = "".join(
-        f"{{{_literal(-math.inf if v.min is None else v.min)}, {_literal(math.inf if v.max is None else v.max)}}}, "
+        f"{{{literal(-math.inf if v.min is None else v.min)}, {literal(math.inf if v.max is None else v.max)}}}, "
         for v in parameters
     )
     tunable = "".join(f"{int(v.variability == 'tunable')}, " for v in parameters)
     first_output = interface.n_parameters + interface.n_inputs
     states = ", ".join(str(s - first_output) for s in (*interface.states, first_output))
-    nominals = "".join(f"{_literal(interface.variables[i].nominal or 1.0)}, " for i in interface.states)
+    nominals = "".join(f"{literal(interface.variables[i].nominal or 1.0)}, " for i in interface.states)
     state_of = {output: i for i, output in enumerate(interface.states)}
     state_of_outputs = ", ".join(str(state_of.get(first_output + i, -1)) for i in range(interface.n_computed + 1))
 
@@ -144,57 +161,41 @@ def _solver_sizes(traced: TracedModel, implicit: ImplicitParts | None) -> dict[s
     return {"ADAPTIVE": len(adaptive), **adaptive, **(implicit.sizes if implicit else {})}
 
 
-def _solver_table_values(traced: TracedModel, implicit: ImplicitParts | None) -> dict[str, str]:
-    """What methods with a tolerance, and what implicit methods read: declaration -> values."""
-    if traced.model.solver == "rk4":
-        return {}
-    nominals = [1.0 for _ in traced.model.state_layout.names]
-    return {
-        "double model_nominals[N_X]": ", ".join(map(_literal, nominals)),
-        **(
-            {f"int {name}": ", ".join(map(str, values)) for name, values in implicit.tables.items()} if implicit else {}
-        ),
-    }
+def _solver_table_values(implicit: ImplicitParts | None) -> dict[str, str]:
+    """What implicit methods read: declaration -> values."""
+    return {f"int {name}": ", ".join(map(str, values)) for name, values in implicit.tables.items()} if implicit else {}
 
 
-def _solver_tables(traced: TracedModel, implicit: ImplicitParts | None) -> str:
-    tables = _solver_table_values(traced, implicit)
+def _solver_tables(implicit: ImplicitParts | None) -> str:
+    tables = _solver_table_values(implicit)
     return "".join(f"const {name} = {{{values}}};\n" for name, values in tables.items()) + "\n" * bool(tables)
 
 
 def _prototype(f: ca.Function, names: Sequence[str], prefix: str = "model") -> str:
-    scalars = ("t", "h")
-    arguments = [f"double {n}" if n in scalars else f"const double *{n}" for n in names]
+    arguments = [f"double {n}" if n in SCALARS else f"const double *{n}" for n in names]
     return f"void {prefix}_{f.name()}({', '.join(arguments)}, double *y)"
 
 
-def c_function(f: ca.Function, names: Sequence[str], prefix: str = "model") -> str:
-    """C source of a traced function, `void <prefix>_<its name>(..., double *y)`, with these names of its arguments."""
-    assignments = statements(f, names, _literal)
-    variables = sorted({t for t, _ in assignments if t.startswith("w")}, key=lambda w: int(w[1:]))
-    used = set(re.findall(r"\w+", " ".join(expression for _, expression in assignments)))
-    lines = [f"{_prototype(f, names, prefix)}\n{{"]
-    if variables:
-        lines.append(f"    double {', '.join(variables)};")
-    lines += [f"    (void){n};" for n in names if n not in used]
-    if not assignments:
-        lines.append("    (void)y;")
-    lines += [f"    {_target(target)} = {expression};" for target, expression in assignments]
-    return "\n".join([*lines, "}", ""])
+def c_function(f: ca.Function, names: Sequence[str], prefix: str = "model", tables: Tables | None = None) -> str:
+    """C source of a traced function, `void <prefix>_<its name>(..., double *y)`, with these names of its arguments.
 
-
-def _target(name: str) -> str:
-    return f"y[{name[1:]}]" if name.startswith("y") else name
+    Where that makes it much shorter it has loops; what constants they count through is added to `tables`.
+    """
+    graph = Graph(f)
+    lines = straight_statements(graph, names)
+    length = sum(map(len, lines))
+    if tables is not None and length > _SHORT:
+        more = tables.copy()
+        loops = loop_statements(graph, names, more)
+        if sum(map(len, loops)) + more.size - tables.size < _SHORTER * length:
+            lines = loops
+            tables.adopt(more)
+    used = set(re.findall(r"\w+", " ".join(lines)))
+    lines = [*(f"(void){n};" for n in [*names, "y"] if n not in used), *lines]
+    return "\n".join([f"{_prototype(f, names, prefix)}\n{{", *(f"    {line}" for line in lines), "}", ""])
 
 
 def c_string(text: str) -> str:
     """A C literal of a text in UTF-8; what is not plain in every C is written by its octal number."""
     plain = re.compile(r"[ !#-;=>@-\[\]-~]")  # no quote, no backslash, no ? or < of trigraphs and digraphs
     return '"' + "".join(chr(b) if plain.fullmatch(chr(b)) else f"\\{b:03o}" for b in text.encode()) + '"'
-
-
-def _literal(value: float) -> str:
-    """A C literal that reads back bit for bit."""
-    if math.isinf(value):
-        return "INFINITY" if value > 0 else "-INFINITY"
-    return value.hex() if value != int(value) or abs(value) > 1e15 else repr(value)

@@ -6,6 +6,7 @@ from typing import Any
 
 from fmu_export.errors import needs
 from fmu_export.modelling.functions import rk4_step
+from fmu_export.trace.expressions import as_written
 from fmu_export.trace.operations import template
 
 with needs("export"):
@@ -37,7 +38,8 @@ def runge_kutta_source(rates: ca.Function, prefix: str = "model") -> str:
         stages.append((time, state, inputs, ca.SX.sym(f"k{len(stages) + 2}")))
         return stages[-1][-1]
 
-    end = rk4_step(derivatives, t, x, u, None, h, u_rate, k1)
+    with as_written():
+        end = rk4_step(derivatives, t, x, u, None, h, u_rate, k1)
     places = {"t": "t", "h": "h", "x": "x[i]", "u": "u[i]", "u_rate": "u_rate[i]", "k1": "k1[i]"}
     places |= {str(k): f"{k}[i]" for *_, k in stages}
 

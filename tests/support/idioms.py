@@ -244,8 +244,6 @@ _EQUAL = {
         np.where(x > 0, np.sqrt(np.abs(x)), 0.0)
         np.where(np.array([True, False, True, False]), x, 0.0)
         max(1.0, 2.0) * x
-        np.random.default_rng(3).normal(size=4) * x
-        np.random.RandomState(1).rand(4) + x
         x * (True if len(x) == 4 else False)
     """,
     "Boolean masks": """
@@ -502,7 +500,6 @@ _REFUSED = {
         x + np.random.default_rng().normal()
         x + time.time()
         x + time.perf_counter()
-        x + np.random.default_rng().normal(size=4)
         kept.append(1)\\nreturn x * len(kept)
         kept.append(x[0])\\nreturn x + kept[0]
         if not kept:\\n    kept.append(x[0])\\nreturn x * kept[0]

@@ -10,7 +10,8 @@ import pytest
 
 from controller_fmu.model import MODEL as CONTROLLER
 from fmu_export.modelling.functions import rk4_step
-from fmu_export.modelling.model import DefaultExperiment, Layout, Model, Variable
+from fmu_export.modelling.model import DefaultExperiment, Model
+from fmu_export.modelling.variables import Layout, Variable
 from fmu_export.native.c_source import c_function
 from fmu_export.native.runge_kutta import runge_kutta_source
 from fmu_export.native.toolchain import compile_library, host_target

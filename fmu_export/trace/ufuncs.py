@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from fmu_export.errors import needs
-from fmu_export.trace.symbols import expressions
-from fmu_export.trace.symbols.arrays import (
+from fmu_export.trace import expressions
+from fmu_export.trace.arrays import (
     BOOL,
     FLOAT,
     INT,
@@ -25,7 +25,7 @@ from fmu_export.trace.symbols.arrays import (
     elementwise,
     unwrapped,
 )
-from fmu_export.trace.symbols.refusal import STORED, refuse
+from fmu_export.trace.refusal import STORED, refuse
 
 with needs("export"):
     import casadi as ca

@@ -3,7 +3,7 @@
 An `Array` keeps its elements in an object array of numpy, so that views, slices, writes, broadcasting and the order
 of elements are numpy's own. What can't be traced is refused where it happens, with the line of the author's file and
 the remedy; nothing falls back to something else. What numpy's functions do with these arrays is said in
-`fmu_export.trace.symbols.ufuncs` and `fmu_export.trace.symbols.functions`, which give these classes their operators.
+`fmu_export.trace.ufuncs` and `fmu_export.trace.array_functions`, which give these classes their operators.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from fmu_export.errors import needs
-from fmu_export.trace.symbols.expressions import either, is_number, truncated
-from fmu_export.trace.symbols.refusal import BRANCH, NUMBER, STORED, refuse
+from fmu_export.trace.expressions import either, is_number, truncated
+from fmu_export.trace.refusal import BRANCH, NUMBER, STORED, refuse
 
 with needs("export"):
     import casadi as ca

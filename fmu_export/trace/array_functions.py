@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from fmu_export.errors import needs
-from fmu_export.trace.symbols.arrays import (
+from fmu_export.trace.arrays import (
     BOOL,
     FLOAT,
     INT,
@@ -29,9 +29,9 @@ from fmu_export.trace.symbols.arrays import (
     plain,
     unwrapped,
 )
-from fmu_export.trace.symbols.expressions import as_written, either
-from fmu_export.trace.symbols.refusal import STORED, refuse
-from fmu_export.trace.symbols.ufuncs import accumulated, reduced
+from fmu_export.trace.expressions import as_written, either
+from fmu_export.trace.refusal import STORED, refuse
+from fmu_export.trace.ufuncs import accumulated, reduced
 
 with needs("export"):
     import casadi as ca

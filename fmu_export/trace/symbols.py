@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import dis
 import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import cache
-from types import CodeType
 from typing import Any
 
 import numpy as np
 
 from fmu_export.errors import TraceError, needs
-from fmu_export.trace.symbols import functions, ufuncs  # noqa: F401  # they give arrays their operators
-from fmu_export.trace.symbols.arrays import (
+from fmu_export.trace import array_functions, ufuncs  # noqa: F401  # they give arrays their operators
+from fmu_export.trace.arrays import (
     FLOAT,
     Array,
     Scalar,
@@ -27,8 +24,8 @@ from fmu_export.trace.symbols.arrays import (
     has_symbols,
     plain,
 )
-from fmu_export.trace.symbols.expressions import as_written
-from fmu_export.trace.symbols.refusal import place_of, refused
+from fmu_export.trace.expressions import as_written
+from fmu_export.trace.refusal import place_of, refused
 
 with needs("export"):
     import casadi as ca
@@ -38,93 +35,56 @@ with needs("export"):
 _thread = threading.local()
 
 
-def _ours(name: str, depth: int = 2) -> bool:
-    """Whether the author's code calls np.<name> itself, in this thread, while it is traced.
-
-    Compiled code that the author calls, such as that of np.random, has no frames of its own; it gets numpy's arrays,
-    since it takes their memory without a question.
-    """
+def _ours() -> bool:
+    """Whether the author's code of this thread calls, while it is traced."""
     if not getattr(_thread, "tracing", False):
         return False
-    frame = sys._getframe(depth)
-    module = frame.f_globals.get("__name__", "")
-    if module.partition(".")[0] in ("numpy", "scipy", "casadi") or module.startswith("fmu_export.trace"):
-        return False
-    called = _called(frame.f_code, frame.f_lasti)
-    return called == name or frame.f_locals.get(called) is getattr(np, name)
-
-
-@cache
-def _called(code: CodeType, at: int) -> str:
-    """The name by which code calls something at a place: the last that is loaded where the call begins."""
-    positions = list(code.co_positions())
-    begin = positions[at // 2][0], positions[at // 2][2]
-    found = ""
-    for step in dis.get_instructions(code):
-        if step.offset >= at:
-            break
-        line, _, column, _ = positions[step.offset // 2]
-        if step.opname.startswith("LOAD_") and isinstance(step.argval, str) and (line, column) == begin:
-            found = step.argval
-    return found
+    module = sys._getframe(2).f_globals.get("__name__", "")
+    return module.partition(".")[0] not in ("numpy", "scipy", "casadi") and not module.startswith("fmu_export.trace")
 
 
 def _replacements() -> dict[str, Callable[..., Any]]:
-    def maker(name: str) -> Callable[..., Any]:
-        original = getattr(np, name)
-
+    def maker(original: Callable[..., Any]) -> Callable[..., Any]:
         def make(*args: Any, **kwargs: Any) -> Any:
-            if not _ours(name):
-                return original(*args, **kwargs)
             made = original(*(plain(a) if type(a) in (Array, Scalar) else a for a in args), **kwargs)
-            if name == "empty" and made.dtype == FLOAT:
+            if original is np_empty and made.dtype == FLOAT:
                 made.fill(np.nan)
-            return as_symbols(made) if made.dtype == FLOAT and made.size <= 4096 else made
+            return as_symbols(made) if _ours() and made.dtype == FLOAT and made.size <= 4096 else made
 
         return make
 
-    def converter(name: str, copy: bool) -> Callable[..., Any]:
-        original = getattr(np, name)
-
+    def converter(original: Callable[..., Any], copy: bool) -> Callable[..., Any]:
         def convert(value: Any, *args: Any, **kwargs: Any) -> Any:
             if not getattr(_thread, "tracing", False):
                 return original(value, *args, **kwargs)
             if type(value) is Selection:
                 return value
-            if has_symbols(value) and _makes_arrays(name):
+            if has_symbols(value):
                 if args:
                     kwargs["dtype"] = args[0]
                 return as_array(value, kwargs.get("dtype"), copy=copy, ndmin=kwargs.get("ndmin", 0))
             made = original(value, *args, **kwargs)
-            if copy and _ours(name) and made.dtype == FLOAT and made.size <= 4096:
+            if copy and _ours() and made.dtype == FLOAT and made.size <= 4096:
                 return as_symbols(made)
             return made
 
         return convert
 
     def full(shape: Any, fill_value: Any, dtype: Any = None, **kwargs: Any) -> Any:
-        if not _ours("full"):
-            return np_full(shape, fill_value, dtype, **kwargs)
-        if not has_symbols(fill_value):
+        if not getattr(_thread, "tracing", False) or not has_symbols(fill_value):
             made = np_full(shape, fill_value, dtype, **kwargs)
-            return as_symbols(made) if made.dtype == FLOAT else made
+            return as_symbols(made) if _ours() and made.dtype == FLOAT else made
         base, kind = elements_of(fill_value)
         wanted = kind if dtype is None else np.dtype(dtype)
         return Array(np.broadcast_to(cast_elements(base, kind, wanted), shape).copy(), wanted)
 
-    np_full = np.full
+    np_empty, np_full = np.empty, np.full
     return {
-        **{n: maker(n) for n in ("zeros", "ones", "empty", "eye", "identity", "linspace")},
+        **{n: maker(getattr(np, n)) for n in ("zeros", "ones", "empty", "eye", "identity", "linspace")},
         "full": full,
-        "array": converter("array", copy=True),
-        **{n: converter(n, copy=False) for n in ("asarray", "asanyarray", "ascontiguousarray")},
+        "array": converter(np.array, copy=True),
+        **{n: converter(getattr(np, n), copy=False) for n in ("asarray", "asanyarray", "ascontiguousarray")},
     }
-
-
-def _makes_arrays(name: str) -> bool:
-    """Whether Python code, the author's or the tracer's, calls np.<name> itself."""
-    frame = sys._getframe(2)
-    return _called(frame.f_code, frame.f_lasti) == name or _ours(name, 3)
 
 
 _lock = threading.RLock()
@@ -157,7 +117,7 @@ def tracing(model: str) -> Iterator[None]:
         except TraceError as error:
             text = str(error)
             raise TraceError(text if text.startswith(f"{model}: ") else f"{model}: {text}") from error
-        except Exception as error:  # whatever the author's code raises
+        except (TypeError, ValueError, IndexError, AttributeError, NotImplementedError) as error:
             if refused:
                 raise TraceError(f"{model}: {refused[0]}") from error
             raise TraceError(f"{model}: {place_of(error)}{error}") from error

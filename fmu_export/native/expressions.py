@@ -1,0 +1,70 @@
+"""Expressions of a traced graph as C: literals, operations, tables of constants."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+
+from fmu_export.trace.operations import template
+
+#: Arguments that are numbers; all others are arrays.
+SCALARS = ("t", "h")
+
+
+def literal(value: float) -> str:
+    """A C literal that reads back bit for bit."""
+    if math.isinf(value):
+        return "INFINITY" if value > 0 else "-INFINITY"
+    return value.hex() if value != int(value) or abs(value) > 1e15 else repr(value)
+
+
+def operand(value: float) -> str:
+    """A literal as it may stand in an expression."""
+    text = literal(value)
+    return f"({text})" if text.startswith("-") else text
+
+
+def applied(operation: int, operands: Sequence[str], function: str) -> str:
+    """An operation as C, to be put in parentheses inside another."""
+    return template(operation, function).format(*operands)
+
+
+def without_parentheses(text: str) -> str:
+    """An expression without the parentheses around the whole of it."""
+    depth = 0
+    for i, character in enumerate(text):
+        depth += (character == "(") - (character == ")")
+        if depth == 0:
+            return text[1:-1] if text.startswith("(") and i == len(text) - 1 else text
+    return text
+
+
+class Tables:
+    """Constants of a model's equations that loops count through; equal ones stand once in the source."""
+
+    def __init__(self, names: Mapping[tuple[str, ...], str] | None = None) -> None:
+        self._names = dict(names or {})
+
+    def copy(self) -> Tables:
+        """Tables to which others can be added on trial."""
+        return Tables(self._names)
+
+    def adopt(self, other: Tables) -> None:
+        """Become what a copy has become."""
+        self._names = other._names
+
+    def name(self, values: Iterable[float]) -> str:
+        """Name of the table of these values."""
+        return self._names.setdefault(tuple(map(literal, values)), f"table{len(self._names)}")
+
+    @property
+    def size(self) -> int:
+        """Number of characters."""
+        return len(self.source())
+
+    def source(self) -> str:
+        """The tables as C."""
+        return "".join(
+            f"static const double {name}[{len(values)}] = {{{', '.join(values)}}};\n"
+            for values, name in self._names.items()
+        )
