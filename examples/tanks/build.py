@@ -7,75 +7,46 @@ from pathlib import Path
 
 import numpy as np
 
-from fmu_export import DefaultExperiment, Layout, Model, Variable, build_native
-
-EXPERIMENT = DefaultExperiment(stop_time=60.0, step_size=0.05)
-
-# A tank with a hole in its floor (Torricelli's law)
-
-TANK_PARAMETERS = Layout(
-    [
-        Variable("A", "m2", "Cross section of the tank", start=0.5, min=1e-6),
-        Variable("a", "m2", "Cross section of the hole", start=0.01, min=1e-9),
-        Variable("level_start", "m", "Level at the start", start=0.2, min=0.0),
-    ]
-)
-TANK_INPUTS = Layout([Variable("inflow", "m3/s", "What flows in")])
-TANK_OUTPUTS = Layout([Variable("level", "m", "Level"), Variable("outflow", "m3/s", "What flows out")])
+from fmu_export import ModelClass, build_native, input, output, parameter, state
 
 
-def outflow(level, a):
-    """Flow through the hole (m3/s)."""
-    return a * np.sqrt(2.0 * 9.81 * np.maximum(level, 1e-9))
+class Tank(ModelClass, stop_time=60.0, step_size=0.05):
+    """Tank with a hole in its floor (Torricelli's law)."""
+
+    A = parameter(0.5, "m2", "Cross section of the tank", min=1e-6)
+    a = parameter(0.01, "m2", "Cross section of the hole", min=1e-9)
+    inflow = input(0.0, "m3/s", "What flows in")
+    level = state(0.2, "m", "Level", min=0.0)
+    outflow = output("m3/s", "What flows out")
+
+    def flow(m):
+        return m.a * np.sqrt(2.0 * 9.81 * np.maximum(m.level, 1e-9))
+
+    def derivatives(m):
+        return dict(level=(m.inflow - m.flow()) / m.A)
+
+    def outputs(m):
+        return dict(outflow=m.flow())
 
 
-TANK = Model(
-    name="Tank",
-    description="Tank with a hole in its floor",
-    parameters=TANK_PARAMETERS,
-    inputs=TANK_INPUTS,
-    outputs=TANK_OUTPUTS,
-    states=("level",),
-    initial_state=lambda p: p[2:3],
-    derivatives=lambda t, x, u, p: (u - outflow(x, p[1])) / p[0],
-    output_values=lambda t, x, u, p: np.concatenate([x, outflow(x, p[1])]),
-    default_experiment=EXPERIMENT,
-)
+class LevelController(ModelClass, stop_time=60.0, step_size=0.05):
+    """PI control of a level by a pump that only pumps in."""
 
-# PI control of a level by a pump that only pumps in
+    K_p = parameter(0.1, "m2/s", "Proportional gain")
+    K_i = parameter(0.01, "m2/s2", "Integral gain")
+    q_max = parameter(0.1, "m3/s", "Largest flow of the pump", min=0.0)
+    level = input(0.0, "m", "Measured level")
+    level_ref = input(0.0, "m", "Desired level")
+    z = state(0.0, "m.s", "Integral of the error")
+    flow = output("m3/s", "Flow of the pump")
 
-CONTROLLER_PARAMETERS = Layout(
-    [
-        Variable("K_p", "m2/s", "Proportional gain", start=0.1),
-        Variable("K_i", "m2/s2", "Integral gain", start=0.01),
-        Variable("q_max", "m3/s", "Largest flow of the pump", start=0.1, min=0.0),
-    ]
-)
-CONTROLLER_INPUTS = Layout([Variable("level", "m", "Measured level"), Variable("level_ref", "m", "Desired level")])
-CONTROLLER_OUTPUTS = Layout(
-    [Variable("flow", "m3/s", "Flow of the pump"), Variable("z", "m.s", "Integral of the error")]
-)
+    def derivatives(m):
+        return dict(z=m.level_ref - m.level)
 
+    def outputs(m):
+        return dict(flow=np.clip(m.K_p * (m.level_ref - m.level) + m.K_i * m.z, 0.0, m.q_max))
 
-def pump(t, x, u, p):
-    """Flow of the pump, and the integral itself."""
-    flow = np.clip(p[0] * (u[1:2] - u[0:1]) + p[1] * x, 0.0, p[2])
-    return np.concatenate([flow, x])
-
-
-LEVEL_CONTROLLER = Model(
-    name="LevelController",
-    description="PI control of a level",
-    parameters=CONTROLLER_PARAMETERS,
-    inputs=CONTROLLER_INPUTS,
-    outputs=CONTROLLER_OUTPUTS,
-    states=("z",),
-    initial_state=lambda p: np.zeros(1),
-    derivatives=lambda t, x, u, p: u[1:2] - u[0:1],
-    output_values=pump,
-    default_experiment=EXPERIMENT,
-)
 
 if __name__ == "__main__":
-    for model in (TANK, LEVEL_CONTROLLER):
+    for model in (Tank, LevelController):
         print("built", build_native(model, Path(__file__).parent, "fmi2").name)

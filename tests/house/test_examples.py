@@ -250,7 +250,7 @@ def test_regression_test_of_an_fmu(folder: Path) -> None:
     python(*command, expected=1)
 
 
-@pytest.mark.parametrize("page", ["tutorial.md", "results.md", "couple_fmus.md"])
+@pytest.mark.parametrize("page", ["tutorial.md", "results.md", "couple_fmus.md", "models.md"])
 def test_code_of_a_page_runs(folder: Path, page: str) -> None:
     code = blocks(page, "python")
     assert code
