@@ -11,9 +11,10 @@ _MODULES = {
     "BinariesMissing": "fmu_export.pythonfmu.binary",
     "CompositionError": "fmu_export.trace.composition",
     "DefaultExperiment": "fmu_export.modelling.model",
-    "DocumentationError": "fmu_export.package.documentation",
+    "DocumentationError": "fmu_export.errors",
     "Event": "fmu_export.modelling.model",
     "Layout": "fmu_export.modelling.variables",
+    "Metadata": "fmu_export.package.metadata",
     "MissingExtra": "fmu_export.errors",
     "Model": "fmu_export.modelling.model",
     "ModelClass": "fmu_export.modelling.model_class",
@@ -49,6 +50,7 @@ __all__ = [
     "DocumentationError",
     "Event",
     "Layout",
+    "Metadata",
     "MissingExtra",
     "Model",
     "ModelClass",
@@ -78,14 +80,14 @@ __all__ = [
 
 if TYPE_CHECKING:
     from fmu_export.control_backend import to_control
-    from fmu_export.errors import ArgumentError, MissingExtra, ModelError, TraceError
+    from fmu_export.errors import ArgumentError, DocumentationError, MissingExtra, ModelError, TraceError
     from fmu_export.modelling.declarations import discrete, every, input, local, output, parameter, require, state, when
     from fmu_export.modelling.model import DefaultExperiment, Event, Model, Requirement, Sampled
     from fmu_export.modelling.model_class import ModelClass
     from fmu_export.modelling.variables import Layout, Variable
     from fmu_export.native.backend import build_native
     from fmu_export.native.toolchain import ToolchainError
-    from fmu_export.package.documentation import DocumentationError
+    from fmu_export.package.metadata import Metadata
     from fmu_export.package.start_values import StartValueError, write_start_values
     from fmu_export.pythonfmu.backend import build_pythonfmu
     from fmu_export.pythonfmu.binary import BinariesMissing

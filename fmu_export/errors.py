@@ -22,6 +22,10 @@ class TraceError(ModelError, ValueError):
     """A model can't be traced; the message says in which function, and what to write instead."""
 
 
+class DocumentationError(ModelError):
+    """The documentation of an FMU can't be written."""
+
+
 class MissingExtra(ModelError, ImportError):
     """A package is not installed that only some tasks need; the message has the command that installs it."""
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Literal, cast
 
 from cosim.errors import CosimError, nearest
+from fmu_export.errors import DocumentationError
 from fmu_export.modelling.model import Model
 from fmu_export.native.toolchain import TARGETS, ToolchainError, compiler_identity, find_compiler, host_target
 from fmu_export.package.description_common import package_version
@@ -94,19 +95,21 @@ def build(
 def _build_one(model: Model, instance: str, folder: Path, flavour: str, all_platforms: bool) -> None:
     # CasADi and matplotlib take a while to import, and only building needs them
     from fmu_export.native.backend import build_native
-    from fmu_export.package.documentation import DocumentationError, figures_of
+    from fmu_export.package.documentation import figures_of
+    from fmu_export.package.metadata import Metadata, project_licence
     from fmu_export.pythonfmu.backend import build_pythonfmu
 
     package, name = _PAGES[instance]
     page = (files(package) / name).read_text(encoding="utf-8")
     figures = figures_of(page, files(package))
+    own = Metadata(version=package_version(), license="MIT", license_text=project_licence())
     try:
         if flavour == "pythonfmu":
-            build_pythonfmu(model, folder / flavour, page, figures)
+            build_pythonfmu(model, folder / flavour, page, figures, metadata=own)
         else:
             version = cast(Literal["fmi2", "fmi3"], flavour)
             targets = list(TARGETS.values()) if all_platforms else None
-            build_native(model, folder / flavour, version, targets, page, figures)
+            build_native(model, folder / flavour, version, targets, page, figures, metadata=own)
     except DocumentationError as error:
         raise BuildError(f"documentation: {error}") from error
 

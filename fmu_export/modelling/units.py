@@ -15,7 +15,7 @@ from fractions import Fraction
 from functools import cache
 from typing import Any
 
-from fmu_export.errors import needs
+from fmu_export.errors import ArgumentError, needs
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ def unit(name: str) -> Unit:
 
     Raises
     ------
-    ValueError
+    ArgumentError
         A symbol is not known, or the unit is no product of symbols as it is written.
     MissingExtra
         A symbol is no coherent SI unit, and pint is not installed.
@@ -111,7 +111,7 @@ def conversion(source: str, target: str) -> tuple[float, float]:
 
     Raises
     ------
-    ValueError
+    ArgumentError
         They don't measure the same, or as `unit`.
     MissingExtra
         As `unit`.
@@ -122,7 +122,7 @@ def conversion(source: str, target: str) -> tuple[float, float]:
         return _DISPLAY[source][target]
     a, b = _product(source), _product(target)
     if a.exponents != b.exponents:
-        raise ValueError(f"the units differ: {source} and {target}")
+        raise ArgumentError(f"the units differ: {source} and {target}")
     return float(a.factor / b.factor), float((a.offset - b.offset) / b.factor)
 
 
@@ -150,7 +150,7 @@ def rate_unit(name: str) -> str:
 
     Raises
     ------
-    ValueError
+    ArgumentError
         As `unit`.
     """
     factors = _factors(name)
@@ -186,10 +186,10 @@ def _factors(name: str) -> Counter[str]:
     return factors
 
 
-def _unknown(name: str, factor: str) -> ValueError:
+def _unknown(name: str, factor: str) -> ArgumentError:
     if factor in _MISREAD:
-        return ValueError(f"unit '{name}': '{factor}' can mean other things; write {_MISREAD[factor]}")
-    return ValueError(
+        return ArgumentError(f"unit '{name}': '{factor}' can mean other things; write {_MISREAD[factor]}")
+    return ArgumentError(
         f"unit '{name}': '{factor}' is not defined; write a product of {', '.join(_SYMBOLS)} and others such as kN, "
         "bar, degC, rpm, h or %, as N.m/(rad.s), km/h or s-1, or 1 for no unit"
     )

@@ -21,6 +21,7 @@ from fmu_export.native.toolchain import Target, ToolchainError, compile_library,
 from fmu_export.package import description_fmi2, description_fmi3
 from fmu_export.package.archive import write_archive
 from fmu_export.package.interface import interface_of
+from fmu_export.package.metadata import NO_METADATA, Metadata, licence_members
 from fmu_export.package.start_values import MEMBER, start_values_text
 from fmu_export.progress import Progress
 from fmu_export.trace.trace import trace
@@ -84,6 +85,8 @@ def build_native(
     page: str | None = None,
     figures: Mapping[str, bytes] | None = None,
     unchecked: bool = False,
+    metadata: Metadata = NO_METADATA,
+    sources: bool = True,
 ) -> Path:
     """Write `<folder>/<model name>.fmu`.
 
@@ -105,9 +108,15 @@ def build_native(
     unchecked : bool, optional
         Build it also where the traced equations are not compared with what numpy computes, or differ; the model
         description says so in `generationTool`.
+    metadata : Metadata, optional
+        Author, version, copyright and licence.
+    sources : bool, optional
+        False leaves the C sources out of the archive, which is then for the platforms of its binaries only.
 
     Raises
     ------
+    DocumentationError
+        A figure of the page is missing, an equation can't be typeset, or the reference run is not finite.
     TraceError
         The model can't be traced, or its trace computes something else than numpy.
     ToolchainError
@@ -124,18 +133,17 @@ def build_native(
         progress.stage = "writing C"
         adapter = _adapter_sources(flavour, model.solver)
         c_files = sorted(name for name in (*adapter, "model.c") if name.endswith(".c"))
+        arguments = model, interface, _NO_GUID, _INTERFACES[flavour], tool
         if flavour == "fmi2":
-            unstamped = description_fmi2.model_description(
-                model, interface, _NO_GUID, _INTERFACES["fmi2"], tool, c_files
-            )
+            unstamped = description_fmi2.model_description(*arguments, c_files if sources else (), metadata)
         else:
-            unstamped = description_fmi3.model_description(model, interface, _NO_GUID, _INTERFACES["fmi3"], tool)
-        sources = adapter | model_sources(traced, interface, _NO_GUID)
+            unstamped = description_fmi3.model_description(*arguments, metadata)
+        code = adapter | model_sources(traced, interface, _NO_GUID)
         digest = hashlib.sha256(unstamped)
-        for name, source in sorted(sources.items()):
+        for name, source in sorted(code.items()):
             digest.update(name.encode() + source)
         guid = "{" + digest.hexdigest()[:32] + "}"
-        sources["model.h"] = sources["model.h"].replace(_NO_GUID.encode(), guid.encode())
+        code["model.h"] = code["model.h"].replace(_NO_GUID.encode(), guid.encode())
         binaries = {}
         for target in targets if targets is not None else [host_target()]:
             place = target.fmi2_folder if flavour == "fmi2" else target.fmi3_folder
@@ -143,7 +151,7 @@ def build_native(
                 continue
             progress.stage = f"compiling for {target.name}"
             name = f"binaries/{place}/{model.name}{target.suffix}"
-            binaries[name] = compile_library(sources, model.name, target if targets is not None else None)
+            binaries[name] = compile_library(code, model.name, target if targets is not None else None)
         if not binaries:
             raise ToolchainError("FMI 2.0 has no place for binaries of this machine; build the fmi3 flavour")
         progress.stage = "writing the archive"
@@ -151,13 +159,15 @@ def build_native(
             "modelDescription.xml": unstamped.replace(_NO_GUID.encode(), guid.encode()),
             MEMBER: start_values_text(interface),
             **binaries,
-            **{f"sources/{name}": source for name, source in sources.items()},
+            **licence_members(metadata),
         }
+        if sources:
+            members |= {f"sources/{name}": source for name, source in code.items()}
         if page is not None:
             from fmu_export.package.documentation import documentation_members
 
-            members |= documentation_members(model, interface, page, flavour, figures)
-        if flavour == "fmi3":
+            members |= documentation_members(model, interface, page, flavour, figures, metadata, sources)
+        if sources and flavour == "fmi3":
             members["sources/buildDescription.xml"] = description_fmi3.build_description(model, c_files)
         path = Path(folder) / f"{model.name}.fmu"
         write_archive(path, members)

@@ -17,6 +17,7 @@ from fmu_export.package.description_common import (
     type_attributes,
 )
 from fmu_export.package.interface import Interface, ScalarVariable, StateDerivative
+from fmu_export.package.metadata import NO_METADATA, Metadata
 
 
 def model_description(
@@ -26,6 +27,7 @@ def model_description(
     interfaces: Mapping[str, Mapping[str, str]],
     tool: str,
     source_files: Sequence[str] = (),
+    metadata: Metadata = NO_METADATA,
 ) -> bytes:
     """Write the model description of an FMU.
 
@@ -42,24 +44,25 @@ def model_description(
         What executes the model, named behind the distribution in generationTool.
     source_files : sequence of str
         C files in `sources/`, for tools that compile FMUs.
+    metadata : Metadata, optional
+        Who made the model and under which terms.
 
     Returns
     -------
     bytes
         UTF-8, the same for the same arguments; floats are written so that they read back bit for bit.
     """
-    root = ET.Element(
-        "fmiModelDescription",
-        fmiVersion="2.0",
-        modelName=model.name,
-        guid=guid,
-        description=model.description,
-        version=package_version(),
-        license="MIT",
-        generationTool=f"{DISTRIBUTION} {package_version()} ({tool})",
-        variableNamingConvention="structured",
-        numberOfEventIndicators="0",
-    )
+    attributes = {
+        "fmiVersion": "2.0",
+        "modelName": model.name,
+        "guid": guid,
+        "description": model.description,
+        **metadata.attributes,
+        "generationTool": f"{DISTRIBUTION} {package_version()} ({tool})",
+        "variableNamingConvention": "structured",
+        "numberOfEventIndicators": "0",
+    }
+    root = ET.Element("fmiModelDescription", attributes)
     for kind in ("ModelExchange", "CoSimulation"):
         if kind in interfaces:
             element = ET.SubElement(root, kind, {"modelIdentifier": model.name, **interfaces[kind]})

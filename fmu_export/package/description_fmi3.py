@@ -21,10 +21,16 @@ from fmu_export.package.description_common import (
     type_attributes,
 )
 from fmu_export.package.interface import Interface
+from fmu_export.package.metadata import NO_METADATA, Metadata
 
 
 def model_description(
-    model: Model, interface: Interface, token: str, interfaces: Mapping[str, Mapping[str, str]], tool: str
+    model: Model,
+    interface: Interface,
+    token: str,
+    interfaces: Mapping[str, Mapping[str, str]],
+    tool: str,
+    metadata: Metadata = NO_METADATA,
 ) -> bytes:
     """Write the model description of an FMU.
 
@@ -39,20 +45,21 @@ def model_description(
         "ModelExchange" and "CoSimulation" -> attributes of that element besides the model identifier.
     tool : str
         What executes the model, named behind the distribution in generationTool.
+    metadata : Metadata, optional
+        Who made the model and under which terms.
     """
-    root = ET.Element(
-        "fmiModelDescription",
-        fmiVersion="3.0",
-        modelName=model.name,
-        instantiationToken=token,
-        description=model.description,
-        version=package_version(),
-        license="MIT",
-        generationTool=f"{DISTRIBUTION} {package_version()} ({tool})",
-        variableNamingConvention="structured",
-    )
-    for kind, attributes in interfaces.items():
-        ET.SubElement(root, kind, {"modelIdentifier": model.name, **attributes})
+    head = {
+        "fmiVersion": "3.0",
+        "modelName": model.name,
+        "instantiationToken": token,
+        "description": model.description,
+        **metadata.attributes,
+        "generationTool": f"{DISTRIBUTION} {package_version()} ({tool})",
+        "variableNamingConvention": "structured",
+    }
+    root = ET.Element("fmiModelDescription", head)
+    for kind, options in interfaces.items():
+        ET.SubElement(root, kind, {"modelIdentifier": model.name, **options})
     derivatives = interface.derivatives
     add_units(root, interface, *(d.unit for d in derivatives), "s")
     add_log_categories(root)

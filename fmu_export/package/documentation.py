@@ -7,20 +7,19 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from html import escape
-from importlib.metadata import PackageNotFoundError, files
 from importlib.resources.abc import Traversable
 from io import BytesIO
-from pathlib import Path
 
 import numpy as np
 
-from fmu_export.errors import ModelError, needs
+from fmu_export.errors import DocumentationError, needs
 from fmu_export.modelling.functions import rk4_step
 from fmu_export.modelling.model import Model
 from fmu_export.modelling.variables import Array, Layout
 from fmu_export.package.description_common import DISTRIBUTION, package_version
 from fmu_export.package.icon import model_icon, terminal_icons
 from fmu_export.package.interface import Interface
+from fmu_export.package.metadata import NO_METADATA, Metadata
 
 with needs("export"):
     import matplotlib as mpl
@@ -30,13 +29,15 @@ with needs("export"):
     from markdown.inlinepatterns import InlineProcessor
     from matplotlib.figure import Figure
 
+_FROM_SOURCES = " from the C sources in <code>sources/</code>"
+
 #: What each flavour is and what it needs to run.
 _FLAVOURS = {
     "pythonfmu": "FMI 2.0 co-simulation, for Linux and Windows (x86-64). Runs Python inside: the importing process "
     "needs a Python of the version that the binary is linked with, but no package.",
-    "fmi2": "FMI 2.0 co-simulation and model exchange, compiled from the C sources in <code>sources/</code> for the "
+    "fmi2": f"FMI 2.0 co-simulation and model exchange, compiled{_FROM_SOURCES} for the "
     "platforms in <code>binaries/</code>. Needs nothing else.",
-    "fmi3": "FMI 3.0 co-simulation and model exchange, compiled from the C sources in <code>sources/</code> for the "
+    "fmi3": f"FMI 3.0 co-simulation and model exchange, compiled{_FROM_SOURCES} for the "
     "platforms in <code>binaries/</code>. Needs nothing else.",
 }
 
@@ -44,10 +45,6 @@ _FLAVOURS = {
 _ROW, _DURATION, _SUBSTEPS = 0.01, 2.0, 2
 #: Input i = 1, 2, ... swings by this much (in its unit) at 0.4 + 0.1 i (Hz) about its start value.
 _AMPLITUDE = 0.05
-
-
-class DocumentationError(ModelError):
-    """The documentation of an FMU can't be written."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +61,13 @@ class ReferenceRun:
 
 
 def documentation_members(
-    model: Model, interface: Interface, page: str, flavour: str, figures: Mapping[str, bytes] | None = None
+    model: Model,
+    interface: Interface,
+    page: str,
+    flavour: str,
+    figures: Mapping[str, bytes] | None = None,
+    metadata: Metadata = NO_METADATA,
+    sources: bool = True,
 ) -> dict[str, bytes]:
     """Members of the archive that explain it; the same arguments give the same bytes.
 
@@ -79,11 +82,15 @@ def documentation_members(
         What the archive is; decides where the standard wants the icon.
     figures : mapping of str to bytes, optional
         The pictures that the page shows, by file name; `figures_of` reads them.
+    metadata : Metadata, optional
+        Who made the model and under which terms.
+    sources : bool, optional
+        Whether the archive has the sources.
 
     Raises
     ------
     DocumentationError
-        The licence is not found, a figure is missing, an equation can't be typeset, or the reference run is not finite.
+        A figure is missing, an equation can't be typeset, or the reference run is not finite.
     """
     figures = figures or {}
     for name in _shown_figures(page):
@@ -93,10 +100,9 @@ def documentation_members(
     reference = f"documentation/reference/{model.name}"
     icons = terminal_icons(model) if flavour == "fmi3" else {"model.png": model_icon(model)}
     return {
-        "documentation/index.html": _html(model, interface, page, flavour, run).encode(),
+        "documentation/index.html": _html(model, interface, page, run, _stamp(flavour, metadata, sources)).encode(),
         f"{reference}_in.csv": _csv(model.inputs, run.time, run.inputs),
         f"{reference}_ref.csv": _csv(model.outputs, run.time, run.outputs),
-        "documentation/licenses/license.txt": _licence(),
         **{f"documentation/{name}": data for name, data in figures.items()},
         **icons,
     }
@@ -152,21 +158,6 @@ def _csv(layout: Layout, time: Array, values: Array) -> bytes:
     header = ",".join(f'"{name}"' for name in ("time", *layout.names))
     rows = (",".join(f"{value:.12g}" for value in (t, *row)) for t, row in zip(time, values.tolist(), strict=True))
     return ("\n".join([header, *rows]) + "\n").encode()
-
-
-def _licence() -> bytes:
-    """Text of the project's licence: from the installed distribution, or from the checkout."""
-    try:
-        installed = [Path(str(f.locate())) for f in files(DISTRIBUTION) or () if f.name == "LICENSE"]
-    except PackageNotFoundError:
-        installed = []
-    checkout = Path(__file__).resolve().parents[2] / "LICENSE"
-    for path in (*installed, checkout):
-        if path.is_file():
-            return path.read_text(encoding="utf-8").encode()
-    raise DocumentationError(
-        f"the licence is neither in the installed distribution {DISTRIBUTION} nor at {checkout}: reinstall the package"
-    )
 
 
 @cache
@@ -274,8 +265,25 @@ results = simulate(system, stop_time={stop}, step_size={model.default_experiment
 results.to_csv("results.csv")"""
 
 
-def _html(model: Model, interface: Interface, page: str, flavour: str, run: ReferenceRun) -> str:
-    title, version = escape(model.name), escape(package_version())
+def _stamp(flavour: str, metadata: Metadata, sources: bool) -> str:
+    what = _FLAVOURS[flavour] if sources else _FLAVOURS[flavour].replace(_FROM_SOURCES, "")
+    lines = [f"Made by {DISTRIBUTION} {escape(package_version())}, flavour <code>{escape(flavour)}</code>: {what}"]
+    given = metadata.attributes
+    about = [f"Author: {given['author']}"] if metadata.author else []
+    # the version of this package says enough of its own models
+    about += [f"version {given['version']}"] if metadata.version not in ("", package_version()) else []
+    about += [metadata.copyright] if metadata.copyright else []
+    lines += [escape("; ".join(about)) + "."] if about else []
+    if metadata.license_text:
+        link = '<a href="licenses/license.txt">licenses/license.txt</a>'
+        lines.append(f"{escape(f'{metadata.license} licence'.strip())}: {link}.")
+    elif metadata.license:
+        lines.append(f"Licence: {escape(metadata.license)}.")
+    return "\n".join(lines)
+
+
+def _html(model: Model, interface: Interface, page: str, run: ReferenceRun, stamp: str) -> str:
+    title = escape(model.name)
     return f"""<!DOCTYPE html>
 <html lang="en">
 <head>
@@ -288,8 +296,7 @@ def _html(model: Model, interface: Interface, page: str, flavour: str, run: Refe
 <body>
 <h1>{title}</h1>
 <p>{escape(model.description)}.</p>
-<p class="stamp">Made by {DISTRIBUTION} {version}, flavour <code>{escape(flavour)}</code>: {_FLAVOURS[flavour]}
-MIT licence: <a href="licenses/license.txt">licenses/license.txt</a>.</p>
+<p class="stamp">{stamp}</p>
 {_markdown(page)}
 <h2>Variables</h2>
 {_variable_table(interface)}

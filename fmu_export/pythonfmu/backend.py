@@ -20,6 +20,7 @@ from fmu_export.modelling.model_class import AnyModel, flat_model
 from fmu_export.package.archive import write_archive
 from fmu_export.package.description_fmi2 import model_description
 from fmu_export.package.interface import Interface, interface_of
+from fmu_export.package.metadata import NO_METADATA, Metadata, licence_members
 from fmu_export.package.start_values import MEMBER, start_values_text
 from fmu_export.pythonfmu.binary import binaries, licence
 from fmu_export.trace.straight_line import python_source
@@ -67,6 +68,7 @@ def build_pythonfmu(
     page: str | None = None,
     figures: Mapping[str, bytes] | None = None,
     unchecked: bool = False,
+    metadata: Metadata = NO_METADATA,
 ) -> Path:
     """Write `<folder>/<model name>.fmu`; the same sources give the same bytes.
 
@@ -81,9 +83,13 @@ def build_pythonfmu(
     unchecked : bool, optional
         Build it also where the traced equations are not compared with what numpy computes, or differ; the model
         description says so in `generationTool`.
+    metadata : Metadata, optional
+        Author, version, copyright and licence.
 
     Raises
     ------
+    DocumentationError
+        A figure of the page is missing, an equation can't be typeset, or the reference run is not finite.
     ArgumentError
         The model has discrete states or events, or another solver than "rk4".
     TraceError
@@ -107,7 +113,7 @@ def build_pythonfmu(
     traced = trace(model, unchecked)
     interface = interface_of(traced)
     # without its guid the description holds nothing that depends on the fingerprint
-    unstamped = _description(model, interface, "", unchecked)
+    unstamped = _description(model, interface, "", unchecked, metadata)
     modules = _modules(traced, interface)
     digest = hashlib.sha256(unstamped + _ENTRY.encode())
     for name in sorted(modules):
@@ -118,25 +124,26 @@ def build_pythonfmu(
     modules["interface.py"] += f"FINGERPRINT = {fingerprint!r}\n".encode()
     path = Path(folder) / f"{model.name}.fmu"
     members = {
-        "modelDescription.xml": _description(model, interface, _guid(fingerprint), unchecked),
+        "modelDescription.xml": _description(model, interface, _guid(fingerprint), unchecked, metadata),
         "resources/slavemodule.txt": entry.encode(),
         f"resources/{entry}.py": _ENTRY.format(name=model.name, package=package).encode(),
         **{f"resources/{package}/{name}": source for name, source in modules.items()},
         MEMBER: start_values_text(interface),
         **binaries(model.name),
         "documentation/licenses/pythonfmu.txt": licence(),
+        **licence_members(metadata),
     }
     if page is not None:
         from fmu_export.package.documentation import documentation_members
 
-        members |= documentation_members(model, interface, page, "pythonfmu", figures)
+        members |= documentation_members(model, interface, page, "pythonfmu", figures, metadata)
     write_archive(path, members)
     return path
 
 
-def _description(model: Model, interface: Interface, guid: str, unchecked: bool) -> bytes:
+def _description(model: Model, interface: Interface, guid: str, unchecked: bool, metadata: Metadata) -> bytes:
     tool = f"PythonFMU {version('pythonfmu')}" + (", equations unchecked" if unchecked else "")
-    return model_description(model, interface, guid, {"CoSimulation": _OPTIONS}, tool)
+    return model_description(model, interface, guid, {"CoSimulation": _OPTIONS}, tool, metadata=metadata)
 
 
 def _guid(fingerprint: str) -> str:

@@ -7,8 +7,10 @@ import fmpy
 from lxml import etree
 
 from controller_fmu.model import MODEL as CONTROLLER
+from fmu_export.package.description_common import package_version
 from fmu_export.package.documentation import documentation_members, figures_of
 from fmu_export.package.interface import interface_of
+from fmu_export.package.metadata import Metadata, licence_members, project_licence
 from fmu_export.trace.trace import trace
 from plant_fmu.model import MODEL as PLANT
 from tests.support import CHECKOUT
@@ -31,7 +33,9 @@ def page_of(name):
 def members_of(model, page="# Title", flavour="fmi3", figures=None):
     if figures is None and model.name in PAGES:
         figures = figures_of(page, CHECKOUT / PAGES[model.name])
-    return documentation_members(model, interface_of(trace(model)), page, flavour, figures)
+    own = Metadata(version=package_version(), license="MIT", license_text=project_licence())
+    members = documentation_members(model, interface_of(trace(model)), page, flavour, figures, own)
+    return members | licence_members(own)
 
 
 class Page(HTMLParser):

@@ -11,17 +11,18 @@ from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 
 import fmpy
+import matplotlib as mpl
 import numpy as np
 import pytest
 from fmpy.util import read_csv
 from lxml import etree
 from scipy.integrate import solve_ivp
 
-import fmu_export.package.documentation as documentation
+import fmu_export.package.metadata as metadata
 from controller_fmu.model import MODEL as CONTROLLER
+from fmu_export.errors import DocumentationError
 from fmu_export.modelling.variables import Layout, Variable
 from fmu_export.package.description_common import package_version
-from fmu_export.package.documentation import DocumentationError
 from fmu_export.package.interface import interface_of
 from fmu_export.trace.trace import trace
 from tests.support import some
@@ -202,11 +203,9 @@ def test_bytes_do_not_depend_on_the_process():
 
 
 def test_bytes_do_not_depend_on_settings_of_matplotlib(members):
-    with documentation.mpl.rc_context(
-        {"font.size": 30.0, "lines.linewidth": 9.0, "savefig.dpi": 11, "svg.hashsalt": "x"}
-    ):
+    with mpl.rc_context({"font.size": 30.0, "lines.linewidth": 9.0, "savefig.dpi": 11, "svg.hashsalt": "x"}):
         again = members_of(CONTROLLER, page_of("RobotController"))
-        assert documentation.mpl.rcParams["font.size"] == 30.0
+        assert mpl.rcParams["font.size"] == 30.0
     assert again == members["RobotController", "fmi3"]
 
 
@@ -335,15 +334,15 @@ def test_licence_is_found_without_installation(monkeypatch):
     def missing(distribution):
         raise PackageNotFoundError(distribution)
 
-    monkeypatch.setattr(documentation, "files", missing)
-    assert b"MIT License" in members_of(GAIN)["documentation/licenses/license.txt"]
+    monkeypatch.setattr(metadata, "files", missing)
+    assert "MIT License" in metadata.project_licence.__wrapped__()
 
 
 def test_missing_licence_is_an_error(monkeypatch, tmp_path):
-    monkeypatch.setattr(documentation, "files", lambda distribution: None)
-    monkeypatch.setattr(documentation, "__file__", str(tmp_path / "fmu_export" / "documentation.py"))
+    monkeypatch.setattr(metadata, "files", lambda distribution: None)
+    monkeypatch.setattr(metadata, "__file__", str(tmp_path / "fmu_export" / "package" / "metadata.py"))
     with pytest.raises(DocumentationError, match="licence"):
-        members_of(GAIN)
+        metadata.project_licence.__wrapped__()
 
 
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
