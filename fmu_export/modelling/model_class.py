@@ -9,7 +9,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, ClassVar, NoReturn, TypeAlias
+from typing import TYPE_CHECKING, Any, ClassVar, NoReturn, TypeAlias
 
 from fmu_export.errors import ArgumentError
 from fmu_export.modelling.declarations import declared_variables, meant
@@ -126,11 +126,13 @@ class ModelClass:
         """Values at the start of states that depend on parameters; others start at their own parameter."""
         return {}
 
-    def __getattr__(self, name: str) -> Any:
-        if name.startswith("__"):  # a protocol that somebody asks for
-            raise AttributeError(name)
-        known = [n for n in (*vars(self), *declared_variables(type(self))) if not n.startswith("_")]
-        raise ArgumentError(f"{self!r}: there is no '{name}'{meant(name, known)}")
+    if not TYPE_CHECKING:  # which knows the declared names, and finds others
+
+        def __getattr__(self, name: str) -> Any:
+            if name.startswith("__"):  # a protocol that somebody asks for
+                raise AttributeError(name)
+            known = [n for n in (*vars(self), *declared_variables(type(self))) if not n.startswith("_")]
+            raise ArgumentError(f"{self!r}: there is no '{name}'{meant(name, known)}")
 
     def __setattr__(self, name: str, value: Any) -> NoReturn:
         raise ArgumentError(f"{self!r}: '{name}' can't be set; return what changes, as dict({name}=...)")

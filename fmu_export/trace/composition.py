@@ -1,19 +1,19 @@
 """Several connected models as one `Model`, so that one FMU holds a whole system.
 
 Variables are named `component.variable`; the dot is a level of hierarchy in FMI's structured names. Nothing is
-sampled between the components: the composed model is the continuous system.
+exchanged in steps: inputs are equal to the outputs that feed them at all times.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from fmu_export.errors import ArgumentError, ModelError
-from fmu_export.modelling.model import DefaultExperiment, Model, ModelFunction, Requirement, Solver
+from fmu_export.modelling.model import DefaultExperiment, Event, Model, ModelFunction, Requirement, Sampled, Solver
 from fmu_export.modelling.model_class import AnyModel, flat_model
 from fmu_export.modelling.names import check_identifier
 from fmu_export.modelling.units import conversion
@@ -57,7 +57,9 @@ def compose(
     Returns
     -------
     Model
-        Its parameters, outputs, states and requirements are those of all components, in the order of `components`.
+        Its parameters, outputs, locals, states, events, samples and requirements are those of all components, in the
+        order of `components`. Samples of one instant all see the values before it, also those that other components
+        change then.
 
     Raises
     ------
@@ -74,74 +76,111 @@ def compose(
     fed = _fed_inputs(models, connections)
     inputs = Layout([v for component, m in models.items() for v in _prefixed(component, m.inputs) if v.name not in fed])
     states = _slices(len(model.state_layout) for model in models.values())
+    discrete = _slices(len(model.discrete) for model in models.values())
     parameters = _slices(len(model.parameters) for model in models.values())
     sources = {component: _sources(component, model, models, fed, inputs) for component, model in models.items()}
     wiring = _Wiring(
         components={
-            component: _Component(model, next(states), next(parameters)) for component, model in models.items()
+            component: _Component(model, next(states), next(discrete), next(parameters))
+            for component, model in models.items()
         },
         sources=sources,
         conversions={n: _conversions(model, sources[n], models) for n, model in models.items()},
         schedule=_schedule(models, sources),
     )
 
-    with_locals = {n for n, model in models.items() if len(model.returned) > len(model.outputs)}
+    is_discrete = any(len(model.discrete) for model in models.values())
 
-    def derivatives(t: Any, x: Array, u: Array, p: Array) -> Array:
-        inputs_of = wiring.inputs(t, x, u, p)
+    def flat(f: Callable[..., Any]) -> Callable[..., Any]:
+        """A function of (t, x, z, u, p) as the whole takes it: without z if it has no discrete states."""
+        return f if is_discrete else lambda t, x, u, p: f(t, x, np.zeros(0), u, p)
+
+    def of_one(n: str, f: Callable[..., Any]) -> Callable[..., Any]:
+        """A function of a component, of the values of the whole."""
+        component = wiring.components[n]
+        return lambda t, x, z, u, p: component.call(f, t, x, z, wiring.inputs(t, x, z, u, p)[n], p)
+
+    def derivatives(t: Any, x: Array, z: Array, u: Array, p: Array) -> Array:
+        inputs_of = wiring.inputs(t, x, z, u, p)
         return np.concatenate(
-            [
-                component.model.derivatives(t, x[component.x], inputs_of[n], p[component.p])
-                for n, component in wiring.components.items()
-            ]
+            [c.call(c.model.derivatives, t, x, z, inputs_of[n], p) for n, c in wiring.components.items()]
         )
 
-    def output_values(t: Any, x: Array, u: Array, p: Array) -> Array:
-        inputs_of = wiring.inputs(t, x, u, p)
-        values = {
-            n: component.model.output_values(t, x[component.x], inputs_of[n], p[component.p])
-            for n, component in wiring.components.items()
-        }
-        sizes = {n: len(model.outputs) for n, model in models.items()}
-        return np.concatenate(
-            [
-                *(v[: sizes[n]] for n, v in values.items()),
-                *(v[sizes[n] :] for n, v in values.items() if n in with_locals),
-            ]
-        )
+    def output_values(t: Any, x: Array, z: Array, u: Array, p: Array) -> Array:
+        inputs_of = wiring.inputs(t, x, z, u, p)
+        values = [
+            (c.call(c.model.output_values, t, x, z, inputs_of[n], p), len(c.model.outputs), len(c.model.returned))
+            for n, c in wiring.components.items()
+        ]
+        return np.concatenate([*(v[:n] for v, n, _ in values), *(v[n:] for v, n, all_ in values if all_ > n)])
 
     def margin(n: str, requirement: Requirement) -> ModelFunction:
+        if requirement.at == "step":
+            return flat(of_one(n, requirement.margin))
         component = wiring.components[n]
+        starts = component.model.inputs.starts  # depends on parameters only, and there is no state yet
+        return flat(lambda t, x, z, u, p: component.call(requirement.margin, t, x, z, starts, p))
 
-        def value(t: Any, x: Array, u: Array, p: Array) -> Any:
-            if requirement.at == "start":  # depends on parameters only, and there is no state yet
-                return requirement.margin(t, x[component.x], component.model.inputs.starts, p[component.p])
-            inputs_of = wiring.inputs(t, x, u, p)
-            return requirement.margin(t, x[component.x], inputs_of[n], p[component.p])
+    def reset(n: str, event: Event) -> Callable[..., Any]:
+        component, changed = wiring.components[n], of_one(n, event.reset)
 
-        return value
+        def value(t: Any, x: Array, z: Array, u: Array, p: Array) -> Any:
+            new = changed(t, x, z, u, p)
+            own_x, own_z = new if len(component.model.discrete) else (new, z[component.z])
+            after = _replaced(x, component.x, own_x)
+            return (after, _replaced(z, component.z, own_z)) if is_discrete else after
+
+        return flat(value)
+
+    def update(n: str, sampled: Sampled) -> Callable[..., Any]:
+        where, changed = wiring.components[n].z, of_one(n, sampled.update)
+        return lambda t, x, z, u, p: _replaced(z, where, changed(t, x, z, u, p))
+
+    def prefixed(group: Callable[[Model], Layout]) -> Layout:
+        return Layout([v for n, m in models.items() for v in _prefixed(n, group(m))])
+
+    def time(n: str, value: float | str) -> float | str:
+        return f"{n}.{value}" if isinstance(value, str) else value
+
+    def initial(start: Callable[[Model], Callable[[Array], Array]]) -> Callable[[Array], Array]:
+        return lambda p: np.concatenate([start(c.model)(p[c.p]) for c in wiring.components.values()])
 
     return Model(
         name=name,
         description=description,
-        parameters=Layout([v for component, m in models.items() for v in _prefixed(component, m.parameters)]),
+        parameters=prefixed(lambda m: m.parameters),
         inputs=inputs,
-        outputs=Layout([v for component, m in models.items() for v in _prefixed(component, m.outputs)]),
-        locals=Layout([v for component, m in models.items() for v in _prefixed(component, m.locals)]),
-        states=tuple(f"{component}.{state}" for component, m in models.items() for state in m.states),
-        initial_state=lambda p: np.concatenate(
-            [component.model.initial_state(p[component.p]) for component in wiring.components.values()]
-        ),
-        derivatives=derivatives,
-        output_values=output_values,
+        outputs=prefixed(lambda m: m.outputs),
+        locals=prefixed(lambda m: m.locals),
+        states=tuple(f"{n}.{state}" for n, m in models.items() for state in m.states),
+        initial_state=initial(lambda m: m.initial_state),
+        derivatives=flat(derivatives),
+        output_values=flat(output_values),
         default_experiment=default_experiment,
         solver=_common_solver(name, models) if solver is None else solver,
         requirements=tuple(
-            replace(r, message=f"{component}: {r.message}", margin=margin(component, r))
-            for component, m in models.items()
+            replace(r, message=f"{n}: {r.message}", margin=margin(n, r))
+            for n, m in models.items()
             for r in m.requirements
         ),
+        discrete=prefixed(lambda m: m.discrete),
+        initial_discrete=initial(lambda m: m.initial_discrete_state) if is_discrete else None,
+        events=tuple(
+            replace(e, name=f"{n}.{e.name}", indicator=flat(of_one(n, e.indicator)), reset=reset(n, e))
+            for n, m in models.items()
+            for e in m.events
+        ),
+        sampled=tuple(
+            replace(s, name=f"{n}.{s.name}", update=update(n, s), period=time(n, s.period), offset=time(n, s.offset))
+            for n, m in models.items()
+            for s in m.sampled
+        ),
     )
+
+
+def _replaced(flat: Array, where: slice, part: Array) -> Array:
+    """A flat array with another part."""
+    return np.concatenate([flat[: where.start], part, flat[where.stop :]])
 
 
 def _common_solver(name: str, components: Mapping[str, Model]) -> Solver:
@@ -154,11 +193,17 @@ def _common_solver(name: str, components: Mapping[str, Model]) -> Solver:
 
 @dataclass(frozen=True)
 class _Component:
-    """A model, and where its states and parameters are in those of the whole."""
+    """A model, and where its states, discrete states and parameters are in those of the whole."""
 
     model: Model
     x: slice
+    z: slice
     p: slice
+
+    def call(self, f: Callable[..., Any], t: Any, x: Array, z: Array, u: Array, p: Array) -> Any:
+        """A function of the model, of its own inputs and of the other values of the whole."""
+        discrete = (z[self.z],) if len(self.model.discrete) else ()
+        return f(t, x[self.x], *discrete, u, p[self.p])
 
 
 @dataclass(frozen=True)
@@ -170,7 +215,7 @@ class _Wiring:
     conversions: Mapping[str, tuple[tuple[float, float], ...]]
     schedule: tuple[str, ...]
 
-    def inputs(self, t: Any, x: Array, u: Array, p: Array) -> dict[str, Array]:
+    def inputs(self, t: Any, x: Array, z: Array, u: Array, p: Array) -> dict[str, Array]:
         """Inputs of each component, by evaluating the components that the schedule names, one after the other.
 
         Start values replace inputs that are not known yet: no output that the schedule takes from a component at that
@@ -179,9 +224,7 @@ class _Wiring:
         outputs: dict[str, Array] = {}
         for n in self.schedule:
             component = self.components[n]
-            outputs[n] = component.model.output_values(
-                t, x[component.x], self._inputs_of(n, u, outputs), p[component.p]
-            )
+            outputs[n] = component.call(component.model.output_values, t, x, z, self._inputs_of(n, u, outputs), p)
         return {n: self._inputs_of(n, u, outputs) for n in self.components}
 
     def _inputs_of(self, n: str, u: Array, outputs: Mapping[str, Array]) -> Array:

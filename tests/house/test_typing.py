@@ -10,10 +10,42 @@ import pytest
 
 SCRIPT = """
 from pathlib import Path
+from typing import Any
 
 import cosim
 from cosim import Results, Signal, Simulation, System, simulate
-from fmu_export import DefaultExperiment, Layout, Variable, to_control
+from fmu_export import DefaultExperiment, Layout, Model, ModelClass, Variable, build_native, discrete, every, input
+from fmu_export import output, parameter, state, to_control, when
+
+
+class Ball(ModelClass, name="Ball", stop_time=3.0, solver="dopri5"):
+    e = parameter(0.8, "1", "Restitution", min=0.0)
+    h = state(1.0, "m")
+    v = state([0.0], "m/s")
+    push = input(0.0, "m/s2")
+    on = discrete(False)
+    energy = output("J")
+
+    def derivatives(m) -> dict[str, Any]:
+        return dict(h=m.v[0], v=[m.push - 9.81 + 0.0 * m.t])
+
+    def outputs(m) -> dict[str, Any]:
+        return dict(energy=9.81 * m.h)
+
+    @when(lambda m: m.h, "falling")
+    def bounce(m) -> dict[str, Any]:
+        return dict(h=0.0, v=-m.e * m.v)
+
+    @every(0.1)
+    def sample(m) -> dict[str, Any]:
+        return dict(on=m.h > 0.5)
+
+
+def ball() -> Model:
+    build_native(Ball, "folder", "fmi3")
+    build_native(Ball(e=0.9), "folder", "fmi2")
+    print(Ball(e=0.9).bounce()["v"])
+    return Ball.model()
 
 
 def study() -> float:
@@ -41,13 +73,17 @@ WRONG = {
     'cosim.System().add("plant", 3)': 'Argument 2 to "add" of "System" has incompatible type "int"',
     "cosim.simulate(cosim.System(), 1.0, 1e-3, order=1)": 'Argument "order" to "simulate"',
     "cosim.System().connect('a.x')": 'Missing positional argument "target"',
+    "fmu_export.parameter(0.8, unti='m')": 'Unexpected keyword argument "unti" for "parameter"',
+    "fmu_export.when(lambda m: m.h, 'fallign')": 'Argument 2 to "when" has incompatible type',
+    "class B(fmu_export.ModelClass, stoptime=1.0): pass": 'Unexpected keyword argument "stoptime"',
+    "fmu_export.ModelClass().y": '"ModelClass" has no attribute "y"',
 }
 
 
 @pytest.mark.slow
 def test_a_strict_type_checker_takes_good_scripts_and_finds_mistakes(tmp_path: Path) -> None:
     (tmp_path / "good.py").write_text(SCRIPT)
-    (tmp_path / "bad.py").write_text("\n".join(["import cosim", *WRONG]))
+    (tmp_path / "bad.py").write_text("\n".join(["import cosim, fmu_export", *WRONG]))
     command = [sys.executable, "-m", "mypy", "--strict", "--cache-dir", "cache", "--no-error-summary"]
     done = subprocess.run([*command, "good.py", "bad.py"], cwd=tmp_path, capture_output=True, text=True, check=False)
     found = [line for line in done.stdout.splitlines() if ": error:" in line]

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import pytest
 
+from fmu_export import ModelClass, state, when
 from fmu_export.modelling.model import DefaultExperiment, Model
 from fmu_export.trace.composition import CompositionError, compose
 from fmu_export.trace.trace import trace
@@ -106,3 +107,22 @@ def test_wrong_systems_are_refused(
 ) -> None:
     with pytest.raises(CompositionError, match=message.replace("(", r"\(")):
         composed(components, *connections)
+
+
+def test_an_event_of_one_component_among_continuous_ones() -> None:
+    class Ball(ModelClass):
+        h = state(1.0)
+        v = state(0.0)
+
+        def derivatives(m):
+            return {"h": m.v, "v": -9.81}
+
+        @when(lambda m: m.h)
+        def bounce(m):
+            return {"h": 0.0, "v": -m.v}
+
+    whole = composed({"lag": LAG, "ball": Ball}, ("ball.h", "lag.u"))
+    (event,) = whole.events
+    now = (0.0, np.array([3.0, -0.1, -2.0]), np.zeros(0), whole.parameters.starts)
+    assert event.indicator(*now) == -0.1
+    assert event.reset(*now).tolist() == [3.0, 0.0, 2.0]
