@@ -14,8 +14,9 @@ static CoreStatus internal_step(Core *core, double time, double h, const double 
 }
 
 /* From the states to `next`. */
-static CoreStatus core_integrate(Core *core, double time, double step, double next[]) {
+static CoreStatus core_integrate(Core *core, double time, double *length, double next[]) {
     CoreState *s = &core->state;
+    double step = *length;
     double max_step = PARAMETERS(core)[N_P - 1], exact = 1.0;
     if (step > max_step * (1.0 + 1e-6)) exact = step / max_step; /* longer by rounding only: that stays one step */
     if (exact > MOST_INTERNAL_STEPS)
@@ -59,7 +60,7 @@ CoreStatus core_do_step(Core *core, double time, double step) {
         return core_fail(core, CORE_ERROR, "communication step %g s at %g s is not positive and finite", step, time);
 #if N_X > 0
     double *next = s->x[!s->which]; /* a copy of what has just been written would have to wait for it */
-    CoreStatus status = core_integrate(core, time, step, next);
+    CoreStatus status = core_integrate(core, time, &step, next);
     if (status != CORE_OK) return status;
     if (!core_all_finite(next, N_X))
         return core_fail(core, CORE_DISCARD,

@@ -144,8 +144,9 @@ CoreStatus method_step(Core *core, double time, double h, const double x[], cons
                        const double rates[], double next[], double *error);
 
 #if ADAPTIVE
-/* From the states at `time` to `next`, in internal steps that the tolerance allows. */
-CoreStatus core_integrate(Core *core, double time, double step, double next[]);
+/* From the states at `time` to `next`, in internal steps that the tolerance allows; *length becomes shorter where an event
+ * happens. */
+CoreStatus core_integrate(Core *core, double time, double *length, double next[]);
 
 /* The largest of v, where that is 1 which the tolerance allows for a step from `x` to `next`. */
 double core_scaled(const Core *core, const double v[], const double x[], const double next[]);
@@ -157,6 +158,9 @@ int core_usable_rates(Core *core, double time, const double x[], const double u[
  * end of an accepted step. */
 void method_prepare(Core *core, double time, const double x[], const double u[]);
 void method_arrive(Core *core, double time, const double x[], const double u[], double rates[]);
+
+/* Of a change in the last step of length h, keep what a stiff model does not damp within it. */
+void method_damp(const Core *core, double h, double change[]);
 
 /* By what the length h of a step with this estimate should be multiplied; `last` is the step before, NULL for none. */
 double method_factor(const StepControl *last, double h, double error);

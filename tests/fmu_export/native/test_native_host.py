@@ -11,6 +11,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -33,6 +34,7 @@ pytestmark = [
 ]
 
 MODELS = {model.name: model for model in (CONTROLLER, TRAJECTORY, PLANT)}
+MODELS |= {solver: replace(CONTROLLER, solver=solver) for solver in ("dopri5", "rodas4")}
 FLAVOURS = ("fmi2", "fmi3")
 SANITISERS = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-g"]
 STRICT = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror"]
@@ -93,7 +95,7 @@ def compiler() -> str:
 def write_sources(folder: Path, model: Model, flavour: str) -> Sources:
     traced = trace(model)
     interface = interface_of(traced)
-    adapter = _adapter_sources(flavour)
+    adapter = _adapter_sources(flavour, model.solver)
     for name, content in (adapter | model_sources(traced, interface, "{the guid}")).items():
         (folder / name).write_bytes(content)
     resources = folder / "resources"
@@ -119,9 +121,11 @@ def hosts(models: Iterable[str], always: set[tuple[str, str]]) -> list[object]:
     ]
 
 
-#: Both adapters, with a model that has states and one that has none.
+#: Both adapters, with a model that has states and one that has none, and the solver with most memory.
 @pytest.mark.parametrize(
-    "sources", hosts(MODELS, {(CONTROLLER.name, "fmi3"), (TRAJECTORY.name, "fmi2")}), indirect=True
+    "sources",
+    hosts(MODELS, {(CONTROLLER.name, "fmi3"), (TRAJECTORY.name, "fmi2"), ("rodas4", "fmi3")}),
+    indirect=True,
 )
 def test_sanitisers_find_nothing(sources: Sources, compiler: str) -> None:
     (sources.folder / "probe.c").write_text("int main(void) { return 0; }\n")
