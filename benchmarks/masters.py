@@ -52,7 +52,7 @@ def available() -> tuple[list[str], dict[str, str]]:
 def reference_path() -> np.ndarray:
     """End effector (n, 2) of the continuous loop, every `EVERY` seconds."""
     times = np.arange(round(STOP_TIME / EVERY) + 1) * EVERY
-    return end_effector(solve(times, lambda _: np.zeros(4), [], rtol=1e-11))
+    return end_effector(solve(times, lambda _: np.zeros(5), [], rtol=1e-11))
 
 
 def error(times: np.ndarray, path: np.ndarray, reference: np.ndarray) -> float:

@@ -49,6 +49,14 @@ PARAMETERS = Layout(
             tunable=True,
         ),
         Variable("k", "1", "Adaptation constant of (37)", start=12.0, min=1e-12, tunable=True),
+        Variable(
+            "leakage",
+            "s-1",
+            "Leakage of (37): psi' = ... - leakage psi; 1 in the paper",
+            start=1.0,
+            min=0.0,
+            tunable=True,
+        ),
         Variable("psi_start", "1", "Initial estimate psi of the uncertainty bound", size=2, start=0.0),
         Variable("feedforward", "1", "Share of tau_ref in the torque: 0 none (the paper), 1 all", tunable=True),
         Variable(
@@ -100,7 +108,7 @@ def derivatives(t: Any, x: Array, u: Array, p: Array) -> Array:  # noqa: ARG001 
     """Adaptive law psi' (2,) in 1/s, (37), (90)."""
     U, P = INPUTS.unpack(u), PARAMETERS.unpack(p)
     s = _sliding_error(U, P)
-    return norm(s) / P.k * _regressor(U) - x
+    return norm(s) / P.k * _regressor(U) - P.leakage * x
 
 
 def output_values(t: Any, x: Array, u: Array, p: Array) -> Array:  # noqa: ARG001

@@ -16,15 +16,15 @@ from fmu_export.control_backend import parameter_array, to_control
 from parallel_robot.models import MODELS
 from parallel_robot.wiring import CONNECTIONS
 
-#: Inputs of the closed loop: the disturbance torque (N m) and the mass change (kg).
-INPUTS = ("plant.tau_d[1]", "plant.tau_d[2]", "plant.tau_d[3]", "plant.dm")
+#: Inputs of the closed loop: disturbance torque (N m), mass change (kg), and the rate of what arrives at rest (kg/s).
+INPUTS = ("plant.tau_d[1]", "plant.tau_d[2]", "plant.tau_d[3]", "plant.dm", "plant.dm_rate")
 
-#: w(t) -> (4,), the inputs of the closed loop at time t (s).
+#: w(t) -> (5,), the inputs of the closed loop at time t (s).
 Disturbance = Callable[[float], np.ndarray]
 
 
 def undisturbed(t: float) -> np.ndarray:  # noqa: ARG001
-    """No disturbance torque and no mass change, (4,)."""
+    """No disturbance torque and no mass change, (5,)."""
     return np.zeros(len(INPUTS))
 
 
@@ -89,7 +89,7 @@ def closed_loop_dynamics(
     Returns
     -------
     callable
-        Of the time (s), the state (14,) and the inputs (4,), see `INPUTS`; gives the rate (14,) of the state.
+        Of the time (s), the state (14,) and the inputs (5,), see `INPUTS`; gives the rate (14,) of the state.
     """
     given = parameters or {}
     p = {name: parameter_array(model.parameters, given.get(name, {})) for name, model in MODELS.items()}
@@ -139,7 +139,7 @@ def solve(
     times : array (n,)
         Where the solution is wanted (s), increasing; the first is the start.
     disturbance : callable
-        w(t) -> (4,), see `INPUTS`.
+        w(t) -> (5,), see `INPUTS`.
     parameters : mapping, optional
         As in `closed_loop`.
     breakpoints : sequence of float

@@ -93,6 +93,7 @@ def closed_chain(
     x_A: Array,
     y_A: Array,
     baumgarte: Any,
+    inertia_rates: tuple[Any, Any, Any] = (0.0, 0.0, 0.0),
 ) -> tuple[Array, Array]:
     """Accelerations and closure force of the closed chain, (19), (20).
 
@@ -115,6 +116,10 @@ def closed_chain(
         Base positions (m).
     baumgarte : float
         Stabilisation rate (1/s), 0 for none.
+    inertia_rates : tuple of float, optional
+        Rates of X, Y, Z (kg m^2/s) of mass that arrives, or leaves, at rest: Lagrange's equations, d/dt (M theta') =
+        ..., then have a term M' theta' beside those of (14). The paper does not have it: its mass arrives with the
+        velocity of the link.
 
     Returns
     -------
@@ -128,5 +133,6 @@ def closed_chain(
     phi = loop_closure(theta, l, x_A, y_A)
     b = constraint_bias(theta, omega, l) - 2.0 * baumgarte * (A @ omega) - baumgarte**2 * phi
     Q = np.concatenate([tau_a, np.zeros(3)]) - coriolis_matrix(theta, omega, Z) @ omega
+    Q = Q - mass_matrix(theta, *inertia_rates) @ omega
     F_c = A.T @ solve_positive_definite(A @ M_inverse @ A.T, b - A @ (M_inverse @ Q))
     return M_inverse @ (Q + F_c), F_c

@@ -10,7 +10,7 @@ from fmu_export.modelling.functions import norm
 from fmu_export.modelling.model import DefaultExperiment, Model, ModelFunction, Requirement
 from fmu_export.modelling.variables import Layout, Variable
 from plant_fmu.dynamics import closed_chain, mass_matrix, uncertain_inertia
-from plant_fmu.kinematics import chain_ends, inverse_kinematics, loop_closure, reach_margin
+from plant_fmu.kinematics import chain_ends, inverse_kinematics, loop_closure, reach_margin, velocity_jacobians
 
 Array = Any
 
@@ -30,8 +30,9 @@ INERTIA = (
     Variable("Z", "kg.m2", "Inertia constant Z of (13)", start=0.0426, min=0.0, tunable=True),
 )
 
-#: Fixed besides the geometry are the start position, which acts at the start only, and m_a, m_b, r_a: they say how the
-#: nominal inertia came about, but a change of a mass does not change X, Y, Z. The input dm changes the masses in a run.
+#: Fixed besides the geometry are start position and velocity, which act at the start only, and m_a, m_b, r_a: they say
+#: how the nominal inertia came about, but a change of a mass does not change X, Y, Z. The input dm changes the masses
+#: in a run.
 PARAMETERS = Layout(
     [
         *INERTIA,
@@ -41,6 +42,8 @@ PARAMETERS = Layout(
         Variable("r_a", "m", "Mass centre of the active link, from its joint", start=0.122, min=0.0),
         Variable("x_E_start", "m", "Initial x position of the end effector", start=0.22),
         Variable("y_E_start", "m", "Initial y position of the end effector", start=0.30),
+        Variable("v_x_start", "m/s", "Initial x velocity of the end effector"),
+        Variable("v_y_start", "m/s", "Initial y velocity of the end effector"),
         Variable("baumgarte", "s-1", "Rate of Baumgarte's closure stabilisation", start=10.0, min=0.0, tunable=True),
     ]
 )
@@ -50,6 +53,7 @@ INPUTS = Layout(
         Variable("tau_a", "N.m", "Torque on the active joints", size=3),
         Variable("tau_d", "N.m", "Disturbance torque on the active joints", size=3),
         Variable("dm", "kg", "Uncertain growth of both link masses of every chain"),
+        Variable("dm_rate", "kg/s", "Rate of the growth that arrives at rest; 0: mass arrives moving as the link does"),
     ]
 )
 
@@ -73,18 +77,24 @@ def _inertia(u: Any, p: Any) -> tuple[Any, Any, Any]:
     return uncertain_inertia(p.X, p.Y, p.Z, u.dm, p.l, p.r_a, p.Z / (p.m_b * p.l))
 
 
+def _inertia_rates(u: Any, p: Any) -> tuple[Any, Any, Any]:
+    """Rates of the inertia constants, of mass that arrives at rest."""
+    return uncertain_inertia(0.0, 0.0, 0.0, u.dm_rate, p.l, p.r_a, p.Z / (p.m_b * p.l))
+
+
 def _dynamics(x: Array, u: Array, p: Array) -> tuple[Array, Array]:
     """Accelerations (6,) and closure force (6,); the disturbance acts beside the control torque (28)."""
     U, P = INPUTS.unpack(u), PARAMETERS.unpack(p)
-    X, Y, Z = _inertia(U, P)
-    return closed_chain(x[:6], x[6:], U.tau_a + U.tau_d, X, Y, Z, P.l, P.x_A, P.y_A, P.baumgarte)
+    inertia, rates = _inertia(U, P), _inertia_rates(U, P)
+    return closed_chain(x[:6], x[6:], U.tau_a + U.tau_d, *inertia, P.l, P.x_A, P.y_A, P.baumgarte, rates)
 
 
 def initial_state(p: Array) -> Array:
-    """State (12,) at rest with the end effector at its start position: closed to rounding, by inverse kinematics."""
+    """State (12,) at the start position and velocity of the end effector: closed to rounding, by inverse kinematics."""
     P = PARAMETERS.unpack(p)
     theta = inverse_kinematics(P.x_E_start, P.y_E_start, P.l, P.x_A, P.y_A)
-    return np.concatenate([theta, np.zeros(6)])
+    omega = np.concatenate(velocity_jacobians(theta, P.l)) @ np.stack([P.v_x_start, P.v_y_start])
+    return np.concatenate([theta, omega])
 
 
 def derivatives(t: Any, x: Array, u: Array, p: Array) -> Array:  # noqa: ARG001 -- the plant is autonomous

@@ -42,10 +42,10 @@ def test_plant_linearised_at_rest_is_its_inertia() -> None:
     """At rest nothing depends on the angles to first order: only torques accelerate, and none of the states decays."""
     plant = MODELS["plant"]
     x = plant.initial_state(plant.parameters.starts)
-    linear = control.linearize(to_control(plant, parameters={"baumgarte": 0.0}), x, np.zeros(7))
+    linear = control.linearize(to_control(plant, parameters={"baumgarte": 0.0}), x, np.zeros(8))
     np.testing.assert_allclose(linear.A[:6, 6:], np.eye(6), atol=1e-9)
     np.testing.assert_allclose(linear.A[6:], 0.0, atol=1e-4)
-    u = np.array([0.1, -0.2, 0.3, 0, 0, 0, 0])
+    u = np.array([0.1, -0.2, 0.3, 0, 0, 0, 0, 0])
     np.testing.assert_allclose(linear.B @ u, plant.derivatives(0, x, u, plant.parameters.starts), atol=1e-6)
 
 
@@ -58,18 +58,18 @@ def test_wrong_parameters_are_named(values: dict, message: str) -> None:
 def test_interconnected_loop_adds_up() -> None:
     """The torque that python-control feeds the plant is the controller's of the same instant."""
     loop, x = closed_loop(), initial_state()
-    outputs = dict(zip(loop.output_labels, loop.output(0.0, x, np.zeros(4)), strict=True))
+    outputs = dict(zip(loop.output_labels, loop.output(0.0, x, np.zeros(5)), strict=True))
     tau_a = np.array([outputs[f"controller_tau_a[{i}]"] for i in (1, 2, 3)])
     plant = MODELS["plant"]
-    expected = plant.derivatives(0.0, x[:12], np.concatenate([tau_a, np.zeros(4)]), plant.parameters.starts)
-    np.testing.assert_allclose(loop.dynamics(0.0, x, np.zeros(4))[:12], expected, rtol=1e-12)
+    expected = plant.derivatives(0.0, x[:12], np.concatenate([tau_a, np.zeros(5)]), plant.parameters.starts)
+    np.testing.assert_allclose(loop.dynamics(0.0, x, np.zeros(5))[:12], expected, rtol=1e-12)
 
 
 def test_solution_meets_the_wanted_times_and_restarts_at_breakpoints() -> None:
     """A step of the disturbance inside the interval, with and without being announced, ends at the same state."""
 
     def step(t: float) -> np.ndarray:
-        return np.array([0.1 * (t >= 0.05), 0.0, 0.0, 0.0])
+        return np.array([0.1 * (t >= 0.05), 0.0, 0.0, 0.0, 0.0])
 
     announced = solve([0.0, 0.02, 0.1], step, breakpoints=[0.05])
     unannounced = solve([0.0, 0.02, 0.1], step, rtol=1e-8)

@@ -150,7 +150,7 @@ def changed_parameters() -> np.ndarray:
 @BOTH
 def test_a_change_counts_from_the_communication_point_where_it_is_set(unpacked: Path, flavour: str) -> None:
     """Outputs at the point itself and steps after it are those of numpy with the new values."""
-    u = INPUTS.pack(tau_a=np.array(list(TORQUE.values())), tau_d=np.zeros(3), dm=0.1)
+    u = INPUTS.pack(tau_a=np.array(list(TORQUE.values())), tau_d=np.zeros(3), dm=0.1, dm_rate=0.0)
     p, h = changed_parameters(), 1e-3
     with Host(unpacked / flavour / "RobotPlant").run_up(TORQUE | {"dm": 0.1}) as host:
         for i in range(20):
@@ -246,7 +246,7 @@ def test_a_parameter_can_not_be_set_while_a_step_asks_for_inputs(unpacked: Path)
 @BOTH
 def test_in_model_exchange_a_change_is_made_in_event_mode(unpacked: Path, flavour: str) -> None:
     p = changed_parameters()
-    u = INPUTS.pack(tau_a=np.array(list(TORQUE.values())), tau_d=np.zeros(3), dm=0.0)
+    u = INPUTS.pack(tau_a=np.array(list(TORQUE.values())), tau_d=np.zeros(3), dm=0.0, dm_rate=0.0)
     with Host(unpacked / flavour / "RobotPlant", "ModelExchange") as host:
         host.run_up(TORQUE).continuous()
         x = np.array(host.get_states(12)) + 0.1 * np.random.default_rng(6).standard_normal(12)
@@ -283,7 +283,7 @@ def test_fmpy_changes_a_tunable_parameter_during_a_run(native_fmus: Path, flavou
         start_values=TORQUE,
         output=["X", *STATES],
     )
-    u = INPUTS.pack(tau_a=np.array(list(TORQUE.values())), tau_d=np.zeros(3), dm=0.0)
+    u = INPUTS.pack(tau_a=np.array(list(TORQUE.values())), tau_d=np.zeros(3), dm=0.0, dm_rate=0.0)
     x = PLANT.initial_state(start)
     for p in (start, changed):
         run = solve_ivp(

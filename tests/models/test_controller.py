@@ -86,3 +86,14 @@ def test_joint_references_lead_to_the_desired_position_and_velocity() -> None:
             out.x_ref - P.x_A - P.l * np.cos(out.theta_ref), out.y_ref - P.y_A - P.l * np.sin(out.theta_ref)
         )
         np.testing.assert_allclose(reach, P.l, rtol=1e-13)  # the passive link spans from the elbow to the path
+
+
+def test_without_leakage_the_estimate_never_falls() -> None:
+    """The leakage is what is subtracted: all of psi with 1, as in (37), and nothing with 0."""
+    u, psi = np.append(RNG.normal(size=12), TAU_REF), np.array([0.3, 0.7])
+    with_it, half, none = (
+        controller.derivatives(0.0, psi, u, parameters(leakage=leakage)) for leakage in (1.0, 0.5, 0.0)
+    )
+    np.testing.assert_allclose(none - with_it, psi, rtol=1e-12)
+    np.testing.assert_allclose(none - half, psi / 2, rtol=1e-12)
+    assert (none > 0.0).all()

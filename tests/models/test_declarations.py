@@ -34,6 +34,8 @@ PARAMETERS = {
         "r_a": ("m", None, 0.122, 0.0),
         "x_E_start": ("m", None, 0.22, None),
         "y_E_start": ("m", None, 0.30, None),
+        "v_x_start": ("m/s", None, 0.0, None),
+        "v_y_start": ("m/s", None, 0.0, None),
         "baumgarte": ("s-1", None, 10.0, 0.0),
     },
     CONTROLLER: {
@@ -41,6 +43,7 @@ PARAMETERS = {
         "beta": ("N.m.s/rad", None, 1.6620017712713446, 0.0),
         "S": ("s-1", 3, 2.0, 0.0),
         "k": ("1", None, 12.0, 1e-12),
+        "leakage": ("s-1", None, 1.0, 0.0),
         "psi_start": ("1", 2, 0.0, None),
         "feedforward": ("1", None, 0.0, None),
         "tau_max": ("N.m", 3, 1e60, 0.0),
@@ -60,14 +63,14 @@ PARAMETERS = {
 
 TUNABLE = {
     PLANT: "X Y Z baumgarte",
-    CONTROLLER: "alpha beta S k feedforward tau_max",
+    CONTROLLER: "alpha beta S k leakage feedforward tau_max",
     TRAJECTORY: "x_c y_c phase R a b X Y Z",
 }
 
 #: Inputs and outputs by model: name -> unit and size.
 SIGNALS = {
     PLANT: (
-        {"tau_a": ("N.m", 3), "tau_d": ("N.m", 3), "dm": ("kg", None)},
+        {"tau_a": ("N.m", 3), "tau_d": ("N.m", 3), "dm": ("kg", None)} | {"dm_rate": ("kg/s", None)},
         {"theta_a": ("rad", 3), "theta_b": ("rad", 3), "omega_a": ("rad/s", 3), "omega_b": ("rad/s", 3)}
         | {"x_E": ("m", None), "y_E": ("m", None), "F_c": ("N.m", 6), "closure_error": ("m", None)}
         | {"kinetic_energy": ("J", None)},
@@ -213,7 +216,7 @@ def test_torque_and_disturbance_act_alike() -> None:
     x = PLANT.initial_state(p)
     first, second = np.array([0.5, -0.25, 0.125]), np.array([-1.0, 2.0, 4.0])
     rates = [
-        PLANT.derivatives(0.0, x, PLANT.inputs.pack(tau_a=a, tau_d=d, dm=0.0), p)
+        PLANT.derivatives(0.0, x, PLANT.inputs.pack(tau_a=a, tau_d=d, dm=0.0, dm_rate=0.0), p)
         for a, d in ((first, second), (second, first), (first + second, np.zeros(3)))
     ]
     np.testing.assert_array_equal(rates[0], rates[1])
@@ -239,7 +242,7 @@ def test_a_mass_matrix_that_is_not_positive_definite_is_said() -> None:
     l, r_a, r_b = 0.244, 0.122, 0.0426 / (1.0771 * 0.244)
     assert all(m > 0 for m in margins(PLANT, "step", plant_parameters(), PLANT.inputs.starts))
     for dm in (-0.5, 0.0, 0.7, -1.5):
-        u = PLANT.inputs.pack(tau_a=np.zeros(3), tau_d=np.zeros(3), dm=dm)
+        u = PLANT.inputs.pack(tau_a=np.zeros(3), tau_d=np.zeros(3), dm=dm, dm_rate=0.0)
         X, Y, Z = 0.0932 + dm * (r_a**2 + l**2), 0.0381 + dm * r_b**2, 0.0426 + dm * l * r_b
         assert margins(PLANT, "step", plant_parameters(), u) == pytest.approx([X, Y, X * Y - Z * Z], rel=1e-12)
     messages = [r.message for r in PLANT.requirements if r.at == "step"]
@@ -295,6 +298,44 @@ def test_the_torque_of_the_path_moves_the_closed_chain_along_it() -> None:
         theta = inverse_kinematics(*position, P.l, P.x_A, P.y_A)
         omega = np.concatenate(velocity_jacobians(theta, P.l)) @ velocity
         out = TRAJECTORY.outputs.unpack(TRAJECTORY.output_values(t, np.zeros(0), np.zeros(0), p))
-        u = PLANT.inputs.pack(tau_a=out.tau_ref, tau_d=np.zeros(3), dm=0.0)
+        u = PLANT.inputs.pack(tau_a=out.tau_ref, tau_d=np.zeros(3), dm=0.0, dm_rate=0.0)
         found = PLANT.derivatives(t, np.concatenate([theta, omega]), u, robot)[6:9]
         np.testing.assert_allclose(found, (joints(t + h) - joints(t - h)) / (2 * h), atol=1e-6)
+
+
+def test_the_robot_starts_with_the_velocity_that_it_is_given() -> None:
+    """The end effector, differenced along the start's velocities, moves as it has to, and the loop stays closed."""
+    p, h = plant_parameters(v_x_start=0.07, v_y_start=-0.11), 1e-6
+    x, u = PLANT.initial_state(p), PLANT.inputs.starts
+    ahead, behind = (
+        PLANT.outputs.unpack(PLANT.output_values(0.0, np.concatenate([x[:6] + s * x[6:], x[6:]]), u, p))
+        for s in (h, -h)
+    )
+    assert (ahead.x_E - behind.x_E) / (2 * h) == pytest.approx(0.07, abs=1e-9)
+    assert (ahead.y_E - behind.y_E) / (2 * h) == pytest.approx(-0.11, abs=1e-9)
+    assert ahead.closure_error < 1e-12
+    assert not PLANT.initial_state(plant_parameters())[6:].any()
+
+
+@pytest.mark.parametrize(("at_rest", "sign"), [(0.0, 1.0), (1.0, -1.0)], ids=["arrives moving", "arrives at rest"])
+def test_energy_of_a_mass_that_changes(at_rest: float, sign: float) -> None:
+    """Beside the power of the torques, the energy of mass that arrives.
+
+    Moving, it brings its kinetic energy along. At rest it is brought to the velocity of the link by an inelastic
+    collision, in which as much is lost.
+    """
+    rng, h = np.random.default_rng(5), 1e-6
+    for _ in range(10):
+        v, dm, dm_rate = rng.normal(size=2), rng.uniform(-0.2, 0.2), rng.normal()
+        p = plant_parameters(v_x_start=v[0], v_y_start=v[1])
+        x, tau = PLANT.initial_state(p), rng.normal(size=3)
+
+        def energy(state: np.ndarray, mass: float, p: np.ndarray = p) -> float:
+            u = PLANT.inputs.pack(tau_a=np.zeros(3), tau_d=np.zeros(3), dm=mass, dm_rate=0.0)
+            return float(PLANT.outputs.unpack(PLANT.output_values(0.0, state, u, p)).kinetic_energy)
+
+        u = PLANT.inputs.pack(tau_a=tau, tau_d=np.zeros(3), dm=dm, dm_rate=at_rest * dm_rate)
+        rate = PLANT.derivatives(0.0, x, u, p)
+        found = (energy(x + h * rate, dm + h * dm_rate) - energy(x - h * rate, dm - h * dm_rate)) / (2 * h)
+        of_the_mass = dm_rate * (energy(x, dm + 1.0) - energy(x, dm))  # linear in dm
+        assert found == pytest.approx(float(tau @ x[6:9]) + sign * of_the_mass, rel=1e-6, abs=1e-6)

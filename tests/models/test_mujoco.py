@@ -46,7 +46,7 @@ def accelerations(links: Links, impedance: float) -> np.ndarray:
 def our_accelerations(dm: float) -> np.ndarray:
     rates = [
         MODEL.derivatives(
-            0.0, np.concatenate([theta, omega]), np.concatenate([tau_a, np.zeros(3), [dm]]), PARAMETERS.starts
+            0.0, np.concatenate([theta, omega]), np.concatenate([tau_a, np.zeros(3), [dm, 0.0]]), PARAMETERS.starts
         )
         for theta, omega, tau_a in STATES
     ]
@@ -101,7 +101,7 @@ def path() -> np.ndarray:
     derivatives = trace(MODEL).derivatives
 
     def rate(t: float, x: np.ndarray) -> np.ndarray:
-        u = np.append(torque(t, x[:6], x[6:]), np.zeros(4))
+        u = np.append(torque(t, x[:6], x[6:]), np.zeros(5))
         return derivatives(t, x, u, PARAMETERS.starts).full().ravel()
 
     times = STEP * np.arange(round(DURATION / STEP) + 1)

@@ -36,7 +36,7 @@ TIMES = np.arange(0, 1501) * 1e-2
 
 def plant(theta: np.ndarray, omega: np.ndarray, tau_a: np.ndarray, dm: float) -> tuple[np.ndarray, np.ndarray]:
     """Accelerations (6,) and closure force (6,) of the plant as it is shipped."""
-    x, u = np.concatenate([theta, omega]), np.concatenate([tau_a, np.zeros(3), [dm]])
+    x, u = np.concatenate([theta, omega]), np.concatenate([tau_a, np.zeros(3), [dm, 0.0]])
     outputs = OUTPUTS.unpack(MODEL.output_values(0.0, x, u, PARAMETERS.starts))
     return MODEL.derivatives(0.0, x, u, PARAMETERS.starts)[6:], outputs.F_c
 
@@ -119,8 +119,8 @@ def test_closure_force_needs_the_inverse_root() -> None:
 
 
 def disturbance(t: float) -> np.ndarray:
-    """tau_d and dm (4,) of `tracking`."""
-    return np.concatenate([_TAU_D(t), _DM(t)])
+    """tau_d, dm and dm_rate (5,) of `tracking`; mass arrives moving."""
+    return np.concatenate([_TAU_D(t), _DM(t), [0.0]])
 
 
 _TAU_D, _DM = (
@@ -159,7 +159,7 @@ def our_open_loop_path(times: np.ndarray) -> np.ndarray:
     derivatives = trace(MODEL).derivatives
 
     def rate(t: float, x: np.ndarray) -> np.ndarray:
-        return derivatives(t, x, np.append(_FIG_4(t), np.zeros(4)), PARAMETERS.starts).full().ravel()
+        return derivatives(t, x, np.append(_FIG_4(t), np.zeros(5)), PARAMETERS.starts).full().ravel()
 
     return end_effector(integrate(rate, MODEL.initial_state(PARAMETERS.starts), times, [], rtol=1e-10))
 

@@ -23,16 +23,16 @@ TIMES = np.arange(0, 15001, 20) * 1e-3
 
 
 def disturbance(t: float) -> np.ndarray:
-    """tau_d and dm (4,) of `tracking`."""
+    """tau_d, dm and dm_rate (5,) of `tracking`; mass arrives moving."""
     parts = [("plant.tau_d", 3), ("plant.dm", 1)]
-    return np.concatenate([TRACKING.signals[n].function(size, TRACKING.seed, n)(t) for n, size in parts])
+    return np.concatenate([*(TRACKING.signals[n].function(size, TRACKING.seed, n)(t) for n, size in parts), [0.0]])
 
 
 @pytest.fixture(scope="module")
 def path() -> np.ndarray:
     """End effector (n, 2) in m of the continuous loop."""
     parts = [TRACKING.signals[n].function(size, TRACKING.seed, n) for n, size in (("plant.tau_d", 3), ("plant.dm", 1))]
-    return end_effector(solve(TIMES, lambda t: np.concatenate([f(t) for f in parts]), [4.0], rtol=1e-10))
+    return end_effector(solve(TIMES, lambda t: np.concatenate([*(f(t) for f in parts), [0.0]]), [4.0], rtol=1e-10))
 
 
 @pytest.mark.slow

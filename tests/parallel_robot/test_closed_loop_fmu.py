@@ -45,7 +45,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def path() -> np.ndarray:
     """End effector (n, 2) in m of the continuous loop at `TIMES`."""
-    return end_effector(solve(TIMES, lambda _: np.array([*TAU_D, DM]), [], rtol=1e-11))
+    return end_effector(solve(TIMES, lambda _: np.array([*TAU_D, DM, 0.0]), [], rtol=1e-11))
 
 
 def whole(folder: Path, flavour: str = "fmi2", step: float = 1e-3, **start: float) -> Results:
@@ -84,7 +84,7 @@ def test_rates_are_those_of_python_control() -> None:
     for _ in range(5):
         t, p = rng.uniform(0.0, 15.0), model.parameters.starts
         x = model.initial_state(p) + rng.uniform(-0.1, 0.1, 14)
-        u = rng.uniform(-0.1, 0.1, 4)
+        u = rng.uniform(-0.1, 0.1, 5)
         expected = oracle.dynamics(t, x, u)
         np.testing.assert_allclose(model.derivatives(t, x, u, p), expected, rtol=1e-12, atol=1e-12)
         np.testing.assert_allclose(model.output_values(t, x, u, p), oracle.output(t, x, u), rtol=1e-12, atol=1e-12)
@@ -170,7 +170,7 @@ def test_structure_shows_what_passes_through(folder: Path) -> None:
     """Of the outputs only force and energy depend on an input at once, and nothing that was connected is an input."""
     description = fmpy.read_model_description(str(fmu_path(folder, "fmi2", CLOSED_LOOP)))
     inputs = {v.name for v in description.modelVariables if v.causality == "input"}
-    assert inputs == {"plant.dm", *(f"plant.tau_d[{i}]" for i in (1, 2, 3))}
+    assert inputs == {"plant.dm", "plant.dm_rate", *(f"plant.tau_d[{i}]" for i in (1, 2, 3))}
     depends = {u.variable.name: {v.name for v in u.dependencies} for u in description.outputs}
     passing = {name for name, on in depends.items() if on & inputs}
     assert passing == {*(f"plant.F_c[{i}]" for i in range(1, 7)), "plant.kinetic_energy"}

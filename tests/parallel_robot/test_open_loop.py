@@ -44,7 +44,7 @@ def integrate_held(times: np.ndarray, torque: np.ndarray) -> np.ndarray:
     x = MODEL.initial_state(PARAMETERS.starts)
     states = [x]
     for i in range(len(times) - 1):
-        u = [*torque[i].tolist(), 0.0, 0.0, 0.0, 0.0]
+        u = [*torque[i].tolist(), 0.0, 0.0, 0.0, 0.0, 0.0]
         solver = DOP853(
             lambda _, x, u=u: np.array(rate(x, u)), times[i], x, times[i + 1], first_step=5e-4, rtol=1e-12, atol=1e-14
         )

@@ -98,7 +98,7 @@ def test_linearisation_is_that_of_python_control() -> None:
         for name in "ABCD":
             np.testing.assert_allclose(getattr(controller, name)[i], getattr(K, name), rtol=1e-4, atol=1e-5)
         tau_a = to_control(MODELS["controller"]).output(t, x[12:], u)[:3]
-        P = control.linearize(to_control(MODELS["plant"]), x[:12], np.concatenate([tau_a, np.zeros(4)]), t=t)
+        P = control.linearize(to_control(MODELS["plant"]), x[:12], np.concatenate([tau_a, np.zeros(5)]), t=t)
         # joint angles and velocities are the first twelve outputs, so these rows are the basis itself
         T = plant.C[i][:12]
         np.testing.assert_allclose(T.T @ T, np.eye(4), atol=1e-9)

@@ -61,7 +61,7 @@ class Loop:
 
     def inputs_of_plant(self, t: float, psi: np.ndarray, u: np.ndarray) -> np.ndarray:
         outputs = CONTROLLER.outputs.unpack(CONTROLLER.output_values(t, psi, u, self.p["controller"]))
-        return PLANT.inputs.pack(tau_a=outputs.tau_a, tau_d=np.zeros(3), dm=0.0)
+        return PLANT.inputs.pack(tau_a=outputs.tau_a, tau_d=np.zeros(3), dm=0.0, dm_rate=0.0)
 
     def start(self) -> np.ndarray:
         """State (14,): that of the plant, then psi."""

@@ -38,9 +38,9 @@ def control_law() -> ca.Function:
 
 
 def closed_loop_rate() -> ca.Function:
-    """rate(t, state (14,), w (4,)) with w = [tau_d, dm]; inputs in the order of the declarations."""
+    """rate(t, state (14,), w (5,)) with w = [tau_d, dm, dm_rate]; inputs in the order of the declarations."""
     plant = trace(MODELS["plant"])
-    t, state, w = ca.SX.sym("t"), ca.SX.sym("state", 14), ca.SX.sym("w", 4)
+    t, state, w = ca.SX.sym("t"), ca.SX.sym("state", 14), ca.SX.sym("w", 5)
     x, psi = state[:12], state[12:]
     tau_a, psi_rate = control_law()(t, x, psi)
     x_rate = plant.derivatives(t, x, ca.vertcat(tau_a, w), MODELS["plant"].parameters.starts)
@@ -48,7 +48,7 @@ def closed_loop_rate() -> ca.Function:
 
 
 def solve(times: np.ndarray, w: Callable[[float], np.ndarray], breakpoints: Sequence[float], rtol: float) -> np.ndarray:
-    """States (n, 14) at times (n,) in s; w(t) -> (4,) is tau_d and dm and jumps at the breakpoints only."""
+    """States (n, 14) at times (n,) in s; w(t) -> (5,) is tau_d, dm and dm_rate, and jumps at the breakpoints only."""
     rate = closed_loop_rate()
     start = np.concatenate([MODELS[n].initial_state(MODELS[n].parameters.starts) for n in ("plant", "controller")])
     return integrate(lambda t, state: rate(t, state, w(t)).full().ravel(), start, times, breakpoints, rtol)

@@ -33,7 +33,7 @@ ALL = pytest.mark.parametrize("name", MODELS)
 
 #: The contract: other people's tools use these names. (FMU, causality): "names unit; ...".
 CONTRACT = {
-    ("RobotPlant", "input"): "tau_a[3] tau_d[3] N.m; dm kg",
+    ("RobotPlant", "input"): "tau_a[3] tau_d[3] N.m; dm kg; dm_rate kg/s",
     (
         "RobotPlant",
         "output",
@@ -42,13 +42,13 @@ CONTRACT = {
     (
         "RobotPlant",
         "parameter",
-    ): "X Y Z kg.m2; m_a m_b kg; l r_a x_E_start y_E_start m; baumgarte s-1; max_step s",
+    ): "X Y Z kg.m2; m_a m_b kg; l r_a x_E_start y_E_start m; v_x_start v_y_start m/s; baumgarte s-1; max_step s",
     ("RobotController", "input"): "theta_a[3] theta_ref[3] rad; omega_a[3] omega_ref[3] rad/s; tau_ref[3] N.m",
     ("RobotController", "output"): "tau_a[3] N.m; psi[2] 1",
     (
         "RobotController",
         "parameter",
-    ): "alpha k psi_start[2] feedforward 1; beta N.m.s/rad; S[3] s-1; tau_max[3] N.m; max_step s",
+    ): "alpha k psi_start[2] feedforward 1; beta N.m.s/rad; S[3] leakage s-1; tau_max[3] N.m; max_step s",
     ("RobotTrajectory", "input"): "",
     ("RobotTrajectory", "output"): "theta_ref[3] rad; omega_ref[3] rad/s; x_ref y_ref m; tau_ref[3] N.m",
     ("RobotTrajectory", "parameter"): "x_c y_c b m; phase rad; w rad/s; n R a 1; X Y Z kg.m2",
@@ -57,7 +57,7 @@ CONTRACT = {
 #: Parameters that may change during a run.
 TUNABLE = {
     "RobotPlant": "X Y Z baumgarte",
-    "RobotController": "alpha beta S k feedforward tau_max",
+    "RobotController": "alpha beta S k leakage feedforward tau_max",
     "RobotTrajectory": "x_c y_c phase R a b X Y Z",
 }
 
@@ -67,7 +67,9 @@ DIMENSIONS = {
     "s": (0, 0, 1, 0),
     "s-1": (0, 0, -1, 0),
     "m": (0, 1, 0, 0),
+    "m/s": (0, 1, -1, 0),
     "kg": (1, 0, 0, 0),
+    "kg/s": (1, 0, -1, 0),
     "kg.m2": (1, 2, 0, 0),
     "J": (1, 2, -2, 0),
     "N.m": (1, 2, -2, 0),
@@ -356,7 +358,7 @@ def test_direct_feedthrough_that_a_master_must_know(fmus):
     for measured in ("theta_a[1]", "omega_a[3]", "x_E", "closure_error"):
         assert inputs_of("RobotPlant", measured) == set()
     every_torque = {f"tau_{which}[{i}]" for which in "ad" for i in (1, 2, 3)}
-    assert inputs_of("RobotPlant", "F_c[1]") == every_torque | {"dm"}
+    assert inputs_of("RobotPlant", "F_c[1]") == every_torque | {"dm", "dm_rate"}
     assert inputs_of("RobotPlant", "kinetic_energy") == {"dm"}
     # s_1 of (32) needs the errors of joint 1 only, Pi of (89) all measurements
     measured = {f"{v}_a[{i}]" for v in ("theta", "omega") for i in (1, 2, 3)}

@@ -91,7 +91,7 @@ class Oracle:
             tuned = dataclasses.replace(MODEL, parameters=Layout(variables))
             with patch.object(continuous_loop, "MODELS", {**models.MODELS, "controller": tuned}):
                 self._continuous[alpha, beta] = continuous_loop.solve(
-                    TIMES, lambda t: np.concatenate([f(t) for f in parts]), [4.0], rtol=1e-7
+                    TIMES, lambda t: np.concatenate([*(f(t) for f in parts), [0.0]]), [4.0], rtol=1e-7
                 )
         return self._continuous[alpha, beta]
 
