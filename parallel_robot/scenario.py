@@ -13,7 +13,7 @@ from cosim.scenario.family import ScenarioFamily
 from cosim.scenario.scenario import Scenario, ScenarioComponent, ScenarioError
 from cosim.system.system import Connection, System
 from parallel_robot.choices import FLAVOURS, SCENARIOS, scenario_names
-from parallel_robot.wiring import COMPONENTS, CONNECTIONS, OPTIONAL_INPUTS
+from parallel_robot.wiring import COMPONENTS, CONNECTIONS, OPTIONAL_INPUTS, UNFED_INPUTS
 
 if TYPE_CHECKING:
     from cosim.results.results import Results
@@ -61,7 +61,12 @@ class RobotScenario(Scenario):
         from parallel_robot.fmus import fmu_path  # the models take a while to import
 
         missing = [name for name, component in self.components.items() if component.fmu is None]
-        return self.with_fmus({name: fmu_path(folder, flavour, name) for name in missing})
+        scenario = self.with_fmus({name: fmu_path(folder, flavour, name) for name in missing})
+        for target, value in UNFED_INPUTS.items():
+            component, _, name = target.partition(".")
+            if component in missing and self.shape(target) is None and name not in self.start.get(component, {}):
+                scenario = scenario.with_start_value(component, name, value)
+        return scenario
 
 
 class RobotFamily(ScenarioFamily):

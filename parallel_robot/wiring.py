@@ -17,3 +17,6 @@ CONNECTIONS = (
 
 #: Inputs that a system may leave unconnected, and what they are then: with a desired path that has no such output.
 OPTIONAL_INPUTS = {"controller.tau_ref": 0.0}
+
+#: Values of inputs of this package's FMUs that nothing has to feed: mass arrives moving, as in the paper.
+UNFED_INPUTS = {"plant.dm_rate": 0.0}

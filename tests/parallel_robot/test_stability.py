@@ -114,7 +114,7 @@ def test_the_fast_continuous_loop_is_that_of_python_control_to_the_last_bit() ->
         system, dynamics = closed_loop(parameters), closed_loop_dynamics(parameters)
         start = initial_state(parameters)
         for _ in range(20):
-            x, w = start + 0.1 * generator.standard_normal(14), generator.standard_normal(4)
+            x, w = start + 0.1 * generator.standard_normal(14), generator.standard_normal(5)
             t = generator.uniform(0.0, 15.0)
             assert (system.dynamics(t, x, w) == dynamics(t, x, w)).all()
 

@@ -61,7 +61,7 @@ ENDS = ["x_E", "y_E"]
 
 def plant_inputs(**parts: Any) -> np.ndarray:
     """Inputs (7,) of the plant, zero where not given."""
-    return INPUTS.pack(**{"tau_a": np.zeros(3), "tau_d": np.zeros(3), "dm": 0.0, **parts})
+    return INPUTS.pack(**{"tau_a": np.zeros(3), "tau_d": np.zeros(3), "dm": 0.0, "dm_rate": 0.0, **parts})
 
 
 def dop853(inputs: Callable[[float], np.ndarray], times: np.ndarray) -> np.ndarray:

@@ -25,7 +25,7 @@ N = len(STATES)
 
 #: A pose that is not the start, with speeds, and what acts on it.
 AWAY = PLANT.initial_state(PARAMETERS.starts) + np.linspace(-0.02, 0.03, N)
-INPUT = INPUTS.pack(tau_a=np.array([0.05, -0.03, 0.04]), tau_d=np.array([0.01, 0.0, -0.02]), dm=0.1)
+INPUT = INPUTS.pack(tau_a=np.array([0.05, -0.03, 0.04]), tau_d=np.array([0.01, 0.0, -0.02]), dm=0.1, dm_rate=0.0)
 
 
 @pytest.fixture
