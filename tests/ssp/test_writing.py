@@ -88,7 +88,7 @@ def test_the_robot_comes_back_with_its_gains(robot: Path, robot_fmus: Path) -> N
 def test_every_row_of_table_1_is_in_the_archive(robot: Path) -> None:
     with zipfile.ZipFile(robot) as archive:
         sets = {n: archive.read(n).decode() for n in archive.namelist() if n.endswith(".ssv")}
-    assert set(sets) == {f"resources/gains_mu{r.mu:g}_nu{r.nu:g}.ssv" for r in table1()}
+    assert set(sets) == {f"resources/gains_mu{r.mu:g}_nu{r.nu:g}.ssv" for r in table1()} | {"resources/plant.ssv"}
     for row in table1():
         text = sets[f"resources/gains_mu{row.mu:g}_nu{row.nu:g}.ssv"]
         assert f'value="{row.alpha!r}"' in text
