@@ -325,7 +325,7 @@ class _Check:
         self.compared |= bool(finite.all(axis=0).any())
         with np.errstate(all="ignore"):
             scale = np.maximum(np.abs(expected), np.where(np.isfinite(found), np.abs(found), 0.0))
-            wrong = finite & ~(np.abs(found - expected) <= RELATIVE_TOLERANCE * scale)
+            wrong = finite & ~(np.abs(found - expected) <= RELATIVE_TOLERANCE * scale) & self.defined(expected)
             others = self.other_states(expected, points[1])
             for columns in (wrong, others):
                 if (which := np.flatnonzero(columns.any(axis=0))).size:
@@ -342,6 +342,15 @@ class _Check:
         for i, k in np.argwhere(wrong):
             self.refuse(int(i), expected[i, k], found[i, k], _row(points, int(k)))
         return len(results)
+
+    def defined(self, expected: np.ndarray) -> np.ndarray:
+        """Which results the model answers for: all where its requirements hold, and else the requirements alone.
+
+        Where one is violated the equations need make no sense, and rounding can be all that they give.
+        """
+        requirements = np.array([f.name == "requirements" for f in self.functions for _ in f.elements])
+        holds: np.ndarray = (expected[requirements] > 0.0).all(axis=0)
+        return requirements[:, None] | holds
 
     def as_states(self, expected: np.ndarray, x: np.ndarray) -> np.ndarray:
         """The results with the states themselves in place of the outputs that have their names."""

@@ -94,7 +94,7 @@ def test_every_row_of_table_1_is_in_the_archive(robot: Path) -> None:
         assert f'value="{row.alpha!r}"' in text
         assert f'value="{row.beta!r}" unit="N.m.s/rad"' in text
     text = description_of(robot)
-    assert text.count("<ssd:ParameterBinding ") == 1
+    assert text.count('<ssd:ParameterBinding source="resources/gains_') == 1
     assert 'source="resources/gains_mu10_nu1.ssv"' in text
 
 

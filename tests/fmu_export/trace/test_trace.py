@@ -305,6 +305,18 @@ def test_requirements_become_margins_in_their_order():
     np.testing.assert_array_equal(step_margins.full().ravel(), [3.0, -0.25])
 
 
+def test_equations_are_compared_where_their_requirements_hold():
+    """Beyond them the equations may be rounding alone, and so differ: singular matrices, differences of large numbers."""
+
+    def derivatives(t, x, u, p):
+        return -3.0 * x if type(x) is np.ndarray and x[0] < 0.0 else -1.0 * x
+
+    with pytest.raises(TraceError, match="numpy computes"):
+        trace(small_model(derivatives=derivatives))
+    positive = Requirement("x must be positive", lambda t, x, u, p: x[0])
+    assert trace(small_model(derivatives=derivatives, requirements=(positive,))).derivatives.size1_out(0) == 2
+
+
 def test_rates_and_everything_hold_the_margins_of_the_step_last():
     model = small_model(
         requirements=(
