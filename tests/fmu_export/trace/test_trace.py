@@ -306,7 +306,7 @@ def test_requirements_become_margins_in_their_order():
 
 
 def test_equations_are_compared_where_their_requirements_hold():
-    """Beyond them the equations may be rounding alone, and so differ: singular matrices, differences of large numbers."""
+    """Beyond them the equations may be rounding alone, and so differ: singular matrices, small differences."""
 
     def derivatives(t, x, u, p):
         return -3.0 * x if type(x) is np.ndarray and x[0] < 0.0 else -1.0 * x
