@@ -349,8 +349,9 @@ class _Check:
         Where one is violated the equations need make no sense, and rounding can be all that they give.
         """
         requirements = np.array([f.name == "requirements" for f in self.functions for _ in f.elements])
-        holds: np.ndarray = (expected[requirements] > 0.0).all(axis=0)
-        return requirements[:, None] | holds
+        holds = (expected[requirements] > 0.0).all(axis=0)
+        defined: np.ndarray = requirements[:, None] | holds
+        return defined
 
     def as_states(self, expected: np.ndarray, x: np.ndarray) -> np.ndarray:
         """The results with the states themselves in place of the outputs that have their names."""
