@@ -402,10 +402,16 @@ class Model:
         declared = {v.name: v for v in self.computed.variables}
         return Layout([declared[name] for name in self.states])
 
+    def arguments(self, t: Any, x: Array, z: Array, u: Array, p: Array) -> tuple[Any, ...]:
+        """What the functions of this model take: (t, x, z, u, p), or (t, x, u, p) without discrete states."""
+        return (t, x, z, u, p) if len(self.discrete) else (t, x, u, p)
+
     @cached_property
     def computed(self) -> Layout:
-        """The variables of an FMU that are computed: outputs, then locals."""
-        return Layout([*self.outputs.variables, *self.locals.variables])
+        """The variables of an FMU that are computed: outputs, locals, then discrete states that are no outputs."""
+        outputs = [v.name for v in self.outputs.variables]
+        others = [v for v in self.discrete.variables if v.name not in outputs]
+        return Layout([*self.outputs.variables, *self.locals.variables, *others])
 
     @cached_property
     def returned(self) -> Layout:

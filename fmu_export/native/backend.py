@@ -38,7 +38,7 @@ _COMMON_3 = {
     "providesDirectionalDerivatives": "true",
 }
 
-#: Attributes of the interfaces, by flavour.
+#: Attributes of the interfaces, by flavour, of a model without events and sampling.
 _INTERFACES = {
     "fmi2": {
         "ModelExchange": {"completedIntegratorStepNotNeeded": "true", **_COMMON_2},
@@ -131,9 +131,10 @@ def build_native(
         tool = "C code, equations unchecked" if unchecked else "C code"
         interface = interface_of(traced)
         progress.stage = "writing C"
-        adapter = _adapter_sources(flavour, model.solver)
+        adapter = _adapter_sources(flavour, model.solver, hybrid=not model.is_continuous)
+        interfaces = _INTERFACES[flavour] if model.is_continuous else _hybrid_interfaces(flavour)
         c_files = sorted(name for name in (*adapter, "model.c") if name.endswith(".c"))
-        arguments = model, interface, _NO_GUID, _INTERFACES[flavour], tool
+        arguments = model, interface, _NO_GUID, interfaces, tool
         if flavour == "fmi2":
             unstamped = description_fmi2.model_description(*arguments, c_files if sources else (), metadata)
         else:
@@ -174,9 +175,18 @@ def build_native(
     return path
 
 
-def _adapter_sources(flavour: str, solver: Solver = "rk4") -> dict[str, bytes]:
+def _hybrid_interfaces(flavour: str) -> dict[str, dict[str, str]]:
+    """Attributes of the interfaces of a model with events or sampling."""
+    name = {"fmi2": "completedIntegratorStepNotNeeded", "fmi3": "needsCompletedIntegratorStep"}[flavour]
+    needed = {"fmi2": "false", "fmi3": "true"}[flavour]
+    interfaces = _INTERFACES[flavour]
+    return interfaces | {"ModelExchange": interfaces["ModelExchange"] | {name: needed}}
+
+
+def _adapter_sources(flavour: str, solver: Solver = "rk4", *, hybrid: bool = False) -> dict[str, bytes]:
     adapter = files("fmu_export.native") / "c_adapter"
     headers = Path(fmpy.__file__).parent / "c-code"
-    return {name: (adapter / name).read_bytes() for name in (*_ADAPTER, *_METHODS[solver], _FACES[flavour])} | {
+    own = (*_ADAPTER, *(("events.c",) if hybrid else ()), *_METHODS[solver], _FACES[flavour])
+    return {name: (adapter / name).read_bytes() for name in own} | {
         name: (headers / name).read_bytes() for name in _HEADERS[flavour]
     }

@@ -10,6 +10,7 @@ from functools import cache
 
 from fmu_export.errors import needs
 from fmu_export.native.expressions import SCALARS, Tables, literal
+from fmu_export.native.hybrid_source import hybrid_calls, hybrid_prototypes, hybrid_sizes, hybrid_tables
 from fmu_export.native.implicit import ImplicitParts, implicit_parts
 from fmu_export.native.loops import loop_statements
 from fmu_export.native.runge_kutta import STEP_PROTOTYPE, runge_kutta_source
@@ -57,7 +58,7 @@ def model_sources(traced: TracedModel, interface: Interface, guid: str) -> dict[
     """
     equations = _equations(traced)
     head = _HEADER + '#include <math.h>\n#include "model.h"\n\n'
-    tables = _tables(traced, interface) + _solver_tables(equations.implicit)
+    tables = _tables(traced, interface) + _solver_tables(equations.implicit) + _hybrid_tables(traced)
     return {
         "model.h": _header(traced, interface, guid, equations).encode(),
         "model.c": (head + tables + equations.source).encode(),
@@ -75,17 +76,28 @@ class _Equations:
 
 @cache  # once for all flavours
 def _equations(traced: TracedModel) -> _Equations:
-    functions = [f for f in traced.functions if f.name() in _ARGUMENTS]
+    arguments = _arguments(traced)
+    functions = [f for f in traced.functions if f.name() in arguments]
     solver = traced.model.solver
     implicit = implicit_parts(traced) if solver == "rodas4" else None
     if implicit:
         functions += [implicit.jacobian, implicit.time_derivative]
     tables = Tables()
-    parts = [c_function(f, _ARGUMENTS[f.name()], tables=tables) for f in functions]
+    parts = [c_function(f, arguments[f.name()], tables=tables) for f in functions]
     if traced.model.states and solver == "rk4":
         parts.append(runge_kutta_source(traced.rates))
+    parts += hybrid_calls(traced)
     before = "".join(helper.c + "\n" for helper in helpers(functions)) + tables.source()
     return _Equations(functions, implicit, "\n".join([before, *parts] if before else parts))
+
+
+def _arguments(traced: TracedModel) -> dict[str, tuple[str, ...]]:
+    """The traced functions that the adapter calls, with their arguments; discrete states z follow the parameters."""
+    found = _ARGUMENTS | {f.name(): ("p",) if f.n_in() == 1 else ("t", "x", "u", "p") for f in traced.changes}
+    if not len(traced.model.discrete):
+        return found
+    behind = ("t", "x", "u", "p")
+    return {name: (*behind, "z", *names[4:]) if names[:4] == behind else names for name, names in found.items()}
 
 
 def _header(traced: TracedModel, interface: Interface, guid: str, equations: _Equations) -> str:
@@ -100,7 +112,9 @@ def _header(traced: TracedModel, interface: Interface, guid: str, equations: _Eq
         "N_STEP_REQUIREMENTS": step,
         "RATES_DEPEND_ON_TIME": int(traced.rates_depend_on_time),
         **_solver_sizes(traced, equations.implicit),
+        **hybrid_sizes(traced),
     }
+    arguments = _arguments(traced)
     return (
         _HEADER
         + "#ifndef MODEL_H\n#define MODEL_H\n\n"
@@ -118,8 +132,10 @@ def _header(traced: TracedModel, interface: Interface, guid: str, equations: _Eq
         + "extern const char *const model_start_requirements[N_START_REQUIREMENTS + 1];\n"
         + "extern const char *const model_step_requirements[N_STEP_REQUIREMENTS + 1];\n"
         + "".join(f"extern const {table};\n" for table in _solver_table_values(equations.implicit))
+        + "".join(f"extern const {table};\n" for table in hybrid_tables(traced, c_string))
         + "\n"
-        + "".join(f"{_prototype(f, _ARGUMENTS[f.name()])};\n" for f in equations.functions)
+        + "".join(f"{_prototype(f, arguments[f.name()])};\n" for f in equations.functions)
+        + hybrid_prototypes(traced)
         + (f"{STEP_PROTOTYPE.format(prefix='model')};\n" if interface.states and traced.model.solver == "rk4" else "")
         + _SHOW
         + "\n#endif\n"
@@ -171,8 +187,13 @@ def _solver_tables(implicit: ImplicitParts | None) -> str:
     return "".join(f"const {name} = {{{values}}};\n" for name, values in tables.items()) + "\n" * bool(tables)
 
 
+def _hybrid_tables(traced: TracedModel) -> str:
+    tables = hybrid_tables(traced, c_string)
+    return "".join(f"const {name} = {{{values}}};\n" for name, values in tables.items()) + "\n" * bool(tables)
+
+
 def _prototype(f: ca.Function, names: Sequence[str], prefix: str = "model") -> str:
-    arguments = [f"double {n}" if n in SCALARS else f"const double *{n}" for n in names]
+    arguments = [f"double {n}" if n in SCALARS else f"const double *{n}" for n in names if n != "z"]
     return f"void {prefix}_{f.name()}({', '.join(arguments)}, double *y)"
 
 
@@ -191,7 +212,10 @@ def c_function(f: ca.Function, names: Sequence[str], prefix: str = "model", tabl
             lines = loops
             tables.adopt(more)
     used = set(re.findall(r"\w+", " ".join(lines)))
-    lines = [*(f"(void){n};" for n in [*names, "y"] if n not in used), *lines]
+    if "z" in used & {*names}:  # discrete states stand behind the parameters
+        lines = ["const double *z = p + MODEL_Z;", *lines]
+        used.add("p")
+    lines = [*(f"(void){n};" for n in [*names, "y"] if n not in used | {"z"}), *lines]
     return "\n".join([f"{_prototype(f, names, prefix)}\n{{", *(f"    {line}" for line in lines), "}", ""])
 
 

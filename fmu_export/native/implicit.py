@@ -55,7 +55,7 @@ class ImplicitParts:
 def implicit_parts(traced: TracedModel) -> ImplicitParts:
     """Differentiate the derivatives of a model with states, and plan the elimination."""
     arguments = traced.derivatives.sx_in()
-    t, x, u = arguments[0], arguments[1], arguments[-2]
+    t, x, u, *_ = arguments
     u_rate = ca.SX.sym("u_rate", u.numel())
     rates = traced.derivatives(*arguments)
     matrix = ca.jacobian(rates, x)

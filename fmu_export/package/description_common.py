@@ -58,6 +58,18 @@ def add_default_experiment(root: ET.Element, model: Model) -> None:
     )
 
 
+def indicator_attributes(name: str, reference: int) -> dict[str, str]:
+    """Attributes of the variable of an event indicator."""
+    return {
+        "name": name,
+        "valueReference": str(reference),
+        "description": f"Event indicator of: {name.rpartition('.')[0]}",
+        "causality": "local",
+        "variability": "continuous",
+        "initial": "calculated",
+    }
+
+
 def reset_annotation() -> ET.Element:
     """Says that an instance is after a reset what a new one is, so that a master may use it again."""
     return ET.Element("Instance", resetIsComplete="true")

@@ -11,6 +11,7 @@ from fmu_export.package.description_common import (
     add_default_experiment,
     add_log_categories,
     add_units,
+    indicator_attributes,
     package_version,
     reset_annotation,
     to_bytes,
@@ -60,7 +61,7 @@ def model_description(
         **metadata.attributes,
         "generationTool": f"{DISTRIBUTION} {package_version()} ({tool})",
         "variableNamingConvention": "structured",
-        "numberOfEventIndicators": "0",
+        "numberOfEventIndicators": str(len(interface.indicators)),
     }
     root = ET.Element("fmiModelDescription", attributes)
     for kind in ("ModelExchange", "CoSimulation"):
@@ -82,6 +83,9 @@ def model_description(
         _scalar_variable(variables, v, reference, guesses.get(reference))
     for reference, d in enumerate(derivatives, start=len(interface.variables)):
         _state_derivative(variables, d, reference, interface.variables[d.state].description)
+    for reference, name in enumerate(interface.indicators, start=len(interface.variables) + len(derivatives) + 1):
+        element = ET.SubElement(variables, "ScalarVariable", indicator_attributes(name, reference))
+        ET.SubElement(element, "Real", unit="1")
     _model_structure(root, interface, derivatives)
     return to_bytes(root)
 

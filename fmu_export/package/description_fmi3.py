@@ -15,6 +15,7 @@ from fmu_export.package.description_common import (
     add_default_experiment,
     add_log_categories,
     add_units,
+    indicator_attributes,
     package_version,
     reset_annotation,
     to_bytes,
@@ -102,6 +103,9 @@ def model_description(
         variability="continuous",
         unit="s",
     )
+    first_indicator = len(interface.variables) + len(derivatives) + 1
+    for reference, name in enumerate(interface.indicators, start=first_indicator):
+        ET.SubElement(variables, "Float64", indicator_attributes(name, reference) | {"unit": "1"})
     _model_structure(root, interface)
     annotation = ET.SubElement(ET.SubElement(root, "Annotations"), "Annotation", type=DISTRIBUTION)
     annotation.append(reset_annotation())
@@ -133,6 +137,9 @@ def _model_structure(root: ET.Element, interface: Interface) -> None:
     initial = [(i, row) for i, row in computed if i < first_output + n or i in interface.states]
     initial += enumerate((d.initial_dependencies for d in interface.derivatives), start=first_derivative)
     _unknowns(structure, "InitialUnknown", initial)
+    first_indicator = first_derivative + len(interface.derivatives) + 1
+    for reference, _ in enumerate(interface.indicators, start=first_indicator):
+        ET.SubElement(structure, "EventIndicator", valueReference=str(reference))
 
 
 def _unknowns(structure: ET.Element, tag: str, rows: Iterable[tuple[int, Iterable[int]]]) -> None:

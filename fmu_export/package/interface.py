@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 from fmu_export.errors import TraceError
@@ -35,7 +36,7 @@ class ScalarVariable:
 
     name: str
     causality: Literal["parameter", "input", "output", "local"]
-    variability: Literal["fixed", "tunable", "continuous"]
+    variability: Literal["fixed", "tunable", "discrete", "continuous"]
     unit: str
     display_unit: str | None
     description: str
@@ -68,6 +69,8 @@ class Interface:
     `dependencies` and `initial_dependencies` hold for each output and local (in order) the positions of the variables
     that its value depends on directly: inputs during the simulation, parameters and inputs at initialisation;
     `state_dependencies` and `parameter_dependencies` those of the states and of the parameters during the simulation.
+    What an output depends on through events and samplers, which see the inputs of the same instant, is among these.
+    `indicators` are the names of the event indicators, whose value references follow that of the time.
     """
 
     variables: tuple[ScalarVariable, ...]
@@ -78,6 +81,7 @@ class Interface:
     state_dependencies: tuple[tuple[int, ...], ...]
     parameter_dependencies: tuple[tuple[int, ...], ...]
     derivatives: tuple[StateDerivative, ...]
+    indicators: tuple[str, ...] = ()
 
     @property
     def states(self) -> tuple[int, ...]:
@@ -106,29 +110,40 @@ def interface_of(traced: TracedModel) -> Interface:
     """
     model = traced.model
     _check_tunables(traced)
-    numerics = () if not model.states else (MAX_STEP,) if model.solver == "rk4" else ADAPTIVE
+    integrated = bool(model.states)
+    numerics = ADAPTIVE if integrated and model.solver != "rk4" else (MAX_STEP,) if integrated or model.events else ()
     parameters = Layout((*model.parameters.variables, *numerics))
-    variables = (
+    variables = [
         *_flatten(parameters, "parameter"),
         *_flatten(model.inputs, "input"),
         *_flatten(model.outputs, "output"),
-        *_flatten(model.locals, "local"),
-    )
+        *_flatten(Layout(model.computed.variables[len(model.outputs.variables) :]), "local"),
+    ]
     first_input = len(parameters)
     first_output = first_input + len(model.inputs)
     places = {name: first_output + i for i, name in enumerate(model.computed.names)}
     states = [places[name] for name in model.state_layout.names]
+    for i in traced.discrete_outputs():
+        variables[first_output + i] = replace(variables[first_output + i], variability="discrete")
     on_parameters, on_inputs = traced.initial_output_dependencies()
+    later_on_inputs, later_on_parameters = traced.output_dependencies(), traced.output_parameter_dependencies()
+    if not model.is_continuous:
+        read = traced.output_states()
+        then, at_start = traced.influence(), traced.influence(at_start=True)
+        later_on_inputs = _united(later_on_inputs, read, then.inputs)
+        later_on_parameters = _united(later_on_parameters, read, then.parameters)
+        on_inputs = _united(on_inputs, read, at_start.inputs)
+        on_parameters = _united(on_parameters, read, at_start.parameters)
     return Interface(
-        variables=variables,
+        variables=tuple(variables),
         n_parameters=len(parameters),
         n_inputs=len(model.inputs),
-        dependencies=tuple(tuple(first_input + i for i in row) for row in traced.output_dependencies()),
+        dependencies=tuple(tuple(first_input + i for i in row) for row in later_on_inputs),
         initial_dependencies=tuple(
             (*ps, *(first_input + i for i in us)) for ps, us in zip(on_parameters, on_inputs, strict=True)
         ),
         state_dependencies=tuple(tuple(states[i] for i in row) for row in traced.output_state_dependencies()),
-        parameter_dependencies=tuple(tuple(row) for row in traced.output_parameter_dependencies()),
+        parameter_dependencies=tuple(tuple(row) for row in later_on_parameters),
         derivatives=tuple(
             StateDerivative(
                 name=f"der({variables[state].name})",
@@ -147,7 +162,15 @@ def interface_of(traced: TracedModel) -> Interface:
                 strict=True,
             )
         ),
+        indicators=tuple(f"{event.name}.indicator" for event in model.events),
     )
+
+
+def _united(
+    direct: Sequence[Sequence[int]], states: Sequence[Sequence[int]], influence: Sequence[Iterable[int]]
+) -> list[list[int]]:
+    """What values depend on directly, and through the states that they read."""
+    return [sorted({*row, *(k for j in read for k in influence[j])}) for row, read in zip(direct, states, strict=True)]
 
 
 def _state_starts(traced: TracedModel) -> list[float]:
@@ -160,6 +183,7 @@ def _check_tunables(traced: TracedModel) -> None:
     model = traced.model
     during = {i for row in traced.output_parameter_dependencies() for i in row}
     during |= {i for row in traced.derivative_parameter_dependencies() for i in row}
+    during |= traced.change_parameter_dependencies()
     at_start = {i for row in traced.start_requirement_dependencies() for i in row}
     first = 0
     for v in model.parameters.variables:

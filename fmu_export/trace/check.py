@@ -181,19 +181,21 @@ class _Check:
 
     def __init__(self, model: Model, functions: Sequence[Checked], program: Program) -> None:
         self.model, self.functions, self.program = model, functions, program
-        self.sizes = len(model.state_layout), len(model.inputs), len(model.parameters)
+        states = (*model.state_layout.names, *model.discrete.names)  # discrete states follow the others here
+        self.sizes = len(states), len(model.inputs), len(model.parameters)
         self.compared = False
         self.failure = ""
         self.limits = _limits(model)
         outputs = list(model.returned.names)
-        self.states = [(outputs.index(s), i) for i, s in enumerate(model.state_layout.names) if s in outputs]
+        self.states = [(outputs.index(s), i) for i, s in enumerate(states) if s in outputs]
 
     def start(self) -> Points:
         """The start values, as one point."""
         p, u = self.model.parameters.starts, self.model.inputs.starts
         try:
             with np.errstate(all="ignore"):
-                x = np.asarray(self.model.initial_state(p.copy()), dtype=float).reshape(self.sizes[0])
+                parts = self.model.initial_state(p.copy()), self.model.initial_discrete_state(p.copy())
+                x = np.concatenate([np.asarray(part, dtype=float).ravel() for part in parts]).reshape(self.sizes[0])
         except (ArithmeticError, ValueError, np.linalg.LinAlgError):
             x = np.zeros(self.sizes[0])
         t = np.array([float(self.model.default_experiment.start_time)])
@@ -393,7 +395,7 @@ class _Check:
 def _limits(model: Model) -> tuple[np.ndarray, np.ndarray]:
     n_x = len(model.state_layout)
     low, high = [0.0] + [-np.inf] * n_x, [np.inf] * (1 + n_x)
-    for layout in (model.inputs, model.parameters):
+    for layout in (model.discrete, model.inputs, model.parameters):
         for v in layout.variables:
             low += [-np.inf if v.min is None else v.min] * (v.size or 1)
             high += [np.inf if v.max is None else v.max] * (v.size or 1)

@@ -21,6 +21,7 @@ from fmu_export.modelling.model_class import AnyModel, flat_model
 from fmu_export.trace.arrays import Scalar
 from fmu_export.trace.check import Checked, check_against_numpy
 from fmu_export.trace.expressions import as_written
+from fmu_export.trace.hybrid import Influence, changes, influence, instants, rows
 from fmu_export.trace.symbols import argument, column, tracing
 
 with needs("export"):
@@ -37,6 +38,10 @@ class TracedModel:
     they share is computed once, and an integrator step that begins there takes the derivatives as its first stage.
     Directional derivatives by CasADi's forward mode: `initial_state_direction` (p, dp), and `direction` (t, x, u, p,
     dx, du, dp), that of the outputs, then that of the derivatives.
+
+    With discrete states z, which are constants of all these, z follows p among the arguments. `changes` are the
+    functions of events and samplers: those of `fmu_export.trace.hybrid.changes`, `initial_discrete` of (p),
+    and `instants` of (p), the period and the offset of each sampler.
     """
 
     model: Model
@@ -49,6 +54,7 @@ class TracedModel:
     everything: ca.Function
     initial_state_direction: ca.Function
     direction: ca.Function
+    changes: tuple[ca.Function, ...]
 
     @property
     def functions(self) -> tuple[ca.Function, ...]:
@@ -63,7 +69,13 @@ class TracedModel:
             self.everything,
             self.initial_state_direction,
             self.direction,
+            *self.changes,
         )
+
+    @cached_property
+    def change(self) -> dict[str, ca.Function]:
+        """The functions of events and samplers by name."""
+        return {f.name(): f for f in self.changes}
 
     @cached_property
     def step(self) -> ca.Function:
@@ -83,38 +95,66 @@ class TracedModel:
 
     def output_dependencies(self) -> list[list[int]]:
         """For each output the inputs it depends on directly (indices)."""
-        return _rows(self.outputs.jac_sparsity(0, 2))
+        return rows(self.outputs.jac_sparsity(0, 2))
 
     def output_state_dependencies(self) -> list[list[int]]:
         """For each output the states it depends on directly (indices)."""
-        return _rows(self.outputs.jac_sparsity(0, 1))
+        return rows(self.outputs.jac_sparsity(0, 1))
 
     def output_parameter_dependencies(self) -> list[list[int]]:
         """For each output the parameters it depends on directly (indices)."""
-        return _rows(self.outputs.jac_sparsity(0, 3))
+        return rows(self.outputs.jac_sparsity(0, 3))
 
     def derivative_parameter_dependencies(self) -> list[list[int]]:
         """For each state derivative the parameters it depends on directly (indices)."""
-        return _rows(self.derivatives.jac_sparsity(0, 3))
+        return rows(self.derivatives.jac_sparsity(0, 3))
+
+    def influence(self, *, at_start: bool = False) -> Influence:
+        """Which inputs and parameters states depend on by events and samplers, at the start or at other instants."""
+        p = _symbols("p", len(self.model.parameters))
+        initial = ca.vertcat(self.initial_state(p), self.change["initial_discrete"](p))
+        return influence(self.model, self.change, ca.Function("initial", [p], [initial]) if at_start else None)
+
+    def output_states(self) -> list[list[int]]:
+        """For each output the states, then the discrete states behind, that it depends on directly (indices)."""
+        n_x = len(self.model.state_layout)
+        on_discrete = rows(self.outputs.jac_sparsity(0, 4)) if len(self.model.discrete) else []
+        on_states = self.output_state_dependencies()
+        return [[*row, *(n_x + j for j in on_discrete[i])] if on_discrete else row for i, row in enumerate(on_states)]
+
+    def discrete_outputs(self) -> list[int]:
+        """The outputs and locals that change at events and sampling instants only (indices)."""
+        if not len(self.model.discrete):
+            return []
+        on_others = [rows(self.outputs.jac_sparsity(0, i)) for i in (0, 1, 2)]
+        on_discrete = rows(self.outputs.jac_sparsity(0, 4))
+        return [i for i, on in enumerate(on_discrete) if on and not any(others[i] for others in on_others)]
+
+    def change_parameter_dependencies(self) -> set[int]:
+        """The parameters that events and samplers depend on (indices)."""
+        functions = [f for f in self.changes if f.n_in() > 1]
+        return {i for f in functions for row in rows(f.jac_sparsity(0, 3)) for i in row}
 
     def start_requirement_dependencies(self) -> list[list[int]]:
         """For each requirement of the start the parameters it depends on (indices)."""
-        return _rows(self.start_margins.jac_sparsity(0, 0))
+        return rows(self.start_margins.jac_sparsity(0, 0))
 
     def derivative_dependencies(self) -> tuple[list[list[int]], list[list[int]], list[list[int]]]:
         """For each state derivative the states, the inputs, and at the start the parameters it depends on."""
-        t, u, p = _symbols("t", 1), _symbols("u", len(self.model.inputs)), _symbols("p", len(self.model.parameters))
-        rate = self.derivatives(t, self.initial_state(p), u, p)
-        initial = ca.Function("initial_derivatives", [p, u, t], [rate])
+        initial = self._at_start(self.derivatives)
         on_states, on_inputs = self.derivatives.jac_sparsity(0, 1), self.derivatives.jac_sparsity(0, 2)
-        return _rows(on_states), _rows(on_inputs), _rows(initial.jac_sparsity(0, 0))
+        return rows(on_states), rows(on_inputs), rows(initial.jac_sparsity(0, 0))
 
     def initial_output_dependencies(self) -> tuple[list[list[int]], list[list[int]]]:
         """For each output the parameters, and the inputs, that its initial value depends on (indices)."""
+        initial_outputs = self._at_start(self.outputs)
+        return rows(initial_outputs.jac_sparsity(0, 0)), rows(initial_outputs.jac_sparsity(0, 1))
+
+    def _at_start(self, f: ca.Function) -> ca.Function:
+        """A function of (t, x, u, p) at the initial states, as a function of (p, u, t)."""
         t, u, p = _symbols("t", 1), _symbols("u", len(self.model.inputs)), _symbols("p", len(self.model.parameters))
-        y = self.outputs(t, self.initial_state(p), u, p)
-        initial_outputs = ca.Function("initial_outputs", [p, u, t], [y])
-        return _rows(initial_outputs.jac_sparsity(0, 0)), _rows(initial_outputs.jac_sparsity(0, 1))
+        z = [self.change["initial_discrete"](p)] if len(self.model.discrete) else []
+        return ca.Function(f"initial_{f.name()}", [p, u, t], [f(t, self.initial_state(p), u, p, *z)])
 
 
 def trace(model: AnyModel, unchecked: bool = False) -> TracedModel:
@@ -137,11 +177,10 @@ def trace(model: AnyModel, unchecked: bool = False) -> TracedModel:
 
 @cache  # all flavours are built from the same
 def _traced(model: Model, unchecked: bool) -> TracedModel:
-    if not model.is_continuous:
-        raise TraceError(f"{model.name}: discrete states and events can't be exported yet")
-    n_x, n_u, n_p = len(model.state_layout), len(model.inputs), len(model.parameters)
-    t, x, u, p = (_symbols(*s) for s in (("t", 1), ("x", n_x), ("u", n_u), ("p", n_p)))
-    T, X, U, P = Scalar(t), argument(x), argument(u), argument(p)
+    n_x, n_u, n_p, n_z = _sizes(model)
+    t, x, u, p, z = (_symbols(*s) for s in (("t", 1), ("x", n_x), ("u", n_u), ("p", n_p), ("z", n_z)))
+    T, X, U, P, Z = Scalar(t), argument(x), argument(u), argument(p), argument(z)
+    everything_known = [t, x, u, p, z] if n_z else [t, x, u, p]
     dx, du, dp = (_symbols(*s) for s in (("dx", n_x), ("du", n_u), ("dp", n_p)))
 
     def function(name: str, arguments: list[ca.SX], value: ca.SX) -> ca.Function:
@@ -158,34 +197,46 @@ def _traced(model: Model, unchecked: bool) -> TracedModel:
         return ca.Function(name, [*arguments, *seeds], [ca.densify(ca.cse(change + ca.SX(*value.shape)))])
 
     with tracing(model.name):
-        rates = column(model.derivatives(T, X, U, P), named("derivatives"), n_x)
-        y = _outputs(model, T, X, U, P)
+        known = model.arguments(T, X, Z, U, P)
+        rates = column(model.derivatives(*known), named("derivatives"), n_x)
+        y = _outputs(model, T, X, Z, U, P)
         initial = column(model.initial_state(P), named("initial_state"), n_x)
-        start_margins, step_margins = (_margins(model, at, T, X, U, P) for at in ("start", "step"))
+        start_margins, step_margins = (_margins(model, at, *known) for at in ("start", "step"))
         rates_and_margins = ca.vertcat(rates, step_margins)
         everything = ca.vertcat(y, rates_and_margins)
         # the basic functions first: what is wrong with them is said in their names
         basic = {
             "initial_state": function("initial_state", [p], initial),
-            "derivatives": function("derivatives", [t, x, u, p], rates),
-            "outputs": function("outputs", [t, x, u, p], y),
+            "derivatives": function("derivatives", everything_known, rates),
+            "outputs": function("outputs", everything_known, y),
             "start_margins": function("start_margins", [p], start_margins),
-            "step_margins": function("step_margins", [t, x, u, p], step_margins),
+            "step_margins": function("step_margins", everything_known, step_margins),
+        }
+        changed = {
+            c.name: function(c.name, [p] if c.name == "initial_discrete" else everything_known, c.traced(T, X, Z, U, P))
+            for c in changes(model)
         }
         if not unchecked:
-            _check_same_trace(model, basic)
+            _check_same_trace(model, basic | changed)
+    if changed:
+        changed["instants"] = function("instants", [p], instants(model, p))
     traced = TracedModel(
         model=model,
         **basic,
-        rates=function("rates", [t, x, u, p], rates_and_margins),
-        everything=function("everything", [t, x, u, p], everything),
+        rates=function("rates", everything_known, rates_and_margins),
+        everything=function("everything", everything_known, everything),
         initial_state_direction=direction("initial_state_direction", initial, [p], [p], [dp]),
-        direction=direction("direction", ca.vertcat(y, rates), [t, x, u, p], [x, u, p], [dx, du, dp]),
+        direction=direction("direction", ca.vertcat(y, rates), everything_known, [x, u, p], [dx, du, dp]),
+        changes=tuple(changed.values()),
     )
     if not unchecked:
         with as_written():
             check_against_numpy(model, _checked(model, traced))
     return traced
+
+
+def _sizes(model: Model) -> tuple[int, int, int, int]:
+    return len(model.state_layout), len(model.inputs), len(model.parameters), len(model.discrete)
 
 
 def _function(model: str, name: str, arguments: Sequence[ca.SX], value: ca.SX) -> ca.Function:
@@ -209,12 +260,14 @@ def _function(model: str, name: str, arguments: Sequence[ca.SX], value: ca.SX) -
     return traced
 
 
-def _outputs(model: Model, t: Any, x: Any, u: Any, p: Any) -> ca.SX:
+def _outputs(model: Model, t: Any, x: Any, z: Any, u: Any, p: Any) -> ca.SX:
     """Outputs and locals; one with the name of a state is the state itself, whatever the model computes for it."""
-    returned = column(model.output_values(t, x, u, p), f"{model.name}: output_values", len(model.returned))
-    states = column(x, "states", len(model.state_layout))
+    values = model.output_values(*model.arguments(t, x, z, u, p))
+    returned = column(values, f"{model.name}: output_values", len(model.returned))
     found = {name: returned[i] for i, name in enumerate(model.returned.names)}
-    found |= {name: states[i] for i, name in enumerate(model.state_layout.names)}
+    for layout, states in ((model.state_layout, x), (model.discrete, z)):
+        elements = column(states, "states", len(layout))
+        found |= {name: elements[i] for i, name in enumerate(layout.names)}
     return ca.vertcat(ca.SX(0, 1), *(found[name] for name in model.computed.names))
 
 
@@ -228,18 +281,20 @@ def _margins(model: Model, at: str, *arguments: Any) -> ca.SX:
 
 def _check_same_trace(model: Model, first: dict[str, ca.Function]) -> None:
     """Refuse functions that are traced to something else a second time, in another order and with other symbols."""
-    sizes = 1, len(model.state_layout), len(model.inputs), len(model.parameters)
+    n_x, n_u, n_p, n_z = _sizes(model)
     functions: dict[str, Callable[..., ca.SX]] = {
-        "step_margins": lambda *a: _margins(model, "step", *a),
-        "start_margins": lambda *a: _margins(model, "start", *a),
+        **{c.name: c.traced for c in reversed(changes(model))},
+        "step_margins": lambda *a: _margins(model, "step", *model.arguments(*a)),
+        "start_margins": lambda *a: _margins(model, "start", *model.arguments(*a)),
         "outputs": lambda *a: _outputs(model, *a),
-        "derivatives": lambda *a: column(model.derivatives(*a), "derivatives", sizes[1]),
-        "initial_state": lambda *a: column(model.initial_state(a[3]), "initial_state", sizes[1]),
+        "derivatives": lambda *a: column(model.derivatives(*model.arguments(*a)), "derivatives", n_x),
+        "initial_state": lambda *a: column(model.initial_state(a[4]), "initial_state", n_x),
     }
     for name, again in functions.items():
-        t, x, u, p = (_symbols(f"{n}_", size) for n, size in zip("txup", sizes, strict=True))
-        value = again(Scalar(t), argument(x), argument(u), argument(p))
-        arguments = [p] if first[name].n_in() == 1 else [t, x, u, p]
+        sizes = {"t_": 1, "x_": n_x, "z_": n_z, "u_": n_u, "p_": n_p}
+        t, x, z, u, p = (_symbols(*s) for s in sizes.items())
+        value = again(Scalar(t), argument(x), argument(z), argument(u), argument(p))
+        arguments = [p] if first[name].n_in() == 1 else [t, x, u, p, z][: first[name].n_in()]
         if _instructions(_function(model.name, name, arguments, value)) != _instructions(first[name]):
             raise TraceError(
                 f"{model.name}: {name}: traced twice, the equations differ: they depend on np.random, a clock, a "
@@ -260,28 +315,41 @@ def _instructions(f: ca.Function) -> list[Any]:
 
 
 def _checked(model: Model, traced: TracedModel) -> list[Checked]:
-    """The functions of a model beside their traces, with the names of their elements, all of (t, x, u, p)."""
-    t, x, u, p = traced.derivatives.sx_in()
+    """The functions of a model beside their traces, all of (t, x, u, p): discrete states follow the states in x."""
+    n_x, n_u, n_p, n_z = _sizes(model)
+    t, x, u, p = _symbols("t", 1), _symbols("x", n_x + n_z), _symbols("u", n_u), _symbols("p", n_p)
 
-    def of_all(f: ca.Function) -> ca.Function:
-        return ca.Function(f.name(), [t, x, u, p], [f(p)])
+    def checked(name: str, function: Callable[..., Any], f: ca.Function, elements: tuple[str, ...]) -> Checked:
+        """Of function(t, x, z, u, p)."""
+        arguments = [p] if f.n_in() == 1 else [t, x[:n_x], u, p, x[n_x:]][: f.n_in()]
+        return Checked(
+            name,
+            lambda t, x, u, p: function(t, x[:n_x], x[n_x:], u, p),
+            ca.Function(f.name(), [t, x, u, p], [f(*arguments)]),
+            elements,
+        )
 
-    def margins(at: str) -> tuple[Any, tuple[str, ...]]:
+    def of_model(function: Callable[..., Any]) -> Callable[..., Any]:
+        return lambda *a: function(*model.arguments(*a))
+
+    def margins(at: str, f: ca.Function) -> Checked:
         requirements = [r for r in model.requirements if r.at == at]
-        return (
-            lambda *a: np.array([np.asarray(r.margin(*a)).item() for r in requirements], dtype=float),
+        return checked(
+            "requirements",
+            of_model(lambda *a: np.array([np.asarray(r.margin(*a)).item() for r in requirements], dtype=float)),
+            f,
             tuple(f"'{r.message}'" for r in requirements),
         )
 
     states = model.state_layout.names
-    start, start_names = margins("start")
-    step, step_names = margins("step")
+    rates = tuple(f"der({s})" for s in states)
     return [
-        Checked("initial_state", lambda t, x, u, p: model.initial_state(p), of_all(traced.initial_state), states),
-        Checked("derivatives", model.derivatives, traced.derivatives, tuple(f"der({s})" for s in states)),
-        Checked("output_values", model.output_values, _returned(traced), model.returned.names),
-        Checked("requirements", start, of_all(traced.start_margins), start_names),
-        Checked("requirements", step, traced.step_margins, step_names),
+        checked("initial_state", lambda t, x, z, u, p: model.initial_state(p), traced.initial_state, states),
+        checked("derivatives", of_model(model.derivatives), traced.derivatives, rates),
+        checked("output_values", of_model(model.output_values), _returned(traced), model.returned.names),
+        margins("start", traced.start_margins),
+        margins("step", traced.step_margins),
+        *(checked(c.called, c.computed, traced.change[c.name], c.elements) for c in changes(model)),
     ]
 
 
@@ -290,17 +358,17 @@ def _returned(traced: TracedModel) -> ca.Function:
     arguments, names = traced.outputs.sx_in(), traced.model.computed.names
     values = traced.outputs(*arguments)
     wanted = set(traced.model.returned.names)
-    rows = [values[i] for i, name in enumerate(names) if name in wanted]
-    return ca.Function("outputs", arguments, [ca.vertcat(ca.SX(0, 1), *rows)])
+    returned = [values[i] for i, name in enumerate(names) if name in wanted]
+    return ca.Function("outputs", arguments, [ca.vertcat(ca.SX(0, 1), *returned)])
 
 
 def feedthrough(model: Model) -> list[list[int]]:
     """For each output of a model the inputs it depends on directly (indices); much faster than `trace`."""
-    t, x = _symbols("t", 1), _symbols("x", len(model.state_layout))
-    u, p = _symbols("u", len(model.inputs)), _symbols("p", len(model.parameters))
+    n_x, n_u, n_p, n_z = _sizes(model)
+    t, x, u, p, z = (_symbols(*s) for s in (("t", 1), ("x", n_x), ("u", n_u), ("p", n_p), ("z", n_z)))
     with tracing(model.name):
-        y = _outputs(model, Scalar(t), argument(x), argument(u), argument(p))
-    return _rows(ca.Function("outputs", [t, x, u, p], [y]).jac_sparsity(0, 2))
+        y = _outputs(model, Scalar(t), argument(x), argument(z), argument(u), argument(p))
+    return rows(ca.Function("outputs", [t, x, u, p, z], [y]).jac_sparsity(0, 2))
 
 
 def _all(function: ca.Function) -> range:
@@ -309,11 +377,3 @@ def _all(function: ca.Function) -> range:
 
 def _symbols(name: str, n: int) -> ca.SX:
     return ca.SX.sym(name, n)
-
-
-def _rows(sparsity: ca.Sparsity) -> list[list[int]]:
-    """Column indices of the structural nonzeros of each row."""
-    rows: list[list[int]] = [[] for _ in range(sparsity.size1())]
-    for row, place in zip(*sparsity.get_triplet(), strict=True):
-        rows[row].append(place)
-    return [sorted(r) for r in rows]

@@ -35,7 +35,7 @@ THERMOSTAT = Model(
     name="Thermostat",
     description="A room with a thermostat",
     parameters=[
-        Variable("low", "K", start=18.0),
+        Variable("low", "K", start=18.0, tunable=True),
         Variable("high", "K", start=22.0),
         Variable("tau", "s", start=100.0),
         Variable("rate", "K/s", start=0.3),
@@ -76,7 +76,7 @@ SAMPLED_PI = Model(
     name="SampledPI",
     description="A lag under a sampled PI controller",
     parameters=[
-        Variable("K", start=2.0),
+        Variable("K", start=2.0, tunable=True),
         Variable("K_i", start=0.5),
         Variable("limit", start=1.5),
         Variable("period", "s", start=0.1),

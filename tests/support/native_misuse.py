@@ -177,7 +177,7 @@ CASES = [
     Misuse(
         "event indicators",
         lambda h: h.run_up().call("GetEventIndicators", (c_double * 1)(), 1),
-        "no event indicators",
+        "0 event indicators",
         **ME,
     ),
     Misuse("nan time in model exchange", lambda h: h.run_up().call("SetTime", NAN), "time -?nan", **ME),

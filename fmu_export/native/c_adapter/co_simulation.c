@@ -4,16 +4,21 @@
 #include <math.h>
 #include <string.h>
 
-#if N_X > 0 && !ADAPTIVE
+#if N_X + N_EVENTS > 0 && !ADAPTIVE
 /* One internal step from `x`, where the inputs are `u` and change at `u_rate`, to `next`. */
 static CoreStatus internal_step(Core *core, double time, double h, const double x[], const double u[],
                                 const double u_rate[], const double rates[], double next[]) {
     CoreStatus status = core_check_margins(core, time, rates + N_X, CORE_DISCARD);
+#if N_X > 0
     double error;
-    return status == CORE_OK ? method_step(core, time, h, x, u, u_rate, rates, next, &error) : status;
+    if (status == CORE_OK) status = method_step(core, time, h, x, u, u_rate, rates, next, &error);
+#else
+    (void)h, (void)x, (void)u, (void)u_rate, (void)next;
+#endif
+    return status;
 }
 
-/* From the states to `next`. */
+/* From the states to `next`; *length becomes shorter where an event happens. */
 static CoreStatus core_integrate(Core *core, double time, double *length, double next[]) {
     CoreState *s = &core->state;
     double step = *length;
@@ -28,10 +33,10 @@ static CoreStatus core_integrate(Core *core, double time, double *length, double
     if (RATES_DEPEND_ON_TIME && time != s->time) s->valid = 0; /* by rounding: importers count time in their own way */
     s->time = time;
     core_have_rates(core);
-    if (exact == 1.0 && !core->request_inputs)
+    if (exact == 1.0 && !core->request_inputs && N_EVENTS == 0)
         return internal_step(core, time, step, STATES(core), INPUTS(core), s->u_rate, RATES(core), next);
     int n = (int)ceil(exact - 1e-6);
-    double h = step / n, x[N_X], u[N_U + 1], rate[N_U + 1], rates[N_X + N_STEP_REQUIREMENTS];
+    double h = step / n, x[N_X + 1], u[N_U + 1], rate[N_U + 1], rates[N_X + N_STEP_REQUIREMENTS + 1];
     const double *from = STATES(core), *k1 = RATES(core);
     for (int i = 0; i < n; i++) {
         if (core->request_inputs) { /* linear between the inputs at both ends of the internal step */
@@ -43,14 +48,81 @@ static CoreStatus core_integrate(Core *core, double time, double *length, double
             memcpy(rate, s->u_rate, N_U * sizeof *rate);
         }
         if (i > 0) {
-            memcpy(x, next, sizeof x);
+            memcpy(x, next, N_X * sizeof *x);
             model_rates(time + i * h, x, u, PARAMETERS(core), rates);
             from = x, k1 = rates;
         }
         CoreStatus status = internal_step(core, time + i * h, h, from, u, rate, k1, next);
         if (status != CORE_OK) return status;
+#if N_EVENTS > 0
+        double to_event = h;
+        int found;
+        status = core_find_event(core, time + i * h, &to_event, from, u, rate, k1, next, &found);
+        if (status != CORE_OK) return status;
+        if (found) {
+            if (i + 1 < n || to_event < h) *length = i * h + to_event;
+            for (int j = 0; core->request_inputs && j < N_U; j++) INPUTS(core)[j] = u[j] + to_event * rate[j];
+            return CORE_OK;
+        }
+#endif
     }
     return CORE_OK;
+}
+#endif
+
+/* Advance states, inputs and time by `length`, or to an event before. */
+static CoreStatus advance(Core *core, double time, double length) {
+    CoreState *s = &core->state;
+#if N_X + N_EVENTS > 0
+    double *next = s->x[!s->which]; /* a copy of what has just been written would have to wait for it */
+    CoreStatus status = core_integrate(core, time, &length, next);
+    if (status != CORE_OK) return status;
+    if (!core_all_finite(next, N_X))
+        return core_fail(core, CORE_DISCARD,
+                         "step from t = %.9g s: the state is no longer finite; reduce the step or the inputs", time);
+    s->which = !s->which;
+#elif HYBRID
+    if (core->request_inputs) core->request_inputs(core->environment, time + length);
+#endif
+    for (int j = 0; j < N_U; j++) { /* where linear inputs have arrived */
+        INPUTS(core)[j] += length * s->u_rate[j];
+        if (!HYBRID) s->u_rate[j] = 0.0;
+    }
+    s->time = time + length;
+    s->valid = 0;
+    return CORE_OK;
+}
+
+#if HYBRID
+/* The communication step in pieces that end where something happens. */
+static CoreStatus advance_through_events(Core *core, double time, double step) {
+    CoreState *s = &core->state;
+    double end = time + step, tolerance = 1e-12 * (1.0 + fabs(end));
+    if (N_SAMPLED > 0 && fabs(time - s->time) > 1e-9 * (1.0 + fabs(time)))
+        return core_fail(
+            core, CORE_ERROR,
+            "communication step from %.17g s: this FMU is at %.17g s, and samples by its time; go on there", time,
+            s->time);
+    CoreStatus status = core_settle(core);
+    s->time = time;
+    for (int n = 0; status == CORE_OK; n++) {
+        if (n > MOST_INTERNAL_STEPS)
+            return core_fail(core, CORE_DISCARD,
+                             "communication step %g s at %g s has more than %d events and sampling "
+                             "instants; make it shorter",
+                             step, time, MOST_INTERNAL_STEPS);
+        double instant = core_next_instant(core), target = instant < end - tolerance ? instant : end;
+        double from = s->time;
+        status = advance(core, from, target - from);
+        if (status != CORE_OK) break;
+        if (s->time == from + (target - from)) s->time = target; /* it is there, but for rounding */
+        if (s->time >= end - tolerance) break; /* what happens now sees the inputs that are to come */
+        int states_changed;
+        status = core_change(core, &states_changed);
+    }
+    for (int j = 0; j < N_U; j++) s->u_rate[j] = 0.0;
+    s->settled = 0;
+    return status;
 }
 #endif
 
@@ -58,20 +130,15 @@ CoreStatus core_do_step(Core *core, double time, double step) {
     CoreState *s = &core->state;
     if (!isfinite(time) || !(step > 0.0 && isfinite(time + step)))
         return core_fail(core, CORE_ERROR, "communication step %g s at %g s is not positive and finite", step, time);
-#if N_X > 0
-    double *next = s->x[!s->which]; /* a copy of what has just been written would have to wait for it */
-    CoreStatus status = core_integrate(core, time, &step, next);
-    if (status != CORE_OK) return status;
-    if (!core_all_finite(next, N_X))
-        return core_fail(core, CORE_DISCARD,
-                         "step from t = %.9g s: the state is no longer finite; reduce the step or the inputs", time);
-    s->which = !s->which;
+#if HYBRID
+    CoreState before;
+    memcpy(&before, s, sizeof before);
+    CoreStatus status = advance_through_events(core, time, step);
+    if (status == CORE_OK) s->time = time + step;
+    else memcpy(s, &before, sizeof before);
+    return status;
+#else
+    (void)s;
+    return advance(core, time, step);
 #endif
-    for (int j = 0; j < N_U; j++) { /* where linear inputs have arrived */
-        INPUTS(core)[j] += step * s->u_rate[j];
-        s->u_rate[j] = 0.0;
-    }
-    s->time = time + step;
-    s->valid = 0;
-    return CORE_OK;
 }

@@ -172,6 +172,10 @@ static CoreStatus compute_initial_state(Core *core) {
     if (status != CORE_OK) return status;
     model_initial_state(PARAMETERS(core), STATES(core));
     core->state.valid = 0;
+#if HYBRID
+    status = core_start_discrete(core);
+    if (status != CORE_OK) return status;
+#endif
     return check_now(core, CORE_ERROR);
 }
 
@@ -185,6 +189,16 @@ CoreStatus core_exit_initialization(Core *core) {
 
 /* Values */
 
+/* Have the states of the present time and inputs. */
+static CoreStatus have_states(Core *core) {
+    CoreStatus status = CORE_OK;
+    if (core->state.phase & (INSTANTIATED | INITIALIZATION)) status = compute_initial_state(core);
+#if HYBRID
+    if (status == CORE_OK) status = core_settle(core);
+#endif
+    return status;
+}
+
 static const char *name_of(size_t reference) { return model_names[reference]; }
 
 /* Which state a variable is, -1 for one that is none. */
@@ -195,6 +209,8 @@ static int state_of(size_t reference) {
 /* Why a variable can't be set to a value; CORE_OK when it can. */
 static CoreStatus refuse_set(Core *core, size_t reference, double value) {
     int running = !(core->state.phase & (INSTANTIATED | INITIALIZATION));
+    if (reference >= INDICATORS && reference < INDICATORS + N_EVENTS)
+        return core_fail(core, CORE_ERROR, "an event indicator is computed and can't be set");
     if (reference >= N_VALUES)
         return core_fail(core, CORE_ERROR, "no variable has the value reference %lu", (unsigned long)reference);
     if (reference >= N_PU) {
@@ -221,6 +237,9 @@ static CoreStatus refuse_set(Core *core, size_t reference, double value) {
 CoreStatus core_set(Core *core, const unsigned references[], size_t n, const double values[]) {
     CoreState *s = &core->state;
     s->valid = 0;
+#if HYBRID
+    if (s->phase == STEP && !core->within_step) core_unsettle(core);
+#endif
     if (are_all(N_P, N_U, references, n) && core_all_finite(values, N_U)) {
         memcpy(INPUTS(core), values, N_U * sizeof *values);
         for (int i = 0; i < N_U; i++) s->u_rate[i] = 0.0;
@@ -271,21 +290,33 @@ CoreStatus core_set_input_rates(Core *core, const unsigned references[], size_t 
 /* Compute outputs or state derivatives. */
 static CoreStatus compute(Core *core, int which) {
     CoreState *s = &core->state;
-    if (s->phase & (INSTANTIATED | INITIALIZATION)) {
-        CoreStatus status = compute_initial_state(core);
-        if (status != CORE_OK) return status;
-    }
+    CoreStatus status = have_states(core);
+    if (status != CORE_OK) return status;
     if (which == OUTPUTS_VALID) model_everything(s->time, STATES(core), INPUTS(core), PARAMETERS(core), OUTPUTS(core));
     else core_have_rates(core);
     s->valid |= RATES_VALID;
     if (!core_all_finite(which == OUTPUTS_VALID ? OUTPUTS(core) : RATES(core), which == OUTPUTS_VALID ? N_Y : N_X)) {
-        CoreStatus status = check_now(core, CORE_ERROR); /* a requirement says more than "not finite" */
+        status = check_now(core, CORE_ERROR); /* a requirement says more than "not finite" */
         if (status != CORE_OK) return status;
         return core_fail(core, CORE_ERROR, "outputs at t = %.9g s are not finite; check the inputs", s->time);
     }
     s->valid |= which;
     return CORE_OK;
 }
+
+#if HYBRID
+CoreStatus core_get_indicators(Core *core, double indicators[]) {
+    CoreState *s = &core->state;
+    CoreStatus status = have_states(core);
+    if (status != CORE_OK) return status;
+#if N_EVENTS > 0
+    model_indicators(s->time, STATES(core), INPUTS(core), PARAMETERS(core), indicators);
+#endif
+    if (!core_all_finite(indicators, N_EVENTS))
+        return core_fail(core, CORE_DISCARD, "event indicators at t = %.9g s are not finite", s->time);
+    return CORE_OK;
+}
+#endif
 
 CoreStatus core_get(Core *core, const unsigned references[], size_t n, double values[]) {
     CoreState *s = &core->state;
@@ -295,6 +326,10 @@ CoreStatus core_get(Core *core, const unsigned references[], size_t n, double va
         if (status == CORE_OK) memcpy(values, OUTPUTS(core), N_OUTPUTS * sizeof *values);
         return status;
     }
+#if HYBRID
+    CoreStatus settled = initialized ? core_settle(core) : CORE_OK;
+    if (settled != CORE_OK) return settled;
+#endif
     size_t known = s->valid & OUTPUTS_VALID ? N_VARIABLES : N_PU, i = 0;
     const double *x = STATES(core);
     for (;;) {
@@ -312,6 +347,13 @@ CoreStatus core_get(Core *core, const unsigned references[], size_t n, double va
             else values[i++] = s->values[reference];
         } else if (reference == TIME) {
             values[i++] = s->time;
+#if N_EVENTS > 0
+        } else if (reference < INDICATORS + N_EVENTS) {
+            double indicators[N_EVENTS];
+            CoreStatus status = core_get_indicators(core, indicators);
+            if (status != CORE_OK) return status;
+            values[i++] = indicators[reference - INDICATORS];
+#endif
         } else {
             return core_fail(core, CORE_ERROR, "no variable has the value reference %lu", (unsigned long)reference);
         }
@@ -362,9 +404,9 @@ CoreStatus core_direction(Core *core, const unsigned unknowns[], size_t n, const
     if (!core_all_finite(change, N_VALUES))
         return core_fail(core, CORE_ERROR, "the direction has entries that are not finite");
     const double *dp = change, *du = change + N_P;
+    CoreStatus status = have_states(core);
+    if (status != CORE_OK) return status;
     if (s->phase & (INSTANTIATED | INITIALIZATION)) {
-        CoreStatus status = compute_initial_state(core);
-        if (status != CORE_OK) return status;
         model_initial_state_direction(PARAMETERS(core), dp, dx);
     } else {
         for (int i = 0; i < N_X; i++) dx[i] = change[N_PU + model_state_outputs[i]];
@@ -398,8 +440,19 @@ void core_serialize(const CoreState *state, char bytes[]) {
     memcpy(bytes, GUID, sizeof GUID);
     CoreState copy = *state; /* without what can be computed: equal states have equal bytes */
     memset(copy.x[!copy.which], 0, sizeof copy.x[0]);
-    memset(copy.values + N_PU, 0, sizeof copy.values - N_PU * sizeof *copy.values);
+    memset(copy.values + N_PU, 0, (MODEL_Z - N_PU) * sizeof *copy.values);
     copy.valid = 0;
+#if HYBRID
+    if (copy.settled) { /* what happens at this instant follows from what was before and the inputs */
+        copy.discrete = copy.before;
+        memcpy(copy.x[copy.which], copy.x_before, sizeof copy.x_before);
+        memcpy(copy.values + MODEL_Z, copy.z_before, N_Z * sizeof *copy.z_before);
+    }
+    copy.settled = 0;
+    memset(&copy.before, 0, sizeof copy.before);
+    memset(copy.x_before, 0, sizeof copy.x_before);
+    memset(copy.z_before, 0, sizeof copy.z_before);
+#endif
     memcpy(bytes + sizeof GUID, &copy, sizeof copy);
     uint64_t sum = checksum(bytes);
     memcpy(bytes + CHECKED, &sum, sizeof sum);
@@ -415,11 +468,16 @@ CoreStatus core_deserialize(Core *core, const char bytes[], size_t size, CoreSta
         return core_fail(core, CORE_ERROR,
                          "the FMU state is damaged or belongs to the other interface (model exchange, co-simulation)");
     if (!core_all_finite(state->values, N_PU) || state->which & ~1 || !core_all_finite(state->x[state->which], N_X) ||
-        !core_all_finite(state->u_rate, N_U) || !isfinite(state->time))
+        !core_all_finite(state->u_rate, N_U) || !isfinite(state->time) ||
+        !core_all_finite(state->values + MODEL_Z, N_Z))
         return core_fail(core, CORE_ERROR, "the FMU state is damaged: it has values that are not finite");
 #if ADAPTIVE
     if (!(state->tolerance >= 0.0 && state->control.proposed >= 0.0 && state->control.size >= 0.0))
         return core_fail(core, CORE_ERROR, "the FMU state is damaged: its step size or its tolerance makes no sense");
+#endif
+#if HYBRID
+    if (!core_all_finite((const double *)&state->discrete, sizeof state->discrete / sizeof(double)) || state->settled)
+        return core_fail(core, CORE_ERROR, "the FMU state is damaged: its events and samplers make no sense");
 #endif
     state->valid = 0;
     return CORE_OK;

@@ -11,8 +11,10 @@
 #endif
 
 /* Values stand in one array: parameters, inputs, the N_Y that are computed (outputs, then locals), state derivatives,
- * and, which are no part of the interface, margins of the requirements. The time has the value reference after the derivatives. */
+ * and, which are no part of the interface, margins of the requirements and discrete states. The time has the value
+ * reference after the derivatives; then come the event indicators. */
 enum { N_PU = N_P + N_U, N_VARIABLES = N_P + N_U + N_Y, N_VALUES = N_P + N_U + N_Y + N_X, TIME = N_VALUES };
+enum { INDICATORS = TIME + 1 };
 
 /* The numbers of fmi2Status and fmi3Status. */
 typedef enum { CORE_OK = 0, CORE_WARNING = 1, CORE_DISCARD = 2, CORE_ERROR = 3 } CoreStatus;
@@ -43,9 +45,25 @@ typedef struct {
 } StepControl;
 #endif
 
+/* Whether something changes states at once: events, or sampling. */
+#define HYBRID (N_EVENTS + N_SAMPLED > 0)
+
+#if HYBRID
+/* What decides on the next events, apart from the states. */
+typedef struct {
+    double count[N_SAMPLED + 1];    /* instants of each sampler that are over */
+    double side[N_EVENTS + 1];      /* of zero on which each indicator is, 1 or -1 */
+    double indicator[N_EVENTS + 1]; /* where the states have arrived last */
+    double late[N_EVENTS + 1];      /* what it is beyond zero where its crossing was located */
+    double last[N_EVENTS + 1];      /* when each event has happened */
+    double at_once[N_EVENTS + 1];   /* how often without time passing */
+    double is_new;                  /* nothing has happened yet, and the indicators have no side */
+} Discrete;
+#endif
+
 /* All that changes: a copy of it is the FMU state. */
 typedef struct {
-    double values[N_VALUES + N_STEP_REQUIREMENTS + 1];
+    double values[N_VALUES + N_STEP_REQUIREMENTS + N_Z + 1]; /* then margins of the requirements, discrete states */
     double x[2][N_X + 1];   /* states, and room for those at the end of a step */
     double u_rate[N_U + 1]; /* first derivatives of the inputs, of the next step only */
     double time;
@@ -56,6 +74,11 @@ typedef struct {
 #if ADAPTIVE
     StepControl control;
     double tolerance; /* relative, of the importer, 0 if it gives none */
+#endif
+#if HYBRID
+    int settled;     /* what happens at this communication point has happened, for the present inputs */
+    Discrete discrete, before; /* before it happened, as are the next two: with other inputs it may be something else */
+    double x_before[N_X + 1], z_before[N_Z + 1];
 #endif
 } CoreState;
 
@@ -87,6 +110,7 @@ typedef struct {
 #define INPUTS(core) ((core)->state.values + N_P)
 #define STATES(core) ((core)->state.x[(core)->state.which])
 #define OUTPUTS(core) ((core)->state.values + N_PU)
+#define DISCRETE(core) ((core)->state.values + MODEL_Z)
 #define RATES(core) ((core)->state.values + N_VARIABLES) /* state derivatives, then margins */
 
 /* Initialise a core, which stands inside its instance, so that all of an instance that a step touches lies together. */
@@ -159,11 +183,35 @@ int core_usable_rates(Core *core, double time, const double x[], const double u[
 void method_prepare(Core *core, double time, const double x[], const double u[]);
 void method_arrive(Core *core, double time, const double x[], const double u[], double rates[]);
 
-/* Of a change in the last step of length h, keep what a stiff model does not damp within it. */
-void method_damp(const Core *core, double h, double change[]);
-
 /* By what the length h of a step with this estimate should be multiplied; `last` is the step before, NULL for none. */
 double method_factor(const StepControl *last, double h, double error);
+#endif
+
+#if HYBRID
+/* Initial discrete states, and which events and sampling instants are next. */
+CoreStatus core_start_discrete(Core *core);
+
+/* Have happened what does so at this communication point: samplers whose instant it is, then events. With other inputs it
+ * may be something else; before they are set it is taken back. */
+CoreStatus core_settle(Core *core);
+void core_unsettle(Core *core);
+
+/* The same at any other instant. */
+CoreStatus core_change(Core *core, int *states_changed);
+
+/* Time of the next sampling instant, INFINITY if there is none. */
+double core_next_instant(const Core *core);
+
+/* After an integrator's step whether there was an event or a sampling instant. */
+int core_has_passed_event(Core *core);
+
+CoreStatus core_get_indicators(Core *core, double indicators[]);
+#endif
+#if N_EVENTS > 0
+/* Whether an event happens in an internal step from `x` at `time`, where the inputs are `u` and change at `u_rate` and
+ * the state derivatives are `rates`, to `next`: *h and `next` become those of the event. */
+CoreStatus core_find_event(Core *core, double time, double *h, const double x[], const double u[],
+                           const double u_rate[], const double rates[], double next[], int *found);
 #endif
 
 CoreStatus core_set_time(Core *core, double time);

@@ -305,7 +305,15 @@ fmi2Status fmi2EnterEventMode(fmi2Component c) {
 fmi2Status fmi2NewDiscreteStates(fmi2Component c, fmi2EventInfo *info) {
     CHECK(c, EVENT);
     if (!info) return MISSING;
-    memset(info, 0, sizeof *info); /* there are no events */
+    memset(info, 0, sizeof *info);
+#if HYBRID
+    int states_changed;
+    CoreStatus status = core_change(&instance->core, &states_changed);
+    if (status != CORE_OK) return (fmi2Status)status;
+    info->valuesOfContinuousStatesChanged = states_changed;
+    info->nextEventTime = core_next_instant(&instance->core);
+    info->nextEventTimeDefined = N_SAMPLED > 0;
+#endif
     return fmi2OK;
 }
 
@@ -321,6 +329,9 @@ fmi2Status fmi2CompletedIntegratorStep(fmi2Component c, fmi2Boolean no_state_bef
     CHECK(c, CONTINUOUS);
     if (!enter_event_mode || !terminate) return MISSING;
     *enter_event_mode = *terminate = fmi2False;
+#if HYBRID
+    *enter_event_mode = core_has_passed_event(&instance->core);
+#endif
     return fmi2OK;
 }
 
@@ -349,9 +360,16 @@ fmi2Status fmi2GetDerivatives(fmi2Component c, fmi2Real derivatives[], size_t n)
 }
 
 fmi2Status fmi2GetEventIndicators(fmi2Component c, fmi2Real indicators[], size_t n) {
-    (void)indicators;
     CHECK(c, INITIALIZATION | EVENT | CONTINUOUS | TERMINATED);
-    return n ? (fmi2Status)core_fail(&instance->core, CORE_ERROR, "this FMU has no event indicators") : fmi2OK;
+    if (n != N_EVENTS)
+        return (fmi2Status)core_fail(&instance->core, CORE_ERROR, "%s: this FMU has %d event indicators, not %lu",
+                                     __func__, N_EVENTS, (unsigned long)n);
+    if (n && !indicators) return MISSING;
+#if HYBRID
+    return (fmi2Status)core_get_indicators(&instance->core, indicators);
+#else
+    return fmi2OK;
+#endif
 }
 
 fmi2Status fmi2GetContinuousStates(fmi2Component c, fmi2Real x[], size_t n) {

@@ -402,9 +402,16 @@ fmi3Status fmi3UpdateDiscreteStates(fmi3Instance c, fmi3Boolean *again, fmi3Bool
     CHECK(c, EVENT);
     if (!again || !terminate || !nominals_changed || !values_changed || !next_event_defined || !next_event)
         return MISSING;
-    *again = *terminate = *nominals_changed = *values_changed = *next_event_defined =
-        fmi3False; /* there are no events */
+    *again = *terminate = *nominals_changed = *values_changed = *next_event_defined = fmi3False;
     *next_event = 0.0;
+#if HYBRID
+    int states_changed;
+    CoreStatus status = core_change(&instance->core, &states_changed);
+    if (status != CORE_OK) return (fmi3Status)status;
+    *values_changed = states_changed != 0;
+    *next_event_defined = N_SAMPLED > 0;
+    *next_event = core_next_instant(&instance->core);
+#endif
     return fmi3OK;
 }
 
@@ -420,6 +427,9 @@ fmi3Status fmi3CompletedIntegratorStep(fmi3Instance c, fmi3Boolean no_state_befo
     CHECK(c, CONTINUOUS);
     if (!enter_event_mode || !terminate) return MISSING;
     *enter_event_mode = *terminate = fmi3False;
+#if HYBRID
+    *enter_event_mode = core_has_passed_event(&instance->core) != 0;
+#endif
     return fmi3OK;
 }
 
@@ -446,9 +456,15 @@ fmi3Status fmi3GetContinuousStateDerivatives(fmi3Instance c, fmi3Float64 derivat
 }
 
 fmi3Status fmi3GetEventIndicators(fmi3Instance c, fmi3Float64 indicators[], size_t n) {
-    (void)indicators;
     CHECK(c, INITIALIZATION | EVENT | CONTINUOUS | TERMINATED);
-    return n ? FAIL("this FMU has no event indicators") : fmi3OK;
+    if (n != N_EVENTS)
+        return FAIL("%s: this FMU has %d event indicators, not %lu", __func__, N_EVENTS, (unsigned long)n);
+    if (n && !indicators) return MISSING;
+#if HYBRID
+    return (fmi3Status)core_get_indicators(&instance->core, indicators);
+#else
+    return fmi3OK;
+#endif
 }
 
 fmi3Status fmi3GetContinuousStates(fmi3Instance c, fmi3Float64 x[], size_t n) {
@@ -467,7 +483,7 @@ fmi3Status fmi3GetNominalsOfContinuousStates(fmi3Instance c, fmi3Float64 nominal
 fmi3Status fmi3GetNumberOfEventIndicators(fmi3Instance c, size_t *n) {
     CHECK(c, ANY);
     if (!n) return MISSING;
-    *n = 0;
+    *n = N_EVENTS;
     return fmi3OK;
 }
 

@@ -11,7 +11,6 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Iterable
-from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -26,6 +25,7 @@ from fmu_export.package.start_values import start_values_text
 from fmu_export.trace.trace import trace
 from plant_fmu.model import MODEL as PLANT
 from tests.support import SUPPORT
+from tests.support.hybrid_models import SAMPLED_PI, THERMOSTAT
 from tests.support.patience import PATIENCE
 from trajectory_fmu.model import MODEL as TRAJECTORY
 
@@ -33,8 +33,7 @@ pytestmark = [
     pytest.mark.skipif(sys.platform == "win32", reason="the hosts are built by the options of gcc and clang"),
 ]
 
-MODELS = {model.name: model for model in (CONTROLLER, TRAJECTORY, PLANT)}
-MODELS |= {solver: replace(CONTROLLER, solver=solver) for solver in ("dopri5", "rodas4")}
+MODELS = {model.name: model for model in (CONTROLLER, TRAJECTORY, PLANT, THERMOSTAT, SAMPLED_PI)}
 FLAVOURS = ("fmi2", "fmi3")
 SANITISERS = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-g"]
 STRICT = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror"]
@@ -95,7 +94,7 @@ def compiler() -> str:
 def write_sources(folder: Path, model: Model, flavour: str) -> Sources:
     traced = trace(model)
     interface = interface_of(traced)
-    adapter = _adapter_sources(flavour, model.solver)
+    adapter = _adapter_sources(flavour, hybrid=not model.is_continuous)
     for name, content in (adapter | model_sources(traced, interface, "{the guid}")).items():
         (folder / name).write_bytes(content)
     resources = folder / "resources"
@@ -121,10 +120,13 @@ def hosts(models: Iterable[str], always: set[tuple[str, str]]) -> list[object]:
     ]
 
 
-#: Both adapters, with a model that has states and one that has none, and the solver with most memory.
+#: Both adapters, with a model that has states and one that has none.
 @pytest.mark.parametrize(
     "sources",
-    hosts(MODELS, {(CONTROLLER.name, "fmi3"), (TRAJECTORY.name, "fmi2"), ("rodas4", "fmi3")}),
+    hosts(
+        MODELS,
+        {(CONTROLLER.name, "fmi3"), (TRAJECTORY.name, "fmi2"), (THERMOSTAT.name, "fmi2"), (SAMPLED_PI.name, "fmi3")},
+    ),
     indirect=True,
 )
 def test_sanitisers_find_nothing(sources: Sources, compiler: str) -> None:
