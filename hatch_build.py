@@ -1,4 +1,6 @@
-"""Compile the stepping loop when the package is built or installed; `python hatch_build.py` does it in a checkout.
+"""Compile the stepping loop and the library of packed FMUs when the package is built or installed.
+
+In a checkout `python hatch_build.py` does it.
 
 It takes the C compiler it finds; where there is none, pip brings zig for the time of the build: whoever installs the
 package needs no compiler.
@@ -19,7 +21,9 @@ except ModuleNotFoundError:  # run as a script
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from cosim.loop.source import LIBRARY, SOURCE, source_hash
+from cosim.loop.source import LIBRARY, loop_sources
+from cosim.pack.source import LIBRARY as PACKED_LIBRARY
+from cosim.pack.source import SYSTEM_LIBRARIES, library_sources
 from fmu_export.native.toolchain import ToolchainError, compile_library, find_compiler
 
 
@@ -31,11 +35,26 @@ def compile_loop() -> Path:
     ToolchainError
         There is no C compiler, or it fails.
     """
-    sources = {"loop.c": SOURCE.read_bytes(), "loop_hash.h": f'#define LOOP_HASH "{source_hash()}"\n'.encode()}
-    part = LIBRARY.with_name(f"{LIBRARY.name}.part")
-    part.write_bytes(compile_library(sources, LIBRARY.stem))
-    part.replace(LIBRARY)  # a process that has the old one loaded keeps it
-    return LIBRARY
+    return _replace(LIBRARY, compile_library(loop_sources(), LIBRARY.stem))
+
+
+def compile_packed() -> Path:
+    """Compile the library of packed FMUs beside its sources; returns it.
+
+    Raises
+    ------
+    ToolchainError
+        There is no C compiler, or it fails.
+    """
+    library = compile_library(library_sources(), PACKED_LIBRARY.stem, libraries=SYSTEM_LIBRARIES)
+    return _replace(PACKED_LIBRARY, library)
+
+
+def _replace(library: Path, content: bytes) -> Path:
+    part = library.with_name(f"{library.name}.part")
+    part.write_bytes(content)
+    part.replace(library)  # a process that has the old one loaded keeps it
+    return library
 
 
 class LoopBuildHook(BuildHookInterface):
@@ -55,8 +74,8 @@ class LoopBuildHook(BuildHookInterface):
         """Compile, and have the library packed; it depends on the platform, but not on the version of Python."""
         if self.target_name != "wheel":
             return
-        library = compile_loop()
-        build_data["artifacts"].append(library.relative_to(self.root).as_posix())
+        libraries = (compile_loop(), compile_packed())
+        build_data["artifacts"] += [library.relative_to(self.root).as_posix() for library in libraries]
         platform = sysconfig.get_platform().replace("-", "_").replace(".", "_")
         build_data["pure_python"] = False
         build_data["tag"] = f"py3-none-{platform}"
@@ -64,3 +83,4 @@ class LoopBuildHook(BuildHookInterface):
 
 if __name__ == "__main__":
     print(compile_loop())
+    print(compile_packed())

@@ -259,7 +259,7 @@ def path() -> str:
 #: Rooms of `cosim` from the highest to the lowest: names, and what each is about or more names.
 ROOMS = (
     ("commands", "the program: run, sweep, compare, validate"),
-    ("scenario \u00b7 ssp \u00b7 osp \u00b7 sweep", "regression \u00b7 analysis"),
+    ("scenario \u00b7 ssp \u00b7 osp \u00b7 sweep", "regression \u00b7 analysis \u00b7 pack"),
     ("master", "simulation, algorithm, run, recording"),
     ("results", "result objects, file formats, plots"),
     ("system", "components, connections, units, levels"),

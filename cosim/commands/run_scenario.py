@@ -36,21 +36,13 @@ def prepared_scenario(args: argparse.Namespace) -> Iterator[PreparedRun]:
     CosimError
         The scenario is malformed, an option makes no sense, or an FMU can't be had.
     """
-    scenario, family = load_with_family(args.scenario)
-    refuse({"--input": args.input}, "is for a single FMU; a scenario has signals of shape = 'table'")
-    for name, other in families().items():
-        if other is not family:
-            refuse({o: getattr(args, d) for o, d in args.family_options[name].items()}, f"is for scenarios of {name}")
-    scenario = _with_options(scenario, args)
-    for assignment in args.set:
-        start_value(assignment, list(scenario.components))
+    scenario, family = scenario_of(args)
     folder = results_folder(args, scenario.name)
-    scenario = family.prepared(scenario, args)
-    system = _with_own_fmus(args.fmu, scenario, family)
+    scenario, system = system_of(scenario, family, args)
     yield PreparedRun(
         source=args.scenario,
         title=scenario.title,
-        system=with_start_values(system, args.set, "change the scenario's TOML"),
+        system=system,
         plan=Plan(
             scenario.stop_time,
             scenario.step_size,
@@ -73,6 +65,38 @@ def prepared_scenario(args: argparse.Namespace) -> Iterator[PreparedRun]:
         drawing=family.drawing,
         drawing_arguments=family.drawing_arguments(scenario),
     )
+
+
+def scenario_of(args: argparse.Namespace) -> tuple[Scenario, ScenarioFamily]:
+    """The scenario that a user names, with the options of the command line, and its family.
+
+    Raises
+    ------
+    CosimError
+        It is malformed, or an option makes no sense.
+    """
+    scenario, family = load_with_family(args.scenario)
+    refuse({"--input": args.input}, "is for a single FMU; a scenario has signals of shape = 'table'")
+    for name, other in families().items():
+        if other is not family:
+            refuse({o: getattr(args, d) for o, d in args.family_options[name].items()}, f"is for scenarios of {name}")
+    scenario = _with_options(scenario, args)
+    for assignment in args.set:
+        start_value(assignment, list(scenario.components))
+    return scenario, family
+
+
+def system_of(scenario: Scenario, family: ScenarioFamily, args: argparse.Namespace) -> tuple[Scenario, System]:
+    """A scenario with all its FMUs, and its system with the user's FMUs and start values.
+
+    Raises
+    ------
+    CosimError
+        An FMU can't be had, or an option makes no sense.
+    """
+    scenario = family.prepared(scenario, args)
+    system = _with_own_fmus(args.fmu, scenario, family)
+    return scenario, with_start_values(system, args.set, "change the scenario's TOML")
 
 
 def _with_options(scenario: Scenario, args: argparse.Namespace) -> Scenario:

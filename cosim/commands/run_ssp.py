@@ -41,7 +41,7 @@ def prepared_description(args: argparse.Namespace, standard: Standard) -> Iterat
             return text.replace(f"{unpacked}{os.sep}", f"{path}: ")
 
         try:
-            found = _read(path, standard, Path(unpacked), args)
+            found = read_description(path, standard, Path(unpacked), args)
             for note in found.notes:
                 print(f"note: {in_archive(note)}")
             yield PreparedRun(
@@ -58,7 +58,14 @@ def prepared_description(args: argparse.Namespace, standard: Standard) -> Iterat
             raise CosimError(in_archive(str(error))) from error
 
 
-def _read(path: Path, standard: Standard, unpacked: Path, args: argparse.Namespace) -> ReadSystem:
+def read_description(path: Path, standard: Standard, unpacked: Path, args: argparse.Namespace) -> ReadSystem:
+    """The system of an SSP or an OSP configuration, whose FMUs are unpacked into a folder.
+
+    Raises
+    ------
+    CosimError
+        It is malformed, or an option makes no sense.
+    """
     if standard == "osp":
         from cosim.osp.reader import read_osp
 

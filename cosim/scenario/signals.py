@@ -408,6 +408,12 @@ class CsvColumn(Shape, name="table"):
         object.__setattr__(self, "sha256", hashlib.sha256(content).hexdigest())
         self.__dict__["_rows"] = table.time, values  # no field: they are no part of what a TOML file says
 
+    @property
+    def rows(self) -> tuple[np.ndarray, np.ndarray]:
+        """Times (n,) (s) and values (n, columns) of the table."""
+        time, values = self.__dict__["_rows"]
+        return time, values
+
     def function(self, size: int, seed: int, target: str) -> SignalFunction:  # noqa: ARG002 -- nothing random
         """The signal for an input of some size; one column feeds all elements alike.
 
@@ -416,7 +422,7 @@ class CsvColumn(Shape, name="table"):
         SetupError
             There are neither one column nor as many as elements.
         """
-        time, values = self.__dict__["_rows"]
+        time, values = self.rows
         if values.shape[1] not in (1, size):
             raise SetupError(f"{self.file}: '{self.column}' has {values.shape[1]} columns for the {size} of '{target}'")
         return interpolated(time, np.broadcast_to(values, (len(time), size)), self.between)
@@ -424,7 +430,7 @@ class CsvColumn(Shape, name="table"):
     @property
     def breakpoints(self) -> tuple[float, ...]:
         """Times (s) at which the signal jumps: at rows of equal times, or wherever held values differ."""
-        time, values = self.__dict__["_rows"]
+        time, values = self.rows
         differs = (np.diff(values, axis=0) != 0.0).any(axis=1)
         jumps = differs if self.between == "hold" else differs & (time[1:] == time[:-1])
         return tuple(np.unique(time[1:][jumps]).tolist())

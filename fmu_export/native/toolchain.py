@@ -14,7 +14,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from importlib.util import find_spec
@@ -132,7 +132,12 @@ def _zig_version() -> str:
 
 
 def compile_library(
-    sources: Mapping[str, bytes], name: str, target: Target | None = None, *, strict: bool = False
+    sources: Mapping[str, bytes],
+    name: str,
+    target: Target | None = None,
+    *,
+    strict: bool = False,
+    libraries: Sequence[str] = (),
 ) -> bytes:
     """Compile C99 sources into a shared library and return its bytes.
 
@@ -146,6 +151,8 @@ def compile_library(
         Platform; None is this machine and its own compiler, any other (also the host, if named) takes zig.
     strict
         Whether a warning is an error; for tests, since a later compiler may warn of more.
+    libraries
+        System libraries, by the names that -l takes, besides that of the mathematical functions; none on Windows.
 
     Raises
     ------
@@ -168,7 +175,7 @@ def compile_library(
             (folder / source).parent.mkdir(parents=True, exist_ok=True)
             (folder / source).write_bytes(content)
         # relative names only, so that no name of the temporary folder gets into the library
-        _run([*compiler, *_arguments(compiler, target, files, library, strict)], folder, library)
+        _run([*compiler, *_arguments(compiler, target, files, library, strict, libraries)], folder, library)
         return (folder / library).read_bytes()
 
 
@@ -202,7 +209,9 @@ def _is_zig(compiler: list[str]) -> bool:
     return _is(compiler, "zig", "ziglang", "python-zig")
 
 
-def _arguments(compiler: list[str], target: Target, files: list[str], library: str, strict: bool) -> list[str]:
+def _arguments(
+    compiler: list[str], target: Target, files: list[str], library: str, strict: bool, libraries: Sequence[str]
+) -> list[str]:
     """What follows the compiler's name on its command line."""
     if _is(compiler, "cl"):  # no C99 by name: it is cl's default; /Brepro: no time stamps
         options = ["/nologo", "/LD", "/MT", "/O2", "/fp:precise", "/W3", "/utf-8", "/Brepro", "/I."]
@@ -221,7 +230,8 @@ def _arguments(compiler: list[str], target: Target, files: list[str], library: s
         options += ["-s"]
     else:
         options += ["-s", "-static-libgcc", "-Wl,--no-insert-timestamp"]
-    return [*options, *files, "-o", library, *([] if target.system == "windows" else ["-lm"])]
+    linked = [] if target.system == "windows" else [f"-l{name}" for name in ("m", *libraries)]
+    return [*options, *files, "-o", library, *linked]
 
 
 def _run(command: list[str], folder: Path, library: str) -> None:

@@ -21,6 +21,7 @@ ROOMS = (
     ("cosim.results", "cosim.output"),
     ("cosim.master",),
     ("cosim.scenario", "cosim.ssp", "cosim.osp", "cosim.sweep", "cosim.regression", "cosim.analysis"),
+    ("cosim.pack",),
     ("cosim.commands", "cosim.__main__", "cosim"),
 )
 
@@ -30,6 +31,9 @@ EXCEPTIONS = (
     ("cosim.fmi.python_fmus", "fmu_export.errors"),
     ("cosim.fmi.python_fmus", "fmu_export.pythonfmu.binary"),  # Python FMUs of others get the same mended binary
     ("cosim.fmi.python_fmus", "fmu_export.pythonfmu.entry"),  # and the same entry as those of our own
+    ("cosim.pack.library", "fmu_export.native.toolchain"),  # packed FMUs are compiled and written as exported ones
+    ("cosim.pack.packing", "fmu_export.native.toolchain"),
+    ("cosim.pack.packing", "fmu_export.package.archive"),
 )
 
 #: Modules that stand lower than the rest of their room: the table of FMI types is below the loop, and the loop's

@@ -16,7 +16,8 @@ from types import ModuleType, SimpleNamespace
 import pytest
 
 import fmu_export.native.toolchain
-from cosim.loop.source import LIBRARY, SOURCE, source_hash
+from cosim.loop.source import LIBRARY, SOURCE, loop_sources, source_hash
+from cosim.pack.source import LIBRARY as PACKED_LIBRARY
 from fmu_export.native.toolchain import ToolchainError
 from tests.support.native_fmus import require_compiler
 
@@ -37,8 +38,11 @@ def hook(monkeypatch: pytest.MonkeyPatch) -> Iterator[ModuleType]:
 def elsewhere(hook: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Where the library goes instead of beside its source: other tests have that loaded."""
     path = tmp_path / "cosim" / "loop" / LIBRARY.name
-    path.parent.mkdir(parents=True)
+    packed = tmp_path / "cosim" / "pack" / PACKED_LIBRARY.name
+    for library in (path, packed):
+        library.parent.mkdir(parents=True)
     monkeypatch.setattr(hook, "LIBRARY", path)
+    monkeypatch.setattr(hook, "PACKED_LIBRARY", packed)
     return path
 
 
@@ -56,8 +60,10 @@ def build_hook(hook: ModuleType, root: Path = ROOT, target: str = "wheel") -> ob
     return Alone()
 
 
-def load(path: Path) -> ctypes.CDLL:
+def load(path: Path, *, loop: bool = True) -> ctypes.CDLL:
     library = ctypes.CDLL(str(path))
+    if not loop:
+        return library
     library.loop_hash.restype = ctypes.c_char_p
     return library
 
@@ -86,13 +92,12 @@ def test_a_library_in_use_is_replaced_not_written_into(hook: ModuleType, elsewhe
 
 
 def test_a_source_that_cannot_be_compiled_leaves_the_old_library(
-    hook: ModuleType, elsewhere: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    hook: ModuleType, elsewhere: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     require_compiler()
     elsewhere.write_bytes(b"the old one")
-    broken = tmp_path / "loop.c"
-    broken.write_bytes(SOURCE.read_bytes() + b"\nint wrong(void) { return nothing; }\n")
-    monkeypatch.setattr(hook, "SOURCE", broken)
+    broken = {**loop_sources(), "loop.c": SOURCE.read_bytes() + b"\nint wrong(void) { return nothing; }\n"}
+    monkeypatch.setattr(hook, "loop_sources", lambda: broken)
     with pytest.raises(ToolchainError, match="nothing"):
         hook.compile_loop()
     assert elsewhere.read_bytes() == b"the old one"
@@ -119,14 +124,16 @@ def test_the_script_compiles_in_a_checkout(tmp_path: Path) -> None:
     assert not library.exists()
     command = [sys.executable, "-S", str(checkout / "hatch_build.py")]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
-    assert Path(done.stdout.strip()) == library
+    packed = checkout / "cosim" / "pack" / PACKED_LIBRARY.name
+    assert [Path(line) for line in done.stdout.split()] == [library, packed]
+    assert load(packed, loop=False).fmi2GetVersion
     assert load(library).loop_hash().decode() == source_hash()
 
 
 def copied(checkout: Path) -> Path:
     """A copy of what a build needs, without what was built."""
     for package in ("plant_fmu", "controller_fmu", "fmu_export", "cosim"):
-        ignored = shutil.ignore_patterns("__pycache__", "_loop.*")
+        ignored = shutil.ignore_patterns("__pycache__", "_loop.*", "_packed.*")
         shutil.copytree(ROOT / package, checkout / package, ignore=ignored)
     for name in ("pyproject.toml", "README.md", "LICENSE", "hatch_build.py"):
         shutil.copy(ROOT / name, checkout / name)
@@ -200,7 +207,7 @@ def test_the_wheel_is_of_this_platform_and_of_no_version_of_python(
     build_hook(hook, tmp_path).initialize("standard", data)
     platform = sysconfig.get_platform().replace("-", "_").replace(".", "_")
     assert data == {
-        "artifacts": [f"cosim/loop/{LIBRARY.name}"],
+        "artifacts": [f"cosim/loop/{LIBRARY.name}", f"cosim/pack/{PACKED_LIBRARY.name}"],
         "pure_python": False,
         "tag": f"py3-none-{platform}",
     }
@@ -231,7 +238,8 @@ def test_pip_builds_a_wheel_with_the_library_and_its_source(tmp_path: Path) -> N
         metadata = archive.read(next(n for n in names if n.endswith(".dist-info/WHEEL"))).decode()
         archive.extractall(tmp_path / "installed")
     assert f"cosim/loop/{LIBRARY.name}" in names
-    assert "cosim/loop/loop.c" in names
+    assert f"cosim/pack/{PACKED_LIBRARY.name}" in names
+    assert {"cosim/loop/loop.c", "cosim/loop/loop.h", "cosim/pack/c/packed.c"} <= set(names)
     assert "Root-Is-Purelib: false" in metadata
     assert f"Tag: py3-none-{platform}" in metadata
     assert load(tmp_path / "installed" / "cosim" / "loop" / LIBRARY.name).loop_hash().decode() == source_hash()

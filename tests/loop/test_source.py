@@ -9,17 +9,13 @@ from pathlib import Path
 
 import pytest
 
-from cosim.loop.source import SOURCE, source_hash
+from cosim.loop.source import SOURCE, loop_sources
 from fmu_export.native.toolchain import Target, compile_library, find_compiler, host_target
 from tests.support import CHECKOUT
 from tests.support.native_fmus import require_compiler
 from tests.support.patience import PATIENCE
 from tests.support.small_fmus import build
 from tests.support.tiny_models import GAIN, INTEGRATOR
-
-
-def sources() -> dict[str, bytes]:
-    return {"loop.c": SOURCE.read_bytes(), "loop_hash.h": f'#define LOOP_HASH "{source_hash()}"\n'.encode()}
 
 
 @pytest.mark.parametrize("by_zig", [False, pytest.param(True, marks=pytest.mark.slow)])
@@ -30,7 +26,7 @@ def test_compilers_do_not_warn(by_zig: bool) -> None:
         target = host_target()
     else:
         require_compiler()
-    assert compile_library(sources(), "loop", target, strict=True)
+    assert compile_library(loop_sources(), "loop", target, strict=True)
 
 
 #: Runs of all orders and extrapolations, with samples at every point, at jumps and behind cuts, and with components
@@ -77,7 +73,7 @@ def sanitised_runs(folder: Path, fmus: Path, source: bytes) -> subprocess.Comple
     library = Path(runtime.stdout.strip())
     if sys.platform != "linux" or not library.is_absolute() or not library.exists():
         pytest.skip(f"{compiler[0]} has no address sanitiser that another program could load")
-    for name, content in (sources() | {"loop.c": source}).items():
+    for name, content in (loop_sources() | {"loop.c": source}).items():
         (folder / name).write_bytes(content)
     options = ["-std=c99", "-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
     subprocess.run([*compiler, *options, "-shared", "-fPIC", "loop.c", "-o", "loop.so"], cwd=folder, check=True)

@@ -1,0 +1,118 @@
+/* The table of operations that the stepping loop walks, and its functions; binding.py lays `Operation` and `Loop` out once
+ * more. The loop is compiled into a library for Python, and into FMUs that hold a whole system (cosim/pack). */
+#ifndef LOOP_H
+#define LOOP_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "loop_hash.h" /* LOOP_HASH; where the loop is a part of something, also EXPORT, empty */
+
+#ifndef EXPORT
+#ifdef _WIN32
+#define EXPORT __declspec(dllexport)
+#else
+#define EXPORT __attribute__((visibility("default")))
+#endif
+#endif
+
+typedef enum { SAMPLE, SET, GET, EXTRAPOLATE, STEP, TRANSFORM, CALL, CONVERT } Kind;
+
+/* A C type of values is its class and its size in bytes: REAL + 4 is a float. A value stands in a slot of 8 bytes, real
+ * ones as a double, whole ones as an integer; so `values`, an array of slots, is one of doubles by name only. */
+enum { REAL = 0, SIGNED = 16, UNSIGNED = 32, POINTER = 64 };
+
+/* Where the derivatives of an input come from: from its values at this and at earlier points (extrapolation), or, for a
+ * signal, which is known beforehand, from those at this and at the next point (interpolation): then its column of the samples. */
+enum { EXTRAPOLATED = -1, HELD = -2 };
+
+enum { NONE = -1 };
+
+/* How n inputs of an FMU change over a step: polynomials of a degree, through their values at so many points. */
+typedef struct {
+    double
+        *history; /* points rows of n: values at this point (before it is reached: at the last one), before it, ... */
+    double *derivatives; /* degree rows of n: by time, the first, the second, ... */
+    double *buffer; /* FMI 3.0: n values during the step */
+    const int32_t *orders; /* of the derivatives, as fmi2SetRealInputDerivatives wants them */
+    const double *weights; /* for 1, 2, ... points known values: degree rows of points, times the step^-order */
+    double time; /* of this point */
+    int32_t points, degree, known;
+    int32_t refused; /* FMI 3.0: status with which the FMU refused a value during a step; -1 once that was told */
+} Extrapolated;
+
+/* What a connection between two types may carry: slots of REAL, SIGNED or UNSIGNED, to a C type with these bounds. */
+typedef struct {
+    int64_t smallest;
+    uint64_t largest;
+    int32_t from, to;
+} Conversion;
+
+typedef struct {
+    uint8_t kind, type, version; /* type of C that the function takes; version of FMI: 1, 2 or 3 */
+    uint8_t more; /* EXTRAPOLATE: whether the next operation has more of the same instance */
+    int32_t every; /* takes part in the communication points whose number is a multiple of this */
+    void *function, *instance;
+    const uint32_t *references;
+    void *data; /* SET, GET: buffer for values in the type of the function; NULL where that is the type of the slots.
+                   EXTRAPOLATE: its Extrapolated. STEP: a double, the time at which the FMU stopped.
+                   TRANSFORM: factors and, after them, offsets. CONVERT: a Conversion each. */
+    const int32_t *targets; /* positions, and after them, as many:
+                               SET, TRANSFORM, CONVERT: positions of the sources; TRANSFORM: then of what is added, or NONE.
+                               SAMPLE: columns.
+                               GET: only positions, of what must be finite.
+                               EXTRAPOLATE: only columns, EXTRAPOLATED or HELD, of the last of its values;
+                               those before are EXTRAPOLATED. */
+    int32_t n_references, first, n, n_targets; /* first, n: the values that it gets or sets, contiguous */
+} Operation; /* 64 bytes: with many FMUs the loop is as fast as the processor's cache */
+
+typedef struct {
+    double start_time, step_size, per_second; /* steps in a second, if each is one of step_size */
+    int64_t last_point;
+    double *values;
+    /* samples of the signals, and whether something jumps at a point or since the one before; rows from first_sample on */
+    const double *samples;
+    const uint8_t *jumps;
+    int64_t n_samples, first_sample, n_rows;
+    /* what is recorded, at the points whose number is a multiple of record_every; rows from first_record on */
+    double *records;
+    const int32_t *runs; /* of contiguous values: position of the first, number */
+    int64_t n_runs, n_recorded, record_every, first_record;
+    const Operation *at_point, *at_step;
+    int64_t n_at_point, n_at_step;
+    void (*warned)(const Operation *); /* told of each operation that returns a warning */
+    /* where it is or was, and how it ended */
+    int64_t point, failed;
+    int32_t status, failed_at_step;
+} Loop;
+
+/* Beyond the statuses of FMI. */
+enum { NOT_FINITE = 100, WANTS_TO_END, RETURNED_EARLY, DOES_NOT_FIT };
+
+/* What takes a message of an FMU, its text without arguments. */
+typedef void TakeMessage(void *environment, const char *name, int status, const char *category, const char *text);
+
+EXPORT void log_to(TakeMessage *taker);
+
+/* The logger of FMI 1.0 and 2.0, which formats as printf does; a text without % is as long as the FMU has it. */
+EXPORT void log_message(void *environment, const char *name, int status, const char *category, const char *format, ...);
+
+/* fmi3IntermediateUpdateCallback; the environment of the instance points to a pointer to its first EXTRAPOLATE operation, if any. */
+EXPORT void intermediate_update(void *environment, double time, bool set_requested, bool get_allowed,
+                                bool step_finished, bool can_return_early, bool *return_early, double *return_time);
+
+/* Copy slots to values of a C type that are known to fit, or back. */
+void loop_convert(int32_t type, void *buffer, double *slots, int64_t n, bool to_fmu);
+
+/* Carry a value to a slot of another type; false where that can't hold it exactly. */
+bool loop_carry(const Conversion *conversion, const double *source, double *target);
+
+/* Perform operations once, at a communication point; false, with the reason in `loop`, when one fails. */
+EXPORT bool loop_perform(Loop *loop, const Operation operations[], int64_t n, int64_t point);
+
+/* Go through the communication points first ... end - 1, with a step after each but the last one of the run; at the first
+ * one values may have been exchanged already. */
+EXPORT bool loop_run(Loop *loop, int64_t first, int64_t end, bool exchanged);
+
+#endif
