@@ -63,7 +63,130 @@ def heat(times: np.ndarray) -> Values:
     return {"T": np.array(values), "T_max": np.max(values, axis=1)}
 
 
+def ball(times: np.ndarray) -> Values:
+    """Free falls between bounces, whose speeds are a geometric series."""
+    g, e, height = 9.81, 0.7, 1.5
+    speed, begin, bounces = 0.0, 0.0, 0.0
+    h, v, n = (np.empty_like(times) for _ in range(3))
+    while begin <= times[-1]:
+        now = times >= begin
+        flown = times[now] - begin
+        h[now] = height + speed * flown - 0.5 * g * flown**2
+        v[now], n[now] = speed - g * flown, bounces
+        flight = (speed + np.sqrt(speed**2 + 2.0 * g * height)) / g
+        begin += flight
+        speed, height, bounces = e * (g * flight - speed), 0.0, bounces + 1.0
+    return {"h": h, "v": v, "bounces": n}
+
+
+def thermostat(times: np.ndarray) -> Values:
+    """Exponentials between switchings, whose instants are logarithms."""
+    low, high, tau, rate, ambient = 18.0, 22.0, 80.0, 0.25, 12.0
+    begin, T_0, on = 0.0, 20.0, False
+    T, heating = np.empty_like(times), np.empty_like(times)
+    while begin <= times[-1]:
+        now, rest = times >= begin, ambient + (rate * tau if on else 0.0)
+        T[now], heating[now] = rest + (T_0 - rest) * np.exp(-(times[now] - begin) / tau), rate if on else 0.0
+        switch = high if on else low
+        begin += tau * np.log((T_0 - rest) / (switch - rest))
+        T_0, on = switch, not on
+    return {"T": T, "heating": heating, "on": (heating > 0.0) * 1.0}
+
+
+def sampled_pi(times: np.ndarray) -> Values:
+    """The law at each sample, an exponential up to the next one."""
+    T, K, K_i, limit, period, reference = 0.5, 4.0, 3.0, 1.2, 0.1, 1.0
+    x, integral, values = 0.2, 0.0, []
+    for k in range(round(times[-1] / period) + 1):
+        error = reference - x
+        wanted = K * error + integral + K_i * period * error
+        control = min(max(wanted, -limit), limit)
+        integral += K_i * period * error if control == wanted else 0.0
+        now = times[(times > k * period - 1e-9) & (times < (k + 1) * period - 1e-9)]
+        values += [(control + (x - control) * np.exp(-(t - k * period) / T), integral, control) for t in now]
+        x = control + (x - control) * np.exp(-period / T)
+    return dict(zip(("x", "integral", "control"), np.transpose(values), strict=True))
+
+
+#: A signal that changes at the odd communication points, between the samples at the even ones.
+STAIRS = np.random.default_rng(3).normal(size=200)
+
+
+def stairs(t: float) -> float:
+    return float(STAIRS[(round(t / 0.02) + 1) // 2])
+
+
+def delay_line(times: np.ndarray) -> Values:
+    samples = [stairs(0.04 * k) for k in range(len(times))]
+    before = [0.3] * 19 + samples  # that of k = 0 comes out with the 20th sample
+    return {"y": np.array([before[round(t / 0.02) // 2] for t in times])}
+
+
+def kalman_filter(times: np.ndarray) -> Values:
+    """The filter with the information matrix, which adds up what the measurements tell."""
+    l, g, period, r, q = 0.8, 9.81, 0.04, 4e-3, np.diag([1e-5, 1e-3])
+    x, P, values = np.array([0.3, 0.1]), 0.1 * np.eye(2), []
+    for k in range(round(times[-1] / period) + 1):
+        rate = x[1] - period * g / l * np.sin(x[0])
+        slope = -period * g / l * np.cos(x[0])
+        F = np.array([[1.0, period], [0.0, 1.0]]) @ np.array([[1.0, 0.0], [slope, 1.0]])
+        x, P = np.array([x[0] + period * rate, rate]), F @ P @ F.T + q
+        H = np.array([l * np.cos(x[0]), 0.0])
+        P = np.linalg.inv(np.linalg.inv(P) + np.outer(H, H) / r)
+        x = x + P @ H / r * (0.5 * stairs(k * period) - l * np.sin(x[0]))
+        values += [(*x, P.ravel())] * 2
+    theta, omega, P = (np.array([v[i] for v in values])[: len(times)] for i in range(3))
+    return {"theta": theta, "omega": omega, "P": P}
+
+
 EXAMPLES = [
+    Example(
+        "bouncing_ball",
+        stop=2.99,
+        step=0.013,
+        start={"e": 0.7, "h_start": 1.5},
+        solution=ball,
+        tolerance=1e-8,
+        tolerance_me=1e-5,
+    ),
+    Example(
+        "thermostat",
+        stop=600.0,
+        step=3.0,
+        start={"tau": 80.0, "rate": 0.25, "ambient": 12.0},
+        solution=thermostat,
+        tolerance=1e-9,
+        tolerance_me=1e-6,
+    ),
+    Example(
+        "sampled_pi",
+        stop=3.0,
+        step=0.05,
+        start={"T": 0.5, "K": 4.0, "K_i": 3.0, "limit": 1.2, "x_start": 0.2},
+        solution=sampled_pi,
+        tolerance=1e-11,
+        tolerance_me=1e-7,
+    ),
+    Example(
+        "delay_line",
+        stop=3.0,
+        step=0.02,
+        start={"period": 0.04, "u_0": 0.3},
+        inputs={"u": stairs},
+        solution=delay_line,
+        tolerance=0.0,
+        tolerance_me=0.0,
+    ),
+    Example(
+        "extended_kalman_filter",
+        stop=3.0,
+        step=0.02,
+        start={"l": 0.8, "period": 0.04, "q": [1e-5, 1e-3], "r": 4e-3, "omega_start": 0.1},
+        inputs={"measured": lambda t: 0.5 * stairs(t)},
+        solution=kalman_filter,
+        tolerance=1e-11,
+        tolerance_me=1e-11,
+    ),
     Example(
         "n_link_pendulum",
         stop=3.0,
@@ -115,7 +238,7 @@ def test_every_example_is_compared_with_something() -> None:
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda e: e.module)
 def test_example_is_right(example: Example, flavour: str, importer: str, fmu_of: Callable[[str, str], Path]) -> None:
     fmu = fmu_of(example.module, flavour)
-    expected = example.solution(example.times)
+    expected = example.expected
     names = {name: values.ndim > 1 for name, values in expected.items()}
     if importer == "our_master":
         found, tolerance = by_our_master(fmu, example, names), example.tolerance

@@ -6,6 +6,7 @@ import importlib.util
 import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import cache, cached_property
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -39,6 +40,11 @@ class Example:
     start: Mapping[str, Any] = field(default_factory=dict)
     inputs: Mapping[str, Callable[[float], float]] = field(default_factory=dict)
 
+    @cached_property
+    def expected(self) -> Values:
+        """The solution at the communication points."""
+        return self.solution(self.times)
+
     @property
     def times(self) -> np.ndarray:
         """The communication points."""
@@ -55,8 +61,9 @@ def load(module: str) -> ModuleType:
     return loaded
 
 
+@cache
 def model_of(module: str) -> type[ModelClass]:
-    """The class of an example."""
+    """The class of an example, the same for both flavours."""
     loaded = load(module)
     (found,) = (c for c in vars(loaded).values() if inspect.isclass(c) and c.__module__ == loaded.__name__)
     assert issubclass(found, ModelClass)

@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import pytest
 
-from fmu_export import ModelClass, state, when
+from fmu_export import ModelClass, discrete, every, output, parameter, state, when
+from fmu_export import input as input_
 from fmu_export.modelling.model import DefaultExperiment, Model
 from fmu_export.trace.composition import CompositionError, compose
 from fmu_export.trace.trace import trace
@@ -107,6 +108,67 @@ def test_wrong_systems_are_refused(
 ) -> None:
     with pytest.raises(CompositionError, match=message.replace("(", r"\(")):
         composed(components, *connections)
+
+
+class Room(ModelClass):
+    """A room that is heated."""
+
+    T = state(20.0, "degC")
+    heat = input_(0.0, "K/s")
+    opened = discrete(0.0)
+
+    def derivatives(m):
+        return {"T": m.heat - 0.01 * (m.T - 10.0)}
+
+    @when(lambda m: m.T - 25.0, "rising")
+    def window(m):
+        return {"T": m.T - 1.0, "opened": m.opened + 1.0}
+
+
+class Controller(ModelClass):
+    """A sampled controller that counts."""
+
+    period = parameter(2.0, "s")
+    measured = input_(0.0, "K")
+    control = discrete(0.5, "K/s")
+    memory = discrete([1.0, 2.0], output=False)
+
+    @every(period, offset=0.5)
+    def sample(m):
+        return {"control": 300.0 - m.measured, "memory": np.stack([m.measured, m.memory[0]])}
+
+
+class Dial(ModelClass):
+    """Continuous, and without states."""
+
+    x = input_(0.0, "K/s")
+    y = output("K/s")
+
+    def outputs(m):
+        return {"y": 2.0 * m.x}
+
+
+def test_events_and_samples_of_components_are_those_of_the_whole() -> None:
+    whole = composed(
+        {"dial": Dial, "room": Room, "law": Controller},
+        *(("law.control", "dial.x"), ("dial.y", "room.heat"), ("room.T", "law.measured")),
+    )
+    assert whole.discrete.names == ("room.opened", "law.control", "law.memory[1]", "law.memory[2]")
+    assert whole.outputs.names == ("dial.y", "room.T", "room.opened", "law.control")
+    assert [e.name for e in whole.events] == ["room.window"]
+    assert [(s.name, s.period, s.offset) for s in whole.sampled] == [("law.sample", "law.period", 0.5)]
+    p = whole.parameters.starts
+    z = whole.initial_discrete_state(p)
+    assert z.tolist() == [0.0, 0.5, 1.0, 2.0]
+    now = (0.0, np.array([26.0]), np.array([3.0, 0.25, 1.0, 2.0]), np.zeros(0), p)
+    assert whole.output_values(*now).tolist() == [0.5, 26.0, 3.0, 0.25]
+    assert whole.derivatives(*now).tolist() == [0.5 - 0.16]
+    (event,), (sampled,) = whole.events, whole.sampled
+    assert event.indicator(*now) == 1.0
+    x, z = event.reset(*now)
+    assert (x.tolist(), z.tolist()) == ([25.0], [4.0, 0.25, 1.0, 2.0])
+    # the room's degrees Celsius are the controller's kelvins
+    np.testing.assert_allclose(sampled.update(*now), [3.0, 300.0 - 299.15, 299.15, 1.0], rtol=1e-15)
 
 
 def test_an_event_of_one_component_among_continuous_ones() -> None:
