@@ -6,8 +6,8 @@ from typing import Any
 
 from fmu_export.errors import needs
 from fmu_export.modelling.functions import rk4_step
-from fmu_export.trace.expressions import as_written
 from fmu_export.trace.operations import template
+from fmu_export.trace.symbols.expressions import as_written
 
 with needs("export"):
     import casadi as ca

@@ -18,6 +18,7 @@ import numpy as np
 from fmu_export.errors import TraceError, needs
 from fmu_export.modelling.model import Model
 from fmu_export.trace.operations import OPERATIONS
+from fmu_export.trace.symbols.refusal import place_of_function
 
 with needs("export"):
     import casadi as ca
@@ -214,7 +215,7 @@ class _Check:
         few = rng.random(flat[128:].shape) < max(0.5, 1.0 / max(flat.shape[1], 1))
         flat[128:] = np.where(few, flat[128:], np.tile(centre, (n - 128, 1)))
         flat = rng.permutation(self.within_limits(flat), axis=0)
-        numbers = [c for c in self.program.constants if np.isfinite(c)]
+        numbers = [c for c in self.program.constants if abs(c) < 1e300]
         special = np.unique([*(k / 2.0 for k in range(-7, 8)), *numbers, *(-c for c in numbers)])
         kinks = flat.copy()
         which = rng.random(kinks.shape) < rng.choice([0.15, 0.5, 1.0], (n, 1))
@@ -283,11 +284,11 @@ class _Check:
                 for name, before, after in zip("xup", (x, u, p), arguments[1:], strict=True):
                     if not np.array_equal(before, after, equal_nan=True):
                         raise TraceError(
-                            f"{self.model.name}: {f.name} changes its argument {name}; change a copy, {name}.copy()"
+                            f"{self.model.name}: {self.named(f)} changes its argument {name}; change {name}.copy()"
                         )
                 if value.shape != (len(f.elements),) and not (value.shape == () and len(f.elements) == 1):
                     raise TraceError(
-                        f"{self.model.name}: {f.name} returns an array of shape {value.shape} in numpy; "
+                        f"{self.model.name}: {self.named(f)} returns an array of shape {value.shape} in numpy; "
                         f"({len(f.elements)},) is declared"
                     )
                 results.append(value.reshape(-1))
@@ -306,11 +307,15 @@ class _Check:
                 "clocks, counters or what an earlier call has left; make it a parameter, an input or a state"
             )
 
+    def named(self, f: Checked) -> str:
+        """A function with the place of its definition."""
+        return place_of_function(f.numpy) + f.name
+
     def element(self, i: int) -> tuple[str, str]:
-        """Function and element of a position in the joined results."""
+        """Function, with its place, and element of a position in the joined results."""
         for f in self.functions:
             if i < len(f.elements):
-                return f.name, f.elements[i]
+                return self.named(f), f.elements[i]
             i -= len(f.elements)
         raise IndexError(i)
 

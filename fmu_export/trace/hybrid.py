@@ -11,7 +11,7 @@ import numpy as np
 
 from fmu_export.errors import TraceError, needs
 from fmu_export.modelling.model import Event, Model, Sampled
-from fmu_export.trace.symbols import column
+from fmu_export.trace.symbols.context import column
 
 with needs("export"):
     import casadi as ca

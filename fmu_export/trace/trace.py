@@ -18,11 +18,11 @@ from fmu_export.errors import TraceError, needs
 from fmu_export.modelling.functions import rk4_step
 from fmu_export.modelling.model import Model, Requirement
 from fmu_export.modelling.model_class import AnyModel, flat_model
-from fmu_export.trace.arrays import Scalar
 from fmu_export.trace.check import Checked, check_against_numpy
-from fmu_export.trace.expressions import as_written
 from fmu_export.trace.hybrid import Influence, changes, influence, instants, rows
-from fmu_export.trace.symbols import argument, column, tracing
+from fmu_export.trace.symbols.arrays import Scalar
+from fmu_export.trace.symbols.context import argument, column, tracing
+from fmu_export.trace.symbols.expressions import as_written
 
 with needs("export"):
     import casadi as ca

@@ -244,6 +244,8 @@ _EQUAL = {
         np.where(x > 0, np.sqrt(np.abs(x)), 0.0)
         np.where(np.array([True, False, True, False]), x, 0.0)
         max(1.0, 2.0) * x
+        np.random.default_rng(3).normal(size=4) * x
+        np.random.RandomState(1).rand(4) + x
         x * (True if len(x) == 4 else False)
     """,
     "Boolean masks": """
@@ -448,6 +450,247 @@ _EQUAL = {
         x if hasattr(x, "T") else 2.0 * x
         x.real + np.real(x)
     """,
+    "reductions with options": """
+        np.sum(x, where=x > 0)
+        np.sum(x, initial=5.0)
+        np.max(x, initial=0.0)
+        np.mean(x, where=x > 0)
+        np.max(x, initial=0.0, where=x < 1)
+        np.median(x)
+        np.apply_along_axis(np.sum, 0, x)
+        np.linspace(0.0, x[0], 3)
+        x // 2 + np.int64(3) // (x > 0).sum()
+    """,
+    "Boolean masks, further": """
+        d = x.copy()\\nd[(x > 0) | (x < -1)] = t\\nreturn d
+        m = np.zeros(4, dtype=bool)\\nm[0] = True\\nreturn np.where(m, x, -x)
+        m = x > 0\\nm[0] = False\\nreturn np.where(m, x, 7.0)
+        d = x.reshape(2, 2).copy()\\nd[d > 0] = 0\\nreturn d.ravel()
+        d = x.reshape(2, 2).copy()\\nd[d[:, 0] > 0] = 0\\nreturn d.ravel()
+        d = x.copy()\\nnp.putmask(d, x > 0, 0.0)\\nreturn d
+        np.where(x > 0, *(x, -x))
+        x[~np.isnan(x)].sum()
+        x[[True, False, True, True]]
+        np.sum((x > 0).astype(int) * 2 - 1)
+        np.sum(x > 0) // 2
+        (x > 0).mean()
+        np.cumsum(x > 0)
+        (x > 0) @ x
+        np.sum(x * (x > 0), where=[True, True, False, True])
+    """,
+    "views and writes, further": """
+        d = np.outer(x, x)\\nd.T[0] = 0\\nreturn d[:, 0] + d[1]
+        d = x * 1.0\\nd.flat[2] = 4\\nreturn d
+        d = x * 1.0\\na, b = np.split(d, 2)\\na[0] = 2\\nreturn d
+        d = x * 1.0\\nv = np.reshape(d, (2, 2), order="F")\\nreturn v.ravel()
+        np.ravel(x.reshape(2, 2), order="F")
+        x.reshape(2, -1).T.reshape(-1)
+        x.reshape(2, 2).T.flatten(order="K")
+        d = x.reshape(2, 2).copy()\\nfor row in d:\\n    row += 1\\nreturn d.ravel()
+        d = x[:]\\nd = d + 1\\nreturn d
+        d = x.copy()\\nd[[0, 0, 1]] += 1.0\\nreturn d
+        d = x.copy()\\nd[:] = 0\\nd[1] = x[2]\\nreturn d
+        d = np.arange(4)\\nd[0] = 7.9\\nreturn d * x
+        d = np.array([1, 2, 3, 4]) * x\\nd[1] = 2\\nreturn d
+        d = np.empty((2, 2))\\nd[0] = x[:2]\\nd[1] = d[0] * 2\\nreturn d.ravel()
+        d = np.concatenate([C, C])\\nd[0] = x[0]\\nreturn d
+    """,
+    "where= and out=": """
+        np.divide(1.0, x, where=x != 0, out=np.zeros(4))
+        d = np.zeros(4)\\nnp.sin(x, out=d)\\nreturn d
+        d = np.zeros(4)\\nnp.dot(M, x, out=d)\\nreturn d
+        d = np.zeros(4)\\nnp.maximum(x, 0.0, out=d)\\nreturn d
+        d = np.zeros(4)\\nnp.copyto(d, x, where=x > 0)\\nreturn d
+        np.sum(x.reshape(2, 2), axis=(0, 1))
+        np.nansum(np.sqrt(x))
+        np.nanmean(np.log(x))
+        np.nan_to_num(np.sqrt(x))
+        np.nan_to_num(np.sqrt(x), nan=5.0)
+    """,
+    "types": """
+        float(C[0]) * x
+        np.array([7, -7, 8, 9]) % 4 * x
+        (x > 0) // 2
+        (x > 0) + 1
+        (x > 0) * (x < 1) + (x > 2)
+        sum([v > 0 for v in x]) * 1.0
+        np.round(x).astype(int) % 2
+        np.sign(x).astype(int)
+        7 // 2 * x
+        -7 // 2 * x
+        x // C
+        x % C
+        C % x
+        x % 1
+        divmod(3.0, x)[0]
+        np.round(x * 100, -1)
+        sum(x, 1.0)
+        math.fsum([1.0, 2.0]) * x
+        pow(x, 2, None)
+        np.abs(x) ** x
+        np.abs(x) ** (1 / 3)
+        np.power(x, C)
+        x.__rsub__(1.0)
+    """,
+    "Python around it": """
+        x if x.size > 3 else -x
+        list(map(np.sin, x))
+        x if isinstance(x[0], (int, float)) else -x
+        x if isinstance(x[0], np.generic) else -x
+        x if isinstance(x > 0, np.ndarray) else 2 * x
+        x if isinstance(x[0] > 0, np.bool_) else 2 * x
+        x if isinstance(x[0] > 0, bool) else 2 * x
+        x if x.dtype is np.dtype(float) else 2 * x
+        x if hasattr(x[0], "__len__") else 2 * x
+        try:\\n    y = x[9]\\nexcept IndexError:\\n    y = 1.0\\nreturn x * y
+        try:\\n    y = 1.0 / x[0]\\nexcept ZeroDivisionError:\\n    y = 2.0\\nreturn x * y
+        i = 0\\nwhile i < 3:\\n    x = x + 1\\n    i += 1\\nreturn x
+        from numpy import zeros\\nd = zeros(4)\\nd[0] = x[0]\\nreturn d
+        kept.append(float(t)) if not hasattr(t, "sx") else None\\nreturn x
+        kept[:] = [2.0]\\nreturn x * kept[0]
+        def g(y=x):\\n    return y * 2\\nreturn g()
+        np.random.seed(1)\\nreturn x * np.random.rand()
+        import copy\\nd = copy.copy(x)\\nd[0] = 1\\nreturn d
+        import cmath\\nreturn abs(cmath.exp(1j * 0.3)) * x
+    """,
+    "texts": """
+        repr(x) and x
+        x * float("1.5")
+    """,
+    "complex numbers": """
+        x.conj()
+    """,
+    "linear algebra, further": """
+        np.linalg.norm(x.reshape(2, 2), axis=1, keepdims=True).ravel()
+        np.linalg.pinv(M) @ x
+        np.linalg.det(M + np.diag(x))
+        np.linalg.eigh(M + M.T)[0] * x
+        np.linalg.matrix_rank(M) * x
+        x @ M @ x * x
+        np.einsum("i,j->ij", x, C)[0]
+        np.einsum(M, [0, 1], x, [1])
+        np.tensordot(np.outer(x, C), M, axes=2)
+        np.inner(M, x)
+        np.outer(x, x, out=np.zeros((4, 4)))[0]
+        (M * x).sum(axis=1)
+        np.tril(M) @ x
+        np.vander(x, 3, increasing=True)[0]
+        np.polyval(C, x)
+        np.polynomial.polynomial.polyval(x, C)
+        np.polynomial.Polynomial(C)(x)
+    """,
+    "broadcasting and joining": """
+        np.subtract.outer(x, x)[1]
+        np.meshgrid(x, C)[0][1]
+        np.outer(x, C)[[0, 1], [1, 2]]
+        x[5:].sum() + x
+        np.rot90(x.reshape(2, 2)).ravel()
+        np.hstack((x[0], x[1]))
+        np.r_[x, 1.0]
+        np.r_[x[0], C]
+        np.concatenate(x.reshape(2, 2))
+        np.array((x[0], x[1]))
+        np.asarray([x[0], 2])
+        np.array([x[0] > 0, 2]) * x[:2]
+        np.array([x.astype(int)[0], 0.5])
+        np.eye(4, k=1) @ x
+        np.full_like(x, x[1])
+        d = np.ones_like(M)\\nd[0] = x\\nreturn d[0]
+        np.linspace(x[0], x[1], 3)
+        np.geomspace(1, 8, 4) * x
+        np.fromfunction(lambda i: i * 2.0, (4,)) * x
+    """,
+    "orders, sums and differences": """
+        np.sort(-x)
+        np.median(C) * x
+        np.median(x)
+        np.argmax(C) * x
+        np.argmax(x.reshape(2, 2), axis=1)
+        np.max(np.abs(x))
+        np.add.reduce(np.outer(x, C), axis=1)
+        np.divide.reduce(x)
+        np.hypot.reduce(x)
+        np.cumsum(x)[-1] * x
+        np.trapezoid(x, C)
+        np.digitize(x[0], [0.0, 1.0]) * x
+        np.searchsorted([0.0, 0.0, 1.0], x)
+        np.convolve(x, C, "valid")
+        np.apply_along_axis(lambda v: v * 2, 0, x)
+    """,
+    "choices and others": """
+        np.select([x > 0], [1])
+        np.piecewise(x, [x < 0, x < 1], [lambda v: v * 2, lambda v: v * 3])
+        np.piecewise(x.astype(int), [x < 0, x >= 0], [-1.5, 1.5])
+        np.choose([0, 1, 0, 1], [x, -x])
+        np.choose((x > 0).astype(int), [x, -x])
+        (x > 0).choose([x, C])
+        np.where(x > 0, 1, 0) / 2
+        np.where(x > 0, [1, 2, 3, 4], x)
+        np.where(x[:, None] > 0, M, 0.0).sum(0)
+        np.where(x > 0, 1.0 / x, np.inf)
+        np.clip(x, 1.0, -1.0)
+        np.clip(x.astype(int), 0, 1)
+        x.clip(max=0)
+        np.heaviside(x, x)
+        np.arctan2(x, -1.0)
+        np.interp(x, [0, 1], [0, 1])
+        np.interp(x.reshape(2, 2), [0.0, 1.0], [1.0, 0.0]).ravel()
+        np.interp(x, [0.0, 1.0], [1.0, 2.0], left=x[0])
+        np.convolve(x, [0.5, 0.5])[1:-1]
+        np.array_equal(x, x) * x
+        np.can_cast(x.dtype, int) * x
+        np.shape(x)[0] * x
+        np.average(x)
+        np.average(x.reshape(2, 2), axis=0)
+        np.average(x.reshape(2, 2), weights=[[1, 2], [3, 4]])
+        np.mean(x > 0) * x
+        np.mean(x.astype(int))
+        x.var()
+        np.ptp(x.reshape(2, 2), axis=0)
+        x.sum(dtype=int)
+        x.cumsum()
+        x.take([0, 1], axis=0)
+        C.searchsorted(0.3) * x
+        x.item(0) * x
+        x.argmax() * x
+        d = x.copy()\\nd.fill(x[0])\\nreturn d
+        d = x.copy()\\nd[1] = np.nan\\nreturn np.where(np.isnan(d), 0.0, d)
+        d = x.copy()\\nd[0] = True\\nreturn d
+        d = x.copy()\\nd[:2] = [1, 2]\\nreturn d
+        a = b = x.copy()\\na[0] = 1\\nreturn b
+        x, y = x[:2], x[2:]\\nreturn x * y
+        return x.astype(int)
+        return x[0] > 0
+        return x + np.array([1, 2, 3, 4], dtype=np.float32)
+        return np.array([0.1, 0.2, 0.3, 0.4], dtype=np.float32) * 3 * x
+        return x * np.array([1, 2, 3, 4], dtype=np.uint8)
+        return (np.array([250, 1, 2, 3], dtype=np.uint8) + (x > 0)) * 1.0
+        return np.int64(3) / 2 * x
+        return np.int64(-3) // 2 * x
+        return ~np.bool_(True) * x
+        return (x > 0) + (x > 0).astype(int)
+        return (x.astype(int) == 2) * x
+        return np.sum(x.astype(int)) / 3
+        return x.astype(int).sum() // 2
+        return np.abs(x.astype(int))
+        return np.mean((x * 3).astype(int))
+        return (x * 3).astype(int) ** 2
+        return (x * 3).astype(int) / (x * 3).astype(int)
+        return np.square((x * 3).astype(int))
+        return np.round((x * 3).astype(int), 1)
+        return np.cumsum((x * 3).astype(int)) / 2
+        return np.where(x > 0, (x * 3).astype(int), 0.5)
+        return np.where(x > 0, (x * 3).astype(int), 0)
+        return np.exp((x * 3).astype(int))
+        return np.power((x * 3).astype(int), 2)
+        return np.concatenate([(x * 3).astype(int), [0.5]])
+        return np.array([int(2.7), x[0]])
+        return np.array([1, 2, x[0].astype(int)]) / 2
+        d = np.array([1, 2, x[0].astype(int)])\\nd[0] = 2.7\\nreturn d
+        d = (x * 3).astype(int)\\nd += 1\\nreturn d
+        d = (x * 3).astype(int)\\nd = d / 2\\nreturn d
+        d = (x > 0) * 1.0\\nd[0] = 5\\nreturn d
+    """,
 }
 
 _REFUSED = {
@@ -486,11 +729,7 @@ _REFUSED = {
         np.tanh(1.0 / (0.0 * x))
     """,
     "options": """
-        np.sum(x, where=x > 0)
-        np.sum(x, initial=5.0)
-        np.max(x, initial=0.0)
         np.add(x, 1.0, where=x > 0)
-        np.mean(x, where=x > 0)
         np.sum(x, dtype=np.float32)
         np.add.at(np.zeros(4), [0, 1], x[:2])
         np.add.reduceat(x, [0, 2])
@@ -500,6 +739,7 @@ _REFUSED = {
         x + np.random.default_rng().normal()
         x + time.time()
         x + time.perf_counter()
+        x + np.random.default_rng().normal(size=4)
         kept.append(1)\\nreturn x * len(kept)
         kept.append(x[0])\\nreturn x + kept[0]
         if not kept:\\n    kept.append(x[0])\\nreturn x * kept[0]
@@ -547,7 +787,6 @@ _REFUSED = {
         np.fft.fft(x).real
         np.linalg.eigvals(np.outer(x, x)).real
         np.linalg.svd(np.outer(x, x))[1]
-        np.median(x)
         np.unique(x)
         np.argsort(x) * 1.0
         np.gradient(x)
@@ -556,15 +795,93 @@ _REFUSED = {
         np.nextafter(x, 1.0)
         np.frexp(x)[0]
         np.ldexp(x, 2)
-        np.apply_along_axis(np.sum, 0, x)
-        np.linspace(0.0, x[0], 3)
         np.arange(x[0])
         np.zeros(int(x[0]))
         x.tobytes()
         x.sort()
         np.interp(x, x, C)
         np.empty(4)
-        x // 2 + np.int64(3) // (x > 0).sum()
+    """,
+    "Boolean masks, further": """
+        np.extract(x > 0, x).sum()
+        np.logical_and.reduce([x > 0, x < 2, x > -3]) * x
+    """,
+    "views and writes, further": """
+        d = x * 1.0\\nd.resize(2, 2)\\nreturn d[0]
+        d = np.zeros(4)\\nnp.add.at(d, [0, 0, 1], x[:3])\\nreturn d
+        d = np.zeros(4, dtype=bool)\\nd[:] = x\\nreturn d * 1.0
+        d = C.copy()\\nd[0] = x[0]\\nreturn d
+    """,
+    "where= and out=": """
+        d = np.zeros(4, dtype=int)\\nnp.floor(x, out=d, casting="unsafe")\\nreturn d
+        np.add(x, C, dtype=np.float32)
+    """,
+    "types": """
+        x.astype(np.uint8)
+        x.astype(np.float32)
+        min(x[0], 1.0) * x
+        math.copysign(1.0, x[0]) * x
+    """,
+    "Python around it": """
+        (not x[0]) * x
+        x if t > 5 else -x
+        any(v > 0 for v in x) * x
+        set(x)
+        x if x[0] is x[0] else -x
+        x if isinstance(t, np.floating) else -x
+        x if x.strides == (8,) else 2 * x
+        x if "numpy" in type(x).__module__ else 2 * x
+        y = getattr(x, "foo", 3.0)\\nreturn x * y
+        try:\\n    y = float(x[0])\\nexcept Exception:\\n    y = 1.0\\nreturn x * y
+        try:\\n    y = x[0] if x[0] > 0 else 1.0\\nexcept BaseException:\\n    y = 2.0\\nreturn x * y
+        match x[0]:\\n    case 0.3:\\n        return x\\n    case _:\\n        return -x
+        y = x[0]\\nreturn x if y else -x
+        kept.append(t)\\nreturn x * kept[0]
+        import functools\\n@functools.lru_cache\\ndef g(v):\\n    return v * 2\\nreturn g(x[0]) * x
+    """,
+    "complex numbers": """
+        np.angle(x + 1j * C)
+        abs(complex(x[0], x[1]))
+    """,
+    "linear algebra, further": """
+        np.linalg.norm(x, ord=0)
+        np.linalg.tensorsolve(M, x)
+        np.cross(x[:2], C[:2])
+        np.poly(x)
+    """,
+    "broadcasting and joining": """
+        x[[]]
+        x[True]
+        np.r_[0:3, x]
+    """,
+    "orders, sums and differences": """
+        x[np.argsort(x)]
+        np.nanargmax(x)
+        np.minimum.reduce([x, C, -x])
+        np.power.reduce(np.abs(x))
+        np.nancumsum(x)
+        np.isin(x, [0.3, 2.5]) * x
+        np.vectorize(lambda v: v * 2)(x)
+        [v for _, v in np.ndenumerate(x)]
+    """,
+    "choices and others": """
+        np.spacing(x)
+        np.ldexp(x, [1, 2, 3, 4])
+        np.lcm(x.astype(int), 2)
+        np.unwrap(x)
+        np.interp(x, [0.0, 1.0], [1.0, 2.0], left=np.nan)
+        d = x.copy()\\nd.partition(1)\\nreturn d
+        d = x.copy()\\nd[0] = "1"\\nreturn d
+        d = x.copy()\\nd[0] = [1.0]\\nreturn d
+        d = x.copy()\\nd[0] = x[1:2]\\nreturn d
+        return x, x
+        return x.view(np.int64)
+        return np.sum(x > 0, dtype=np.int8)
+        return (x * 1e300).astype(int)
+        return x.astype(int) * x.astype(int) * 10**10 * 10**9
+        return np.prod((x * 3).astype(int))
+        return np.left_shift((x * 3).astype(int), 1)
+        return (x * 3).astype(int) & 3
     """,
 }
 

@@ -13,9 +13,9 @@ from fmu_export.native.c_source import c_function
 from fmu_export.native.expressions import Tables
 from fmu_export.native.loops import loop_statements
 from fmu_export.native.toolchain import compile_library, host_target
-from fmu_export.trace.expressions import as_written
 from fmu_export.trace.graph import Graph
 from fmu_export.trace.operations import helpers
+from fmu_export.trace.symbols.expressions import as_written
 from fmu_export.trace.trace import trace
 from parallel_robot.models import closed_loop_model
 

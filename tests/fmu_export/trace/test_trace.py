@@ -267,7 +267,7 @@ def test_numpy_is_put_back(traced_by):
     def broken(t, x, u, p):
         raise RuntimeError("broken model")
 
-    with pytest.raises(RuntimeError, match="broken model"):
+    with pytest.raises(TraceError, match=r"test_trace.py:\d+: broken model"):
         traced_by(small_model(output_values=broken))
     assert dict(vars(np)) == before
 

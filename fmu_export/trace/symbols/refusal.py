@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import dis
 import sys
+import sysconfig
 from types import FrameType
 from typing import NoReturn
 
@@ -14,11 +16,16 @@ _OTHERS = (
     *("fmu_export.modelling.model", "fmu_export.modelling.model_class", "fmu_export.modelling.variables"),
 )
 
+#: Where Python's own modules are.
+_STANDARD = (sysconfig.get_path("stdlib"), "<frozen")
+
 BRANCH = "an `if`, `and`, `or`, `max`, `min` or loop on values can't be traced; use np.where, np.maximum, np.clip, &, |"
 NUMBER = "math.*, float() and int() take no symbols; use np.sin, np.floor, ..."
 STORED = (
-    "a symbol can't be stored in an array of numbers; make the array by np.zeros, np.array or np.stack in this function"
+    "a list or an array of numbers, np.float64(), np.vectorize and compiled code take no symbols; make the array by "
+    "np.zeros, np.array or np.stack in this function"
 )
+SHIFT = "<< and >> can't be traced; multiply, or divide and use np.floor"
 
 
 def place() -> str:
@@ -41,7 +48,25 @@ def place_of(error: BaseException) -> str:
     return found
 
 
+def place_of_function(function: object) -> str:
+    """File and line where a function of the author's is defined, if it is one of Python."""
+    code = getattr(function, "__code__", None)
+    module = getattr(function, "__module__", None) or ""
+    return f"{code.co_filename}:{code.co_firstlineno}: " if code and not module.startswith("fmu_export.") else ""
+
+
+def refuse_number() -> NoReturn:
+    """Refuse what needs a number: a function of a number, or an element of an array of numbers."""
+    frame: FrameType | None = sys._getframe(1)
+    while frame is not None and not _is_authors(frame):
+        frame = frame.f_back
+    stores = frame is not None and dis.opname[frame.f_code.co_code[frame.f_lasti]].startswith("STORE_")
+    refuse(STORED if stores else NUMBER)
+
+
 def _is_authors(frame: FrameType) -> bool:
+    if frame.f_code.co_filename.startswith(_STANDARD) and "site-packages" not in frame.f_code.co_filename:
+        return False
     module = frame.f_globals.get("__name__", "")
     return not any(module == other or module.startswith(other + ".") for other in _OTHERS)
 

@@ -168,6 +168,16 @@ def floor_divide(a: Any, b: Any) -> Any:
     return either(b == 0.0, a / b, either(quotient - below > 0.5, below + 1.0, below))
 
 
+def whole_mod(a: Any, b: Any) -> Any:
+    """What is left of a division of whole numbers; 0 for a division by 0."""
+    return either(b == 0.0, 0.0, mod(a, b))
+
+
+def whole_floor_divide(a: Any, b: Any) -> Any:
+    """A quotient of whole numbers, rounded down; 0 for a division by 0."""
+    return either(b == 0.0, 0.0, (a - mod(a, b)) / b)
+
+
 def xor(a: Any, b: Any) -> Any:
     """Whether one of two expressions is not 0."""
     return (a != 0.0) != (b != 0.0)

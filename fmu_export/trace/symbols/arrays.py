@@ -3,19 +3,19 @@
 An `Array` keeps its elements in an object array of numpy, so that views, slices, writes, broadcasting and the order
 of elements are numpy's own. What can't be traced is refused where it happens, with the line of the author's file and
 the remedy; nothing falls back to something else. What numpy's functions do with these arrays is said in
-`fmu_export.trace.ufuncs` and `fmu_export.trace.array_functions`, which give these classes their operators.
+`fmu_export.trace.symbols.ufuncs` and `fmu_export.trace.symbols.functions`, which give these classes their operators.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from fmu_export.errors import needs
-from fmu_export.trace.expressions import either, is_number, truncated
-from fmu_export.trace.refusal import BRANCH, NUMBER, STORED, refuse
+from fmu_export.trace.symbols.expressions import either, is_number, truncated
+from fmu_export.trace.symbols.refusal import BRANCH, SHIFT, STORED, refuse, refuse_number
 
 with needs("export"):
     import casadi as ca
@@ -47,16 +47,16 @@ class Scalar:
 
     def number(self) -> Any:
         """The number that a constant is."""
-        return self.dtype.type(float(self.sx))
+        return self.dtype.type(float(self.sx)) if is_number(self.sx) else refuse_number()
 
     def __bool__(self) -> bool:
         return bool(self.number()) if is_number(self.sx) else refuse(BRANCH)
 
     def __float__(self) -> float:
-        return float(self.number()) if is_number(self.sx) else refuse(NUMBER)
+        return float(self.number()) if is_number(self.sx) else refuse_number()
 
     def __int__(self) -> int:
-        return int(self.number()) if is_number(self.sx) else refuse(NUMBER)
+        return int(self.number()) if is_number(self.sx) else refuse_number()
 
     def __index__(self) -> int:
         if is_number(self.sx) and self.dtype == INT:
@@ -128,12 +128,23 @@ class Array:
     ndim = property(lambda self: self.base.ndim)
     size = property(lambda self: self.base.size)
     real = property(lambda self: self)
-    flat = property(lambda self: iter(self.ravel()))
 
     @property
     def T(self) -> Array:
         """The transposed view."""
         return Array(self.base.T, self.dtype)
+
+    @property
+    def flat(self) -> Array:
+        """All elements, in the order of C."""
+        flat = self.base.reshape(-1)
+        if not np.shares_memory(flat, self.base):
+            flat.flags.writeable = False
+        return Array(flat, self.dtype)
+
+    def flatten(self, order: Literal["C", "F", "A", "K"] = "C") -> Array:
+        """A copy of all elements along one axis."""
+        return Array(self.base.flatten(order), self.dtype)
 
     def __array__(self, *_: Any, **__: Any) -> Any:
         if self.is_constant():
@@ -146,6 +157,8 @@ class Array:
 
     def numbers(self) -> Any:
         """The numbers that constants are."""
+        if not self.is_constant():
+            refuse(STORED)
         return np.array([float(e.sx) for e in self.base.flat]).reshape(self.shape).astype(self.dtype)
 
     def __len__(self) -> int:
@@ -160,10 +173,10 @@ class Array:
         return bool(self.numbers()) if self.is_constant() else refuse(BRANCH)
 
     def __float__(self) -> float:
-        return float(self.numbers()) if self.is_constant() else refuse(NUMBER)
+        return float(self.numbers()) if self.is_constant() else refuse_number()
 
     def __int__(self) -> int:
-        return int(self.numbers()) if self.is_constant() else refuse(NUMBER)
+        return int(self.numbers()) if self.is_constant() else refuse_number()
 
     def __index__(self) -> int:
         return self.base.item().__index__()  # type: ignore[no-any-return]
@@ -175,6 +188,11 @@ class Array:
 
     def __contains__(self, value: Any) -> bool:
         return bool(np.any(self == value))
+
+    def __lshift__(self, other: Any) -> Any:
+        refuse(SHIFT)
+
+    __rlshift__ = __rshift__ = __rrshift__ = __lshift__
 
     def __getitem__(self, key: Any) -> Any:
         key = _key(key)
@@ -196,7 +214,11 @@ class Array:
         if isinstance(key, _Mask):
             if base.ndim and base.shape != self.shape:
                 refuse("values of another shape can't be assigned to a Boolean mask; use np.where")
-            self.base[...] = elementwise(either, np.broadcast_arrays(key.mask.base, base, self.base), self.dtype)
+            mask = key.mask.base
+            if mask.shape != self.shape[: mask.ndim]:
+                refuse(f"a Boolean mask of shape {mask.shape} is no index of an array of shape {self.shape}")
+            mask = mask.reshape(mask.shape + (1,) * (self.ndim - mask.ndim))
+            self.base[...] = elementwise(either, np.broadcast_arrays(mask, base, self.base), self.dtype)
         else:
             self.base[key] = base if isinstance(self.base[key], np.ndarray) else base.item()
 
@@ -339,7 +361,7 @@ _METHODS = {
         *("diagonal", "cumsum", "cumprod", "repeat", "swapaxes", "squeeze", "take", "argmax", "argmin", "conj"),
         *("searchsorted", "nonzero", "argsort", "ptp", "conjugate", "compress", "choose"),
     )
-} | {"flatten": "ravel"}
+}
 
 
 class _Mask:
@@ -405,6 +427,7 @@ def elements_of(value: Any) -> tuple[Any, np.dtype[Any]]:
         return base, value.dtype
     if type(value) is Selection:
         refuse("what a Boolean mask selects has no fixed length; use np.where")
+    parts: list[tuple[Any, np.dtype[Any]]]
     if isinstance(value, list | tuple) and has_symbols(value):
         parts = [elements_of(v) for v in value]
         dtype = np.result_type(*(d for _, d in parts))
@@ -416,10 +439,18 @@ def elements_of(value: Any) -> tuple[Any, np.dtype[Any]]:
             base[i, ...] = cast_elements(b, d, dtype)
         return base, dtype
     numbers = np.asarray(value)
+    if numbers.dtype == object and all(_is_element(e) for e in numbers.flat):  # of numpy's own functions
+        parts = [elements_of(e) for e in numbers.flat]
+        dtype = np.result_type(*(d for _, d in parts))
+        return filled([b.item() for b, _ in parts], numbers.shape), dtype
     if numbers.dtype.kind not in "fiub":
         refuse(f"values of the type {numbers.dtype} can't be traced")
     dtype = {"f": FLOAT, "i": INT, "u": INT, "b": BOOL}[numbers.dtype.kind]
     return filled([Scalar(ca.SX(float(n)), dtype) for n in numbers.ravel().tolist()], numbers.shape), dtype
+
+
+def _is_element(value: Any) -> bool:
+    return type(value) is Scalar or isinstance(value, int | float | np.number | np.bool_)
 
 
 def filled(elements: Sequence[Any], shape: tuple[int, ...]) -> Any:
@@ -456,7 +487,7 @@ def cast_elements(base: Any, dtype: np.dtype[Any], wanted: np.dtype[Any]) -> Any
 
 
 #: What a reduction begins with.
-NEUTRAL = {np.add: 0, np.multiply: 1, np.logical_or: False, np.logical_and: True}
+NEUTRAL: dict[Any, Any] = {np.add: 0, np.multiply: 1, np.logical_or: False, np.logical_and: True}
 
 
 def elementwise(f: Callable[..., Any], bases: Sequence[Any], dtype: np.dtype[Any]) -> Any:

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from fmu_export.errors import needs
-from fmu_export.trace import expressions
-from fmu_export.trace.arrays import (
+from fmu_export.trace.symbols import expressions
+from fmu_export.trace.symbols.arrays import (
     BOOL,
     FLOAT,
     INT,
@@ -25,7 +25,7 @@ from fmu_export.trace.arrays import (
     elementwise,
     unwrapped,
 )
-from fmu_export.trace.refusal import STORED, refuse
+from fmu_export.trace.symbols.refusal import STORED, refuse
 
 with needs("export"):
     import casadi as ca
@@ -107,12 +107,25 @@ _UFUNCS: dict[np.ufunc, Callable[..., Any]] = {
     np.cbrt: expressions.cbrt,
     np.logaddexp: expressions.logaddexp,
 }
+#: Those whose reductions do not depend on the order but for rounding, or go from left to right.
+_IN_ORDER = {
+    *(np.add, np.multiply, np.subtract, np.divide, np.minimum, np.maximum, np.fmin, np.fmax, np.hypot),
+    *(np.logical_and, np.logical_or, np.logical_xor, np.bitwise_and, np.bitwise_or, np.bitwise_xor),
+}
 _BITWISE = {np.bitwise_and, np.bitwise_or, np.bitwise_xor, np.invert}
 
 
 def _weak(value: Any) -> Any:
     """The type of an operand as numpy's promotion sees it."""
     return type(value) if type(value) in (int, float) else getattr(value, "dtype", None) or np.asarray(value).dtype
+
+
+#: What is another function of whole numbers.
+_WHOLE = {np.floor_divide: expressions.whole_floor_divide, np.remainder: expressions.whole_mod}
+
+
+def _is_whole_exponent(base: Any) -> bool:
+    return all(expressions.is_number(e.sx) and float(e.sx) >= 0.0 for e in base.flat)
 
 
 def _applied(ufunc: np.ufunc, inputs: Sequence[Any]) -> tuple[Any, np.dtype[Any]]:
@@ -128,9 +141,15 @@ def _applied(ufunc: np.ufunc, inputs: Sequence[Any]) -> tuple[Any, np.dtype[Any]
     kinds = [d for _, d in converted]
     if ufunc in _BITWISE and dtype != BOOL:
         refuse(f"np.{ufunc.__name__} of whole numbers can't be traced; use &, |, ~ on comparisons only")
-    if dtype == INT and ufunc in (np.floor_divide, np.remainder, np.fmod, np.power, np.reciprocal):
-        refuse(f"np.{ufunc.__name__} of whole numbers can't be traced; use floats, such as 2.0")
     f = _UFUNCS[ufunc]
+    if dtype == INT and ufunc in (np.fmod, np.reciprocal):
+        refuse(f"np.{ufunc.__name__} of whole numbers can't be traced; use floats, such as 2.0")
+    if dtype == INT and ufunc in _WHOLE:
+        f = _WHOLE[ufunc]
+    if dtype == INT and ufunc is np.power and not _is_whole_exponent(converted[1][0]):
+        refuse(
+            "a power of whole numbers with another exponent than the numbers 0, 1, 2, ... can't be traced; use floats"
+        )
     if ufunc is np.add and dtype == BOOL:
         f = ca.logic_or
     if ufunc in (np.power, np.float_power) and converted[1][1] in (INT, BOOL) and kinds[0] == BOOL:
@@ -143,13 +162,18 @@ def _ufunc(ufunc: np.ufunc, method: str, inputs: Sequence[Any], options: dict[st
     name = f"np.{ufunc.__name__}" + ("" if method == "__call__" else f".{method}")
     options = {k: v for k, v in options.items() if v is not None and v is not np._NoValue}
     out = options.pop("out", None)
-    if "where" in options and options["where"] is True:
-        del options["where"]
+    where = options.pop("where", True)
+    if where is not True and (method != "__call__" or out is None):
+        refuse(f"{name} with where= and without out= can't be traced; use np.where")
+    if "dtype" in options and np.dtype(options["dtype"]) in (FLOAT, INT, BOOL):
+        wanted = np.dtype(options.pop("dtype"))
+        inputs = [np.asarray(i).astype(wanted) for i in inputs]
     for i in inputs:
         if type(i) is Selection:
             return i.__array_ufunc__(ufunc, method, *inputs, **options)
-    if ufunc is np.matmul and method == "__call__" and not options and out is None:
-        return np.linalg.matmul(*inputs)
+    if ufunc is np.matmul and method == "__call__" and not options:
+        product = np.linalg.matmul(*inputs)
+        return product if out is None else stored(product, out, name)
     if ufunc in (np.divmod, np.modf) and method == "__call__" and not options and out is None:
         if ufunc is np.divmod:
             return np.floor_divide(*inputs), np.remainder(*inputs)
@@ -162,6 +186,8 @@ def _ufunc(ufunc: np.ufunc, method: str, inputs: Sequence[Any], options: dict[st
         refuse(f"{name} with {', '.join(sorted(wrong or {'dtype'}))}= can't be traced; use np.where")
     if method == "__call__":
         base, dtype = _applied(ufunc, inputs)
+    elif method in ("reduce", "accumulate") and ufunc not in _IN_ORDER:
+        refuse(f"{name} can't be traced: numpy does not say in which order it computes")
     elif method == "reduce":
         base, dtype = reduced(ufunc, inputs[0], options.get("axis", 0), bool(options.get("keepdims", False)))
     elif method == "accumulate":
@@ -172,15 +198,25 @@ def _ufunc(ufunc: np.ufunc, method: str, inputs: Sequence[Any], options: dict[st
     else:
         refuse(f"{name} can't be traced; see the page 'numpy that can be traced'")
     if out is not None:
-        target = out[0] if isinstance(out, tuple) else out
-        if type(target) is not Array:
-            refuse(STORED)
-        target.check_writeable()
-        if not np.can_cast(dtype, target.dtype, "same_kind"):
-            refuse(f"numpy can't store the {dtype} that {name} gives in an array of {target.dtype}")
-        target.base[...] = cast_elements(np.broadcast_to(base, target.shape), dtype, target.dtype)
-        return target
+        return stored(Array(base, dtype), out, name, where)
     return unwrapped(base if base.ndim else base.item(), dtype)
+
+
+def stored(value: Any, out: Any, name: str, where: Any = True) -> Any:
+    """What out= gets, where a condition holds."""
+    target = out[0] if isinstance(out, tuple) else out
+    if type(target) is not Array:
+        refuse(STORED)
+    target.check_writeable()
+    base, dtype = elements_of(value)
+    if not np.can_cast(dtype, target.dtype, "same_kind"):
+        refuse(f"numpy can't store the {dtype} that {name} gives in an array of {target.dtype}")
+    base = cast_elements(np.broadcast_to(base, target.shape), dtype, target.dtype)
+    if where is not True:
+        condition = cast_elements(*elements_of(where), BOOL)
+        base = elementwise(expressions.either, np.broadcast_arrays(condition, base, target.base), target.dtype)
+    target.base[...] = base
+    return target
 
 
 def _axes(axis: Any, ndim: int) -> tuple[int, ...]:
