@@ -50,6 +50,10 @@ def model_of(idiom: Idiom) -> Model:
     )
 
 
+def within(found: np.ndarray, expected: np.ndarray, bound: np.ndarray) -> bool:
+    return bool((np.abs(found - expected) <= bound).all())
+
+
 def agrees(function, traced) -> bool:
     """Whether trace and generated Python give numpy's values, where these are finite, at points of its own."""
     namespace: dict = {}
@@ -72,10 +76,10 @@ def agrees(function, traced) -> bool:
             found.append(np.array(namespace["outputs"](t, [], x.tolist(), [])))
         finite = np.isfinite(expected)
         compared += int(finite.any())
-        bound = 1e-10 * np.abs(expected) + 1e-13
-        if any((np.abs(f - expected) > bound)[finite].any() for f in found):  # where terms cancel, rounding may count
-            bound = bound + ROUNDING * program.rounding(point)[:, 0]
-        if any((np.abs(f - expected) > bound)[finite].any() for f in found):
+        bound = (1e-10 * np.abs(expected) + 1e-13)[finite]
+        if not all(within(f[finite], expected[finite], bound) for f in found):  # where terms cancel, rounding may count
+            bound += ROUNDING * program.rounding(point)[finite, 0]
+        if not all(within(f[finite], expected[finite], bound) for f in found):
             return False
     assert compared
     return True
