@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import inspect
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
@@ -19,6 +20,15 @@ _Method = TypeVar("_Method", bound=Callable[..., Any])
 
 #: Names that no variable can have, since they mean something else.
 _TAKEN = ("t", "model", "derivatives", "outputs", "initial")
+
+#: Names of methods that somebody may expect to be called, and those of the methods that are.
+_MISTAKEN = {
+    "derivative": "derivatives",
+    "output": "outputs",
+    "output_values": "outputs",
+    "initial_state": "initial",
+    "initial_discrete": "initial",
+}
 
 #: What each kind of variable is called in messages.
 KINDS = {
@@ -264,11 +274,19 @@ class RequireMark:
 MARK = "__fmu_export_mark__"
 
 
-def _marked(method: _Method, mark: Any) -> _Method:
-    if hasattr(method, MARK):
-        raise ArgumentError(f"{method.__qualname__}: a method has one of @when, @every and @require; write two methods")
-    setattr(method, MARK, mark)
-    return method
+class _Decorator:
+    """What marks a method; in the body of a class it is left where its argument was forgotten."""
+
+    def __init__(self, mark: Any, usage: str) -> None:
+        self.mark, self.usage = mark, usage
+
+    def __call__(self, method: _Method) -> _Method:
+        if hasattr(method, MARK):
+            raise ArgumentError(
+                f"{method.__qualname__}: a method has one of @when, @every and @require; write two methods"
+            )
+        setattr(method, MARK, self.mark)
+        return method
 
 
 def when(
@@ -287,7 +305,7 @@ def when(
         raise ArgumentError(f"when: the indicator {indicator!r} is no function; write when(lambda m: ...)")
     if direction not in ("falling", "rising", "both"):
         raise ArgumentError(f'when: direction={direction!r}; write "falling", "rising" or "both"')
-    return lambda method: _marked(method, WhenMark(indicator, direction))
+    return _Decorator(WhenMark(indicator, direction), "@when(lambda m: ...)")
 
 
 def every(period: Any, offset: Any = 0.0) -> Callable[[_Method], _Method]:
@@ -299,7 +317,7 @@ def every(period: Any, offset: Any = 0.0) -> Callable[[_Method], _Method]:
         As of `Sampled`, in seconds: instants are offset, offset + period, ... A parameter of the class is given as it
         is declared, as ``every(T)``, or by its name.
     """
-    return lambda method: _marked(method, EveryMark(period, offset))
+    return _Decorator(EveryMark(period, offset), "@every(period)")
 
 
 def require(message: str, at: Literal["start", "step"] = "step") -> Callable[[_Method], _Method]:
@@ -314,7 +332,7 @@ def require(message: str, at: Literal["start", "step"] = "step") -> Callable[[_M
     """
     if at not in ("start", "step"):
         raise ArgumentError(f'require: at={at!r}; write "start" or "step"')
-    return lambda method: _marked(method, RequireMark(message, at))
+    return _Decorator(RequireMark(message, at), "@require(message)")
 
 
 def meant(name: str, known: Iterable[str]) -> str:
@@ -355,6 +373,12 @@ def marked_methods(cls: type) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for owner in reversed(cls.__mro__):
         for name, value in vars(owner).items():
+            if isinstance(value, _Decorator):
+                raise ArgumentError(
+                    f"{cls.__name__}.{name}: the method needs {value.usage} above it, with its argument"
+                )
+            if name in _MISTAKEN and inspect.isfunction(value):
+                raise ArgumentError(f"{cls.__name__}.{name}: nothing calls it; the method is {_MISTAKEN[name]}(m)")
             if hasattr(value, MARK):
                 found[name] = getattr(value, MARK)
             elif name in found and value is None:

@@ -85,9 +85,10 @@ class _Flattening:
         known = [v.name for variables in groups for v in variables]
         for name in starts:
             if name not in known:
+                hint = f"; did you mean '{name}_start'" if f"{name}_start" in known else meant(name, known)
                 raise ArgumentError(
-                    f"{self.cls.__name__}({name}=...): there is no parameter or input '{name}'{meant(name, known)}; "
-                    f"known are {', '.join(known)}"
+                    f"{self.cls.__name__}({name}=...): there is no parameter or input '{name}'{hint}; known are "
+                    f"{', '.join(known)}"
                 )
         return tuple([self._with_start(v, starts[v.name]) if v.name in starts else v for v in vs] for vs in groups)
 

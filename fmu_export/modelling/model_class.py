@@ -12,7 +12,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar, NoReturn, TypeAlias
 
 from fmu_export.errors import ArgumentError
-from fmu_export.modelling.declarations import declared_variables, meant
+from fmu_export.modelling.declarations import declared_variables, marked_methods, meant
 from fmu_export.modelling.flattening import Settings, flatten
 from fmu_export.modelling.model import DEFAULT_EXPERIMENT, Model, Solver
 
@@ -106,6 +106,7 @@ class ModelClass:
             solver=solver or (inherited.solver if inherited else "rk4"),
         )
         declared_variables(cls)
+        marked_methods(cls)
 
     def __init__(self, **starts: Any) -> None:
         cls = type(self)

@@ -281,6 +281,7 @@ def rates(**changed: Any) -> Any:
         (variant(q_start=parameter(1.0)), "variable names are not unique"),
         (variant(k=parameter(1.0, "wibble")), "'wibble' is not defined"),
         (lambda: Pendulum(gg=1.0), "Pendulum(gg=...): there is no parameter or input 'gg'; did you mean 'g'"),
+        (lambda: Pendulum(q=1.0), "there is no parameter or input 'q'; did you mean 'q_start'; known are L, g, "),
         (lambda: Pendulum(total=1.0), "Pendulum(total=...): there is no parameter or input 'total'"),
         (lambda: Pendulum(L=[1.0, 2.0, 3.0]), "Pendulum(L=...): [1.0, 2.0, 3.0] is not a number or 2 of them"),
         (lambda: Pendulum(g="1"), "Pendulum(g=...): '1' is not a number"),
@@ -431,6 +432,10 @@ def machine(**body: Any) -> Any:
         (machine(empty=when(lambda m: m.v)(lambda m: {})), "Variant.empty: one number is asked for"),
         (machine(empty=when(lambda m: m.y)(lambda m: {})), "Variant.empty: there is no 'y'"),
         (machine(empty=when(lambda m: m.x)(lambda m: {"u": 1.0})), "Variant.empty: it returns 'u', which is an input"),
+        (machine(empty=when(lambda m: {})), "Variant.empty: the method needs @when(lambda m: ...) above it"),
+        (machine(tick=every(lambda m: {})), "Variant.tick: the method needs @every(period) above it"),
+        (machine(bounded=require(lambda m: 1.0)), "Variant.bounded: the method needs @require(message) above it"),
+        (machine(initial_state=lambda m: {}), "Variant.initial_state: nothing calls it; the method is initial(m)"),
         (lambda: when("x")(lambda m: {}), "when: the indicator 'x' is no function"),  # type: ignore[arg-type]
         (lambda: when(len, "down")(lambda m: {}), "when: direction='down'; write"),  # type: ignore[arg-type]
         (
