@@ -94,8 +94,8 @@ class _Flattening:
 
     def _with_start(self, v: Variable, start: Any) -> Variable:
         values = np.asarray(start)
-        if values.dtype.kind not in "biuf" or values.shape not in ((), () if v.size is None else (v.size,)):
-            expected = "a number" if v.size is None else f"a number or {v.size} of them"
+        if values.dtype.kind not in "biuf" or values.shape not in ((), v.shape):
+            expected = "a number" if v.size is None else f"a number or {v.n_elements} of them"
             raise ArgumentError(f"{self.cls.__name__}({v.name}=...): {start!r} is not {expected}")
         return replace(v, start=tuple(values.tolist()) if values.ndim else values.item())
 
@@ -166,7 +166,7 @@ class _Flattening:
         kind = getattr(getattr(value, "dtype", None), "kind", None) or np.asarray(value).dtype.kind
         if kind not in "biuf":
             raise ArgumentError(f"{where}: '{v.name}' is no number and no array of numbers, but {type(value).__name__}")
-        shape, expected = np.shape(value), () if v.size is None else (v.size,)
+        shape, expected = np.shape(value), v.shape
         if shape != expected:
             raise ArgumentError(
                 f"{where}: '{v.name}' is declared {_shape(expected)}, but what it returns is {_shape(shape)}"

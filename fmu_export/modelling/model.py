@@ -334,6 +334,11 @@ class Model:
                     f"{', '.join(known) or 'none'}"
                 )
         check_unique(self.states, f"{self.name}: states: ")
+        for v in self.state_layout.variables:
+            if v.type != "real":
+                raise ArgumentError(
+                    f"{self.name}: state '{v.name}' is of type {v.type}; continuous states are real, others discrete"
+                )
 
     def _check_functions(self) -> None:
         """Refuse functions that are left out though there is something to compute."""
@@ -353,8 +358,8 @@ class Model:
             if v.name in self.states:
                 raise ArgumentError(f"{here}: a state has this name too; a state is continuous or discrete")
             same = outputs.get(v.name, v)
-            if (same.size, same.unit) != (v.size, v.unit):
-                raise ArgumentError(f"{here}: the output of this name has another size or unit")
+            if (same.size, same.unit, same.type, same.items) != (v.size, v.unit, v.type, v.items):
+                raise ArgumentError(f"{here}: the output of this name has another size, unit or type")
         if self.initial_discrete is not None and not callable(self.initial_discrete):
             raise ArgumentError(f"{self.name}: initial_discrete is no function")
         if self.initial_discrete is not None and not len(self.discrete):

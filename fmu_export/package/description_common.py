@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Mapping
 from importlib.metadata import PackageNotFoundError, version
 from xml.etree import ElementTree as ET
 
 from fmu_export.modelling.model import Model
 from fmu_export.modelling.units import conversion, unit
-from fmu_export.package.interface import Interface, ScalarVariable
+from fmu_export.package.interface import Interface, Items, ScalarVariable, text_of
 
 #: Name of this project as a distribution, which FMUs carry as the tool that made them.
 DISTRIBUTION = "closed-chain-cosim"
@@ -24,7 +26,8 @@ def package_version() -> str:
 def add_units(root: ET.Element, interface: Interface, *others: str) -> None:
     """Add the definitions of the units of variables, and of others by name, each once."""
     definitions = ET.SubElement(root, "UnitDefinitions")
-    for name in dict.fromkeys([*(v.unit for v in interface.variables), *others]):
+    reals = [v for v in interface.variables if v.type == "real"]
+    for name in dict.fromkeys([*(v.unit for v in reals), *others]):
         found = unit(name)
         element = ET.SubElement(definitions, "Unit", name=name)
         base = {k: str(n) for k, n in found.exponents.items()}
@@ -75,18 +78,55 @@ def reset_annotation() -> ET.Element:
     return ET.Element("Instance", resetIsComplete="true")
 
 
-def type_attributes(v: ScalarVariable, guess: float | None = None) -> dict[str, str]:
-    """Unit, display unit, min, max and start of a variable; floats are written so that they read back bit for bit.
+def type_attributes(v: ScalarVariable, types: Mapping[Items, str], guess: float | None = None) -> dict[str, str]:
+    """What a variable says of its values: unit, min, max, start, items; floats read back bit for bit.
 
     A state has a guess: with it importers that take a model for its states and inputs, such as CasADi's DaeBuilder,
-    begin at the start of the system and not at zero.
+    begin at the start of the system and not at zero. The start of a string stands elsewhere in FMI 3.0.
     """
-    attributes = {"unit": v.unit}
-    display = next(iter(unit(v.unit).display), None) if v.display_unit is None else v.display_unit
-    if display is not None:
-        attributes["displayUnit"] = display
-    numbers = {"min": v.min, "max": v.max, "nominal": v.nominal, "start": v.start if guess is None else guess}
-    return attributes | {name: repr(value) for name, value in numbers.items() if value is not None}
+    attributes = {}
+    if v.type == "enumeration":
+        attributes["declaredType"] = types[v.items]
+    if v.type == "real":
+        attributes["unit"] = v.unit
+        display = next(iter(unit(v.unit).display), None) if v.display_unit is None else v.display_unit
+        if display is not None:
+            attributes["displayUnit"] = display
+    numbers = {"min": v.min, "max": v.max, "nominal": v.nominal}
+    attributes |= {name: text_of(v.type, value) for name, value in numbers.items() if value is not None}
+    start = v.start if guess is None else guess
+    return attributes if start is None else attributes | {"start": text_of(v.type, start, v.items)}
+
+
+def enumeration_types(interface: Interface) -> dict[Items, str]:
+    """Name of a type definition for each set of items of an enumeration."""
+    names: dict[Items, str] = {}
+    taken = {v.name for v in interface.variables}
+    for v in interface.variables:
+        if v.type == "enumeration" and v.items not in names:
+            name = re.sub(r"\W", "_", re.sub(r"\[[0-9,]*\]", "", v.name)) + "_items"
+            while name in taken:
+                name += "_"
+            names[v.items] = name
+            taken.add(name)
+    return names
+
+
+def add_items(parent: ET.Element, items: Items) -> None:
+    """Add the items of an enumeration."""
+    for name, value in items:
+        ET.SubElement(parent, "Item", name=name, value=str(value))
+
+
+def texts_of(v: ScalarVariable) -> list[ET.Element]:
+    """The texts that a string can be, which FMI can't declare, as annotations."""
+    if v.type != "string":
+        return []
+    elements = []
+    for text, _ in v.items:
+        elements.append(ET.Element("Text"))
+        elements[-1].text = text
+    return elements
 
 
 def to_bytes(root: ET.Element) -> bytes:

@@ -9,15 +9,18 @@ from fmu_export.modelling.model import Model
 from fmu_export.package.description_common import (
     DISTRIBUTION,
     add_default_experiment,
+    add_items,
     add_log_categories,
     add_units,
+    enumeration_types,
     indicator_attributes,
     package_version,
     reset_annotation,
+    texts_of,
     to_bytes,
     type_attributes,
 )
-from fmu_export.package.interface import Interface, ScalarVariable, StateDerivative
+from fmu_export.package.interface import Interface, Items, ScalarVariable, StateDerivative
 from fmu_export.package.metadata import NO_METADATA, Metadata
 
 
@@ -73,6 +76,7 @@ def model_description(
                     ET.SubElement(files, "File", name=name)
     derivatives = interface.derivatives if "ModelExchange" in interfaces else ()
     add_units(root, interface, *(d.unit for d in derivatives))
+    types = _add_types(root, interface)
     add_log_categories(root)
     add_default_experiment(root, model)
     tool_annotation = ET.SubElement(ET.SubElement(root, "VendorAnnotations"), "Tool", name=DISTRIBUTION)
@@ -80,7 +84,7 @@ def model_description(
     variables = ET.SubElement(root, "ModelVariables")
     guesses = {d.state: d.state_start for d in derivatives}
     for reference, v in enumerate(interface.variables):
-        _scalar_variable(variables, v, reference, guesses.get(reference))
+        _scalar_variable(variables, v, reference, types, guesses.get(reference))
     for reference, d in enumerate(derivatives, start=len(interface.variables)):
         _state_derivative(variables, d, reference, interface.variables[d.state].description)
     for reference, name in enumerate(interface.indicators, start=len(interface.variables) + len(derivatives) + 1):
@@ -90,7 +94,18 @@ def model_description(
     return to_bytes(root)
 
 
-def _scalar_variable(parent: ET.Element, v: ScalarVariable, reference: int, guess: float | None) -> None:
+def _add_types(root: ET.Element, interface: Interface) -> dict[Items, str]:
+    types = enumeration_types(interface)
+    if types:
+        definitions = ET.SubElement(root, "TypeDefinitions")
+        for items, name in types.items():
+            add_items(ET.SubElement(ET.SubElement(definitions, "SimpleType", name=name), "Enumeration"), items)
+    return types
+
+
+def _scalar_variable(
+    parent: ET.Element, v: ScalarVariable, reference: int, types: Mapping[Items, str], guess: float | None
+) -> None:
     attributes = {
         "name": v.name,
         "valueReference": str(reference),
@@ -101,7 +116,10 @@ def _scalar_variable(parent: ET.Element, v: ScalarVariable, reference: int, gues
     if v.causality != "input":  # FMI 2.0, table on page 51: "initial" must not be given for inputs
         computed = "calculated" if guess is None else "approx"
         attributes["initial"] = "exact" if v.causality == "parameter" else computed
-    ET.SubElement(ET.SubElement(parent, "ScalarVariable", attributes), "Real", type_attributes(v, guess))
+    element = ET.SubElement(parent, "ScalarVariable", attributes)
+    ET.SubElement(element, v.type.capitalize(), type_attributes(v, types, guess))
+    if texts := texts_of(v):
+        ET.SubElement(ET.SubElement(element, "Annotations"), "Tool", name=DISTRIBUTION).extend(texts)
 
 
 def _state_derivative(parent: ET.Element, d: StateDerivative, reference: int, state: str) -> None:

@@ -10,19 +10,31 @@ from collections.abc import Iterable, Mapping, Sequence
 from xml.etree import ElementTree as ET
 
 from fmu_export.modelling.model import Model
+from fmu_export.modelling.variables import Type
 from fmu_export.package.description_common import (
     DISTRIBUTION,
     add_default_experiment,
+    add_items,
     add_log_categories,
     add_units,
+    enumeration_types,
     indicator_attributes,
     package_version,
     reset_annotation,
+    texts_of,
     to_bytes,
     type_attributes,
 )
 from fmu_export.package.interface import Interface
 from fmu_export.package.metadata import NO_METADATA, Metadata
+
+_TAGS: dict[Type, str] = {
+    "real": "Float64",
+    "integer": "Int32",
+    "boolean": "Boolean",
+    "enumeration": "Enumeration",
+    "string": "String",
+}
 
 
 def model_description(
@@ -63,6 +75,11 @@ def model_description(
         ET.SubElement(root, kind, {"modelIdentifier": model.name, **options})
     derivatives = interface.derivatives
     add_units(root, interface, *(d.unit for d in derivatives), "s")
+    types = enumeration_types(interface)
+    if types:
+        definitions = ET.SubElement(root, "TypeDefinitions")
+        for items, name in types.items():
+            add_items(ET.SubElement(definitions, "EnumerationType", name=name), items)
     add_log_categories(root)
     add_default_experiment(root, model)
     variables = ET.SubElement(root, "ModelVariables")
@@ -77,9 +94,16 @@ def model_description(
         }
         if v.causality in ("output", "local"):
             attributes["initial"] = "approx" if reference in guesses else "calculated"
-        if v.causality == "input":
+        if v.causality == "input" and v.type == "real":
             attributes["intermediateUpdate"] = "true"
-        ET.SubElement(variables, "Float64", attributes | type_attributes(v, guesses.get(reference)))
+        attributes |= type_attributes(v, types, guesses.get(reference))
+        start = attributes.pop("start", None) if v.type == "string" else None
+        element = ET.SubElement(variables, _TAGS[v.type], attributes)
+        if texts := texts_of(v):
+            annotations = ET.SubElement(element, "Annotations")
+            ET.SubElement(annotations, "Annotation", type=DISTRIBUTION).extend(texts)
+        if start is not None:
+            ET.SubElement(element, "Start", value=start)
     for reference, d in enumerate(derivatives, start=len(interface.variables)):
         ET.SubElement(
             variables,

@@ -6,9 +6,11 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
+import numpy as np
+
 from fmu_export.errors import TraceError
 from fmu_export.modelling.units import rate_unit
-from fmu_export.modelling.variables import Layout, Variable
+from fmu_export.modelling.variables import Layout, Type, Variable
 
 if TYPE_CHECKING:
     from fmu_export.trace.trace import TracedModel
@@ -30,6 +32,10 @@ ADAPTIVE = (
 )
 
 
+#: Names of items, or texts, and the numbers that stand for them.
+Items = tuple[tuple[str, int], ...]
+
+
 @dataclass(frozen=True)
 class ScalarVariable:
     """One scalar of the interface; its value reference is its position in `Interface.variables`."""
@@ -44,6 +50,19 @@ class ScalarVariable:
     min: float | None
     max: float | None
     nominal: float | None
+    type: Type
+    items: Items
+
+
+def text_of(type_: Type, value: float, items: Items = ()) -> str:
+    """A value of a type as text that reads back bit for bit: of an enumeration the item's value, a string itself."""
+    if type_ == "real":
+        return repr(value)
+    if type_ == "boolean":
+        return "true" if value else "false"
+    if type_ == "string":
+        return next(text for text, position in items if position == value)
+    return str(int(value))
 
 
 @dataclass(frozen=True)
@@ -187,7 +206,7 @@ def _check_tunables(traced: TracedModel) -> None:
     at_start = {i for row in traced.start_requirement_dependencies() for i in row}
     first = 0
     for v in model.parameters.variables:
-        own = set(range(first, first + (v.size or 1)))
+        own = set(range(first, first + v.n_elements))
         first += len(own)
         if v.tunable and not own & during:
             raise TraceError(
@@ -204,20 +223,25 @@ def _check_tunables(traced: TracedModel) -> None:
 def _flatten(layout: Layout, causality: Literal["parameter", "input", "output", "local"]) -> list[ScalarVariable]:
     scalars = []
     for v in layout.variables:
-        for i, (name, start) in enumerate(zip(v.names, v.starts, strict=True)):
-            element = f" (element {i + 1})" if v.size else ""
+        texts = f" (one of {', '.join(repr(text) for text, _ in v.items)})" if v.type == "string" else ""
+        changes: Literal["continuous", "discrete"] = "continuous" if v.type == "real" else "discrete"
+        indices = [", ".join(str(i + 1) for i in where) for where in np.ndindex(v.shape)]
+        for index, name, start in zip(indices, v.names, v.starts, strict=True):
+            element = f" (element {index})" if v.size else ""
             scalars.append(
                 ScalarVariable(
                     name=name,
                     causality=causality,
-                    variability="continuous" if causality != "parameter" else "tunable" if v.tunable else "fixed",
+                    variability=changes if causality != "parameter" else "tunable" if v.tunable else "fixed",
                     unit=v.unit,
                     display_unit=v.display_unit,
-                    description=v.description + element,
+                    description=v.description + element + texts,
                     start=None if causality in ("output", "local") else start,
                     min=v.min,
                     max=v.max,
                     nominal=v.nominal,
+                    type=v.type,
+                    items=v.items,
                 )
             )
     return scalars

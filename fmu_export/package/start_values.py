@@ -1,6 +1,7 @@
 """Start values are data inside an FMU: in the model description, and in a file that its instances read.
 
-`resources/start_values.txt` holds one line `name = value` for every parameter and input. Both places always hold the
+`resources/start_values.txt` holds one line `name = value` for every parameter and input, as in the model description:
+true and false, the value of an enumeration's item, a string's text. Both places always hold the
 same numbers; `write_start_values` changes them together, without a compiler.
 """
 
@@ -13,12 +14,14 @@ import zlib
 from collections.abc import Mapping
 from os import PathLike
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree as ET
-from xml.sax.saxutils import quoteattr
+from xml.sax.saxutils import escape, quoteattr
 
-from fmu_export.errors import ModelError
+from fmu_export.errors import ArgumentError, ModelError
+from fmu_export.modelling.variables import Type, Variable
 from fmu_export.package.archive import replace_members
-from fmu_export.package.interface import Interface
+from fmu_export.package.interface import Interface, text_of
 
 MEMBER = "resources/start_values.txt"
 DESCRIPTION = "modelDescription.xml"
@@ -30,10 +33,11 @@ class StartValueError(ModelError, ValueError):
 
 def start_values_text(interface: Interface) -> bytes:
     """Content of `resources/start_values.txt` for a new FMU."""
-    return _to_text({v.name: v.start for v in interface.variables if v.start is not None})
+    starts = {v.name: text_of(v.type, v.start, v.items) for v in interface.variables if v.start is not None}
+    return _to_text(starts)
 
 
-def write_start_values(fmu: str | PathLike[str], values: Mapping[str, float]) -> None:
+def write_start_values(fmu: str | PathLike[str], values: Mapping[str, float | bool | str]) -> None:
     """Change start values of parameters in an FMU file, atomically.
 
     Parameters
@@ -41,12 +45,14 @@ def write_start_values(fmu: str | PathLike[str], values: Mapping[str, float]) ->
     fmu : path
         An FMU with `resources/start_values.txt` (every FMU of this project).
     values : mapping
-        Parameter name -> new start value, in the unit of the parameter.
+        Parameter name -> new start value, in the unit of the parameter; of an enumeration the name or the value of an
+        item, of a string one of its texts.
 
     Raises
     ------
     StartValueError
-        Not an FMU of this kind, an unknown parameter, or a value that is not finite or outside [min, max].
+        Not an FMU of this kind, an unknown parameter, or a value that is not finite, none of the parameter's type or
+        outside [min, max].
     OSError
         The file can't be read or written; it is unchanged.
     """
@@ -62,57 +68,86 @@ def write_start_values(fmu: str | PathLike[str], values: Mapping[str, float]) ->
         ) from None
     try:
         starts, xml = _from_text(text), description.decode("utf-8")
-        ET.fromstring(description)
+        parameters = {n: v for n, v in _parameters(ET.fromstring(description)).items() if n in starts}
+        for name, variable in parameters.items():
+            if variable.type == "real":
+                float(starts[name])
     except (ValueError, ET.ParseError) as error:
         raise StartValueError(f"{path}: start values can't be read: {error}") from None
     for name, value in values.items():
-        _check(path, description, starts, name, value)
-        starts[name] = float(value)
-        xml = _replace_start(xml, name, float(value))
+        starts[name] = _checked(path, parameters, name, value)
+        xml = _replace_start(xml, name, starts[name])
     try:
         replace_members(path, {DESCRIPTION: xml.encode("utf-8"), MEMBER: _to_text(starts)})
     except (zipfile.BadZipFile, zlib.error) as error:
         raise StartValueError(f"{path}: a damaged archive: {error}") from None
 
 
-def _to_text(values: Mapping[str, float]) -> bytes:
-    return "".join(f"{name} = {value!r}\n" for name, value in values.items()).encode()
+def _to_text(values: Mapping[str, str]) -> bytes:
+    return "".join(f"{name} = {value}\n" for name, value in values.items()).encode()
 
 
-def _from_text(text: bytes) -> dict[str, float]:
-    pairs = (line.split(" = ") for line in text.decode().splitlines())
-    return {name: float(value) for name, value in pairs}
+def _from_text(text: bytes) -> dict[str, str]:
+    pairs = (line.split(" = ", 1) for line in text.decode().splitlines())
+    return {name: value for name, value in pairs}  # noqa: C416, one that is no pair is an error
 
 
-def _check(path: Path, description: bytes, starts: Mapping[str, float], name: str, value: float) -> None:
-    parameters = {n: e for n, e in _parameters(description).items() if n in starts}
+def _checked(path: Path, parameters: Mapping[str, Variable], name: str, value: Any) -> str:
+    """The text of a new start value."""
     if name not in parameters:
         raise StartValueError(f"{path}: no parameter '{name}'; its parameters are {', '.join(parameters)}")
-    if not math.isfinite(value):
-        raise StartValueError(f"{path}: start value {value!r} of '{name}' is not a finite number")
-    attributes = parameters[name]
-    lower, upper = float(attributes.get("min", -math.inf)), float(attributes.get("max", math.inf))
-    if not lower <= value <= upper:
+    variable = parameters[name]
+    try:
+        start = variable.number_of(value, f"start value of '{name}'")
+    except ArgumentError as error:
+        raise StartValueError(f"{path}: {error}") from None
+    lower = -math.inf if variable.min is None else variable.min
+    upper = math.inf if variable.max is None else variable.max
+    if not lower <= start <= upper:
         raise StartValueError(f"{path}: start value {value!r} of '{name}' is outside [{lower!r}, {upper!r}]")
+    return text_of(variable.type, start, variable.items)
 
 
-def _parameters(description: bytes) -> dict[str, ET.Element]:
-    """Real parameters by name -> the element that holds min, max and start, in FMI 2.0 and 3.0."""
+#: Types of variables by the names of their elements in FMI 2.0 and 3.0.
+_TYPES: dict[str, Type] = {
+    "Real": "real",
+    "Float64": "real",
+    "Integer": "integer",
+    "Int32": "integer",
+    "Boolean": "boolean",
+    "Enumeration": "enumeration",
+    "String": "string",
+}
+
+
+def _parameters(description: ET.Element) -> dict[str, Variable]:
+    """Parameters by name, in FMI 2.0 and 3.0, without start values."""
+    enumerations = {
+        definition.get("name"): [(i.get("name", ""), int(i.get("value", ""))) for i in definition.iter("Item")]
+        for definition in description.iterfind("TypeDefinitions/*")
+    }
     found = {}
-    for variable in ET.fromstring(description).iterfind("ModelVariables/*"):
-        attributes = variable.find("Real") if variable.tag == "ScalarVariable" else variable
-        if variable.get("causality") == "parameter" and attributes is not None:
-            found[variable.get("name", "")] = attributes
+    for variable in description.iterfind("ModelVariables/*"):
+        of_fmi2 = [e for e in variable if e.tag in _TYPES] if variable.tag == "ScalarVariable" else [variable]
+        if variable.get("causality") != "parameter" or not of_fmi2:
+            continue
+        attributes = of_fmi2[0]
+        limits: dict[str, Any] = {n: float(attributes.get(n, "")) for n in ("min", "max") if n in attributes.attrib}
+        texts = [(text.text or "", i) for i, text in enumerate(variable.iterfind("Annotations/*/Text"))]
+        name = variable.get("name", "")
+        items = enumerations.get(attributes.get("declaredType"), texts)
+        found[name] = Variable(name, type=_TYPES[attributes.tag], items=tuple(items), **limits)
     return found
 
 
-def _replace_start(xml: str, name: str, value: float) -> str:
+def _replace_start(xml: str, name: str, value: str) -> str:
     """Change one start attribute and nothing else of the text."""
     named = rf"[^>]*\bname={re.escape(quoteattr(name))}[^>]*"
-    fmi2 = rf"<ScalarVariable\b{named}>\s*<Real\b[^>]*"
-    fmi3 = rf"<Float64\b{named}"
-    pattern = rf'((?:{fmi2}|{fmi3})\bstart=")[^"]*(")'
-    changed, count = re.subn(pattern, lambda m: f"{m[1]}{value!r}{m[2]}", xml)
+    fmi2 = rf"<ScalarVariable\b{named}>\s*<(?:Real|Integer|Boolean|Enumeration|String)\b[^>]*\bstart"
+    fmi3 = rf"<(?:Float64|Int32|Boolean|Enumeration)\b{named}\bstart"
+    text = rf"<String\b{named}>(?:(?!</String>).)*<Start value"
+    pattern = re.compile(rf'((?:{fmi2}|{fmi3}|{text})=")[^"]*(")', re.DOTALL)
+    changed, count = pattern.subn(lambda m: m[1] + escape(value, {'"': "&quot;"}) + m[2], xml)
     if count != 1:
         raise StartValueError(f"modelDescription.xml: found {count} start values of '{name}' where one was expected")
     return changed

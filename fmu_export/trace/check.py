@@ -402,8 +402,8 @@ def _limits(model: Model) -> tuple[np.ndarray, np.ndarray]:
     low, high = [0.0] + [-np.inf] * n_x, [np.inf] * (1 + n_x)
     for layout in (model.discrete, model.inputs, model.parameters):
         for v in layout.variables:
-            low += [-np.inf if v.min is None else v.min] * (v.size or 1)
-            high += [np.inf if v.max is None else v.max] * (v.size or 1)
+            low += [-np.inf if v.min is None else v.min] * v.n_elements
+            high += [np.inf if v.max is None else v.max] * v.n_elements
     return np.array(low), np.array(high)
 
 

@@ -289,6 +289,10 @@ def _fed_inputs(components: Mapping[str, Model], connections: Iterable[tuple[str
         ends = outputs[source], inputs[target]
         if ends[0].size != ends[1].size:
             raise CompositionError(f"{here}: the sizes differ: {ends[0].size} and {ends[1].size}")
+        if ends[0].type != ends[1].type:
+            raise CompositionError(f"{here}: the types differ: {ends[0].type} and {ends[1].type}")
+        if ends[0].items != ends[1].items:
+            raise CompositionError(f"{here}: the items differ: {ends[0].items} and {ends[1].items}")
         try:
             conversion(ends[0].unit, ends[1].unit)
         except ValueError as error:
