@@ -60,7 +60,7 @@ _INTERFACES = {
 
 #: The model-independent adapter, the integration method, a face for each version, and the headers of the standard that
 #: it needs.
-_ADAPTER = ("core.h", "core.c", "co_simulation.c", "uri.h", "uri.c")
+_ADAPTER = ("core.h", "core.c", "types.c", "co_simulation.c", "uri.h", "uri.c")
 _METHODS: dict[Solver, tuple[str, ...]] = {
     "rk4": ("rk4.c",),
     "dopri5": ("adaptive.c", "dopri5.c"),

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from functools import cache
 
 from fmu_export.errors import needs
-from fmu_export.native.expressions import SCALARS, Tables, literal
+from fmu_export.native import type_tables
+from fmu_export.native.expressions import SCALARS, Tables, c_string, literal
 from fmu_export.native.hybrid_source import hybrid_calls, hybrid_prototypes, hybrid_sizes, hybrid_tables
 from fmu_export.native.implicit import ImplicitParts, implicit_parts
 from fmu_export.native.loops import loop_statements
@@ -58,7 +59,8 @@ def model_sources(traced: TracedModel, interface: Interface, guid: str) -> dict[
     """
     equations = _equations(traced)
     head = _HEADER + '#include <math.h>\n#include "model.h"\n\n'
-    tables = _tables(traced, interface) + _solver_tables(equations.implicit) + _hybrid_tables(traced)
+    tables = _tables(traced, interface) + type_tables.definitions(interface) + _solver_tables(equations.implicit)
+    tables += _hybrid_tables(traced)
     return {
         "model.h": _header(traced, interface, guid, equations).encode(),
         "model.c": (head + tables + equations.source).encode(),
@@ -108,6 +110,7 @@ def _header(traced: TracedModel, interface: Interface, guid: str, equations: _Eq
         "N_Y": interface.n_computed,
         "N_OUTPUTS": interface.n_outputs,
         "N_X": len(interface.states),
+        "N_TYPED": type_tables.number_of_typed(interface),
         "N_START_REQUIREMENTS": start,
         "N_STEP_REQUIREMENTS": step,
         "RATES_DEPEND_ON_TIME": int(traced.rates_depend_on_time),
@@ -131,6 +134,7 @@ def _header(traced: TracedModel, interface: Interface, guid: str, equations: _Eq
         + "extern const double model_nominals[N_X + 1]; /* of the states */\n"
         + "extern const char *const model_start_requirements[N_START_REQUIREMENTS + 1];\n"
         + "extern const char *const model_step_requirements[N_STEP_REQUIREMENTS + 1];\n"
+        + type_tables.declarations(interface)
         + "".join(f"extern const {table};\n" for table in _solver_table_values(equations.implicit))
         + "".join(f"extern const {table};\n" for table in hybrid_tables(traced, c_string))
         + "\n"
@@ -217,9 +221,3 @@ def c_function(f: ca.Function, names: Sequence[str], prefix: str = "model", tabl
         used.add("p")
     lines = [*(f"(void){n};" for n in [*names, "y"] if n not in used | {"z"}), *lines]
     return "\n".join([f"{_prototype(f, names, prefix)}\n{{", *(f"    {line}" for line in lines), "}", ""])
-
-
-def c_string(text: str) -> str:
-    """A C literal of a text in UTF-8; what is not plain in every C is written by its octal number."""
-    plain = re.compile(r"[ !#-;=>@-\[\]-~]")  # no quote, no backslash, no ? or < of trigraphs and digraphs
-    return '"' + "".join(chr(b) if plain.fullmatch(chr(b)) else f"\\{b:03o}" for b in text.encode()) + '"'

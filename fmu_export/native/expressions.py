@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 
 from fmu_export.trace.operations import template
@@ -68,3 +69,9 @@ class Tables:
             f"static const double {name}[{len(values)}] = {{{', '.join(values)}}};\n"
             for values, name in self._names.items()
         )
+
+
+def c_string(text: str) -> str:
+    """A C literal of a text in UTF-8; what is not plain in every C is written by its octal number."""
+    plain = re.compile(r"[ !#-;=>@-\[\]-~]")  # no quote, no backslash, no ? or < of trigraphs and digraphs
+    return '"' + "".join(chr(b) if plain.fullmatch(chr(b)) else f"\\{b:03o}" for b in text.encode()) + '"'

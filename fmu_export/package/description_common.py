@@ -118,15 +118,11 @@ def add_items(parent: ET.Element, items: Items) -> None:
         ET.SubElement(parent, "Item", name=name, value=str(value))
 
 
-def texts_of(v: ScalarVariable) -> list[ET.Element]:
-    """The texts that a string can be, which FMI can't declare, as annotations."""
-    if v.type != "string":
-        return []
-    elements = []
+def add_texts(parent: ET.Element, v: ScalarVariable) -> None:
+    """Add the texts that a string can be, which FMI can't declare."""
+    texts = ET.SubElement(parent, "Texts")
     for text, _ in v.items:
-        elements.append(ET.Element("Text"))
-        elements[-1].text = text
-    return elements
+        ET.SubElement(texts, "Text").text = text
 
 
 def to_bytes(root: ET.Element) -> bytes:

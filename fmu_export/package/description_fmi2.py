@@ -11,12 +11,12 @@ from fmu_export.package.description_common import (
     add_default_experiment,
     add_items,
     add_log_categories,
+    add_texts,
     add_units,
     enumeration_types,
     indicator_attributes,
     package_version,
     reset_annotation,
-    texts_of,
     to_bytes,
     type_attributes,
 )
@@ -86,7 +86,7 @@ def model_description(
     for reference, v in enumerate(interface.variables):
         _scalar_variable(variables, v, reference, types, guesses.get(reference))
     for reference, d in enumerate(derivatives, start=len(interface.variables)):
-        _state_derivative(variables, d, reference, interface.variables[d.state].description)
+        _state_derivative(variables, d, reference, interface.variables[d.state].about)
     for reference, name in enumerate(interface.indicators, start=len(interface.variables) + len(derivatives) + 1):
         element = ET.SubElement(variables, "ScalarVariable", indicator_attributes(name, reference))
         ET.SubElement(element, "Real", unit="1")
@@ -109,7 +109,7 @@ def _scalar_variable(
     attributes = {
         "name": v.name,
         "valueReference": str(reference),
-        "description": v.description,
+        **({"description": v.description} if v.description else {}),
         "causality": v.causality,
         "variability": v.variability,
     }
@@ -118,8 +118,8 @@ def _scalar_variable(
         attributes["initial"] = "exact" if v.causality == "parameter" else computed
     element = ET.SubElement(parent, "ScalarVariable", attributes)
     ET.SubElement(element, v.type.capitalize(), type_attributes(v, types, guess))
-    if texts := texts_of(v):
-        ET.SubElement(ET.SubElement(element, "Annotations"), "Tool", name=DISTRIBUTION).extend(texts)
+    if v.type == "string":
+        add_texts(ET.SubElement(ET.SubElement(element, "Annotations"), "Tool", name=DISTRIBUTION), v)
 
 
 def _state_derivative(parent: ET.Element, d: StateDerivative, reference: int, state: str) -> None:

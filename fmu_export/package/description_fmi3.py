@@ -16,12 +16,12 @@ from fmu_export.package.description_common import (
     add_default_experiment,
     add_items,
     add_log_categories,
+    add_texts,
     add_units,
     enumeration_types,
     indicator_attributes,
     package_version,
     reset_annotation,
-    texts_of,
     to_bytes,
     type_attributes,
 )
@@ -88,7 +88,7 @@ def model_description(
         attributes = {
             "name": v.name,
             "valueReference": str(reference),
-            "description": v.description,
+            **({"description": v.description} if v.description else {}),
             "causality": v.causality,
             "variability": v.variability,
         }
@@ -99,9 +99,8 @@ def model_description(
         attributes |= type_attributes(v, types, guesses.get(reference))
         start = attributes.pop("start", None) if v.type == "string" else None
         element = ET.SubElement(variables, _TAGS[v.type], attributes)
-        if texts := texts_of(v):
-            annotations = ET.SubElement(element, "Annotations")
-            ET.SubElement(annotations, "Annotation", type=DISTRIBUTION).extend(texts)
+        if v.type == "string":
+            add_texts(ET.SubElement(ET.SubElement(element, "Annotations"), "Annotation", type=DISTRIBUTION), v)
         if start is not None:
             ET.SubElement(element, "Start", value=start)
     for reference, d in enumerate(derivatives, start=len(interface.variables)):
@@ -110,7 +109,7 @@ def model_description(
             "Float64",
             name=d.name,
             valueReference=str(reference),
-            description=f"Time derivative of: {interface.variables[d.state].description}",
+            description=f"Time derivative of: {interface.variables[d.state].about}",
             causality="local",
             variability="continuous",
             initial="calculated",

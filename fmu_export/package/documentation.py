@@ -18,7 +18,7 @@ from fmu_export.modelling.model import Model
 from fmu_export.modelling.variables import Array, Layout
 from fmu_export.package.description_common import DISTRIBUTION, package_version
 from fmu_export.package.icon import model_icon, terminal_icons
-from fmu_export.package.interface import Interface
+from fmu_export.package.interface import Interface, ScalarVariable, text_of
 from fmu_export.package.metadata import NO_METADATA, Metadata
 
 with needs("export"):
@@ -137,7 +137,8 @@ def reference_run(model: Model) -> ReferenceRun:
     n = round(min(_DURATION, model.default_experiment.stop_time - start) / _ROW)
     time = np.round(start + _ROW * np.arange(n + 1), 9)
     frequencies = 0.4 + 0.1 * np.arange(1, len(model.inputs) + 1)
-    inputs = model.inputs.starts + _AMPLITUDE * np.sin(2.0 * np.pi * np.outer(time - start, frequencies))
+    swings = np.array([v.type == "real" for v in model.inputs.variables for _ in v.names], dtype=float)
+    inputs = model.inputs.starts + _AMPLITUDE * swings * np.sin(2.0 * np.pi * np.outer(time - start, frequencies))
     inputs = np.round(inputs, 6)  # the last digits of a sine depend on the platform
     x = model.initial_state(p)
     n_y = len(model.outputs)  # locals follow them
@@ -229,12 +230,18 @@ def _markdown(page: str) -> str:
 
 
 def _variable_table(interface: Interface) -> str:
-    def number(value: float | None) -> str:
-        return "" if value is None else f"{value:.12g}"
+    def number(v: ScalarVariable, value: float | None) -> str:
+        return "" if value is None else f"{value:.12g}" if v.type == "real" else text_of(v.type, value, v.items)
 
     rows = []
     for v in interface.variables:
-        cells = (v.causality, v.variability, v.unit, number(v.start), number(v.min), number(v.max), v.description)
+        cells = (
+            v.causality,
+            v.variability,
+            v.unit if v.type == "real" else v.type,
+            *(number(v, value) for value in (v.start, v.min, v.max)),
+            v.description,
+        )
         rows.append(f"<tr><td><code>{escape(v.name)}</code></td>" + "".join(f"<td>{escape(c)}</td>" for c in cells))
     heads = ("name", "causality", "variability", "unit", "start", "min", "max", "description")
     return (

@@ -53,6 +53,11 @@ class ScalarVariable:
     type: Type
     items: Items
 
+    @property
+    def about(self) -> str:
+        """Its description, or its name if there is none."""
+        return self.description or self.name
+
 
 def text_of(type_: Type, value: float, items: Items = ()) -> str:
     """A value of a type as text that reads back bit for bit: of an enumeration the item's value, a string itself."""
@@ -235,7 +240,7 @@ def _flatten(layout: Layout, causality: Literal["parameter", "input", "output", 
                     variability=changes if causality != "parameter" else "tunable" if v.tunable else "fixed",
                     unit=v.unit,
                     display_unit=v.display_unit,
-                    description=v.description + element + texts,
+                    description=(v.description + element + texts).strip(),
                     start=None if causality in ("output", "local") else start,
                     min=v.min,
                     max=v.max,

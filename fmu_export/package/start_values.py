@@ -133,7 +133,7 @@ def _parameters(description: ET.Element) -> dict[str, Variable]:
             continue
         attributes = of_fmi2[0]
         limits: dict[str, Any] = {n: float(attributes.get(n, "")) for n in ("min", "max") if n in attributes.attrib}
-        texts = [(text.text or "", i) for i, text in enumerate(variable.iterfind("Annotations/*/Text"))]
+        texts = [(text.text or "", i) for i, text in enumerate(variable.iterfind("Annotations/*/Texts/Text"))]
         name = variable.get("name", "")
         items = enumerations.get(attributes.get("declaredType"), texts)
         found[name] = Variable(name, type=_TYPES[attributes.tag], items=tuple(items), **limits)

@@ -91,7 +91,7 @@ def build_pythonfmu(
     DocumentationError
         A figure of the page is missing, an equation can't be typeset, or the reference run is not finite.
     ArgumentError
-        The model has discrete states or events, or another solver than "rk4".
+        The model has discrete states, events or variables that are no reals, or another solver than "rk4".
     TraceError
         The model can't be traced, or its trace computes something else than numpy.
     OSError
@@ -109,6 +109,12 @@ def build_pythonfmu(
         raise ArgumentError(
             f"{model.name}: the pythonfmu flavour has no solver {model.solver!r}, only 'rk4'; build an FMU with "
             "build_native"
+        )
+    layouts = (model.parameters, model.inputs, model.outputs, model.locals)
+    if typed := [v for layout in layouts for v in layout.variables if v.type != "real"]:
+        raise ArgumentError(
+            f"{model.name}: '{typed[0].name}' is of type {typed[0].type}; the pythonfmu flavour takes reals only, "
+            "build an FMU with build_native"
         )
     traced = trace(model, unchecked)
     interface = interface_of(traced)

@@ -187,6 +187,9 @@ class _Check:
         self.compared = False
         self.failure = ""
         self.limits = _limits(model)
+        first = 1 + len(model.state_layout)
+        declared = [v for layout in (model.inputs, model.parameters) for v in layout.variables for _ in v.names]
+        self.others = [(first + i, v) for i, v in enumerate(declared) if v.type != "real"]
         outputs = list(model.returned.names)
         self.states = [(outputs.index(s), i) for i, s in enumerate(states) if s in outputs]
 
@@ -228,8 +231,14 @@ class _Check:
         return _Pool(self.split(flat), self.split(self.within_limits(kinks)))
 
     def within_limits(self, flat: np.ndarray) -> np.ndarray:
-        """Parameters and inputs moved into the ranges that they are declared with; time not before 0."""
+        """Parameters and inputs moved to values that they are declared to have; time not before 0."""
         clipped: np.ndarray = np.clip(flat, *self.limits)
+        for column, v in self.others:
+            if v.items:
+                numbers = np.array([number for _, number in v.items], dtype=float)
+                clipped[:, column] = numbers[np.nan_to_num(np.abs(clipped[:, column])).astype(int) % len(numbers)]
+            else:
+                clipped[:, column] = np.rint(clipped[:, column]) if v.type == "integer" else clipped[:, column] > 0.0
         return clipped
 
     def split(self, flat: np.ndarray) -> Points:

@@ -47,6 +47,16 @@ static int read_number(char *text, double *value) {
     return end > text && !end[strspn(end, " \t\r\n")] && isfinite(*value);
 }
 
+/* Read a value of a variable that is no real. */
+static int read_other(int i, const char *text, double *value) {
+#if N_TYPED > 0
+    return core_read_value((size_t)i, text, value);
+#else
+    (void)i, (void)text, (void)value;
+    return 0;
+#endif
+}
+
 static CoreStatus read_start_values(Core *core, double values[]) {
     char path[4096], line[256], buffer[4096];
     int found[N_PU + 1] = {0};
@@ -59,20 +69,23 @@ static CoreStatus read_start_values(Core *core, double values[]) {
     while (status == CORE_OK && fgets(line, sizeof line, file)) {
         char *separator = strstr(line, " = ");
         double value;
-        if (!separator || !read_number(separator + 3, &value)) {
-            line[strcspn(line, "\r\n")] = '\0';
+        int i = 0, reads = 0;
+        line[strcspn(line, "\r\n")] = '\0';
+        if (separator) {
+            *separator = '\0';
+            while (i < N_PU && strcmp(line, model_names[i])) i++;
+            reads = i == N_PU || IS_REAL(i) ? read_number(separator + 3, &value) : read_other(i, separator + 3, &value);
+            *separator = ' ';
+        }
+        if (!reads) {
             for (char *c = line; *c; c++)
                 if (*c < ' ' || *c > '~') *c = '?'; /* messages are text, whatever the file is */
-            status =
-                core_fail(core, CORE_ERROR, "start values can't be read: '%s' in %s is no 'name = number'", line, path);
-            break;
+            status = core_fail(core, CORE_ERROR, "start values can't be read: '%s' in %s is no 'name = %s'", line, path,
+                               i == N_PU || IS_REAL(i) ? "number" : "value");
+        } else if (i < N_PU) {
+            values[i] = value;
+            found[i] = 1;
         }
-        *separator = '\0';
-        for (int i = 0; i < N_PU; i++)
-            if (!strcmp(line, model_names[i])) {
-                values[i] = value;
-                found[i] = 1;
-            }
     }
     fclose(file);
     for (int i = 0; status == CORE_OK && i < N_PU; i++)
@@ -271,7 +284,7 @@ CoreStatus core_set(Core *core, const unsigned references[], size_t n, const dou
 }
 
 CoreStatus core_set_input_rates(Core *core, const unsigned references[], size_t n, const double rates[]) {
-    if (are_all(N_P, N_U, references, n) && core_all_finite(rates, N_U)) {
+    if (!N_TYPED && are_all(N_P, N_U, references, n) && core_all_finite(rates, N_U)) {
         memcpy(core->state.u_rate, rates, N_U * sizeof *rates);
         return CORE_OK;
     }
@@ -280,6 +293,9 @@ CoreStatus core_set_input_rates(Core *core, const unsigned references[], size_t 
         if (!(reference >= N_P && reference < N_PU))
             return core_fail(core, CORE_ERROR, "value reference %lu is no input and has no derivative to set",
                              (unsigned long)reference);
+        if (!IS_REAL(reference))
+            return core_fail(core, CORE_ERROR, "input '%s' is discrete and has no derivative to set",
+                             name_of(reference));
         if (!isfinite(rates[i]))
             return core_fail(core, CORE_ERROR, "the derivative of '%s' can't be %g", name_of(reference), rates[i]);
         core->state.u_rate[reference - N_P] = rates[i];

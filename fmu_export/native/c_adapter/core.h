@@ -157,6 +157,39 @@ CoreStatus core_exit_initialization(Core *core);
 /* Of n variables by value reference; after a failure none is set. */
 CoreStatus core_set(Core *core, const unsigned references[], size_t n, const double values[]);
 CoreStatus core_get(Core *core, const unsigned references[], size_t n, double values[]);
+
+/* How the functions of an FMI version have the values of a type in memory. */
+typedef enum {
+    AS_DOUBLE,
+    AS_INT32,
+    AS_INT32_OR_ITEM,
+    AS_INT64_ITEM,
+    AS_INT32_BOOLEAN,
+    AS_BOOL,
+    AS_TEXT
+} Representation;
+
+/* Of n variables of the types that have this representation; `function` asks. */
+CoreStatus core_get_as(Core *core, Representation as, const unsigned references[], size_t n, void *values,
+                       const char *function);
+CoreStatus core_set_as(Core *core, Representation as, const unsigned references[], size_t n, const void *values,
+                       const char *function);
+
+#if N_TYPED > 0
+enum { TYPE_REAL, TYPE_INTEGER, TYPE_BOOLEAN, TYPE_ENUMERATION, TYPE_STRING }; /* in `model_types` */
+/* Whether n variables are of the types that have this representation. */
+CoreStatus core_check_types(Core *core, Representation as, const unsigned references[], size_t n, const char *function);
+/* Whether a number stands for a value of the variable's type. */
+CoreStatus core_check_value(Core *core, size_t reference, double value, CoreStatus status);
+/* Read the text of a value that is no real; 0 if it is none of the type. */
+int core_read_value(size_t reference, const char *text, double *value);
+#define ARE_REAL(core, references, n) (core_check_types(core, AS_DOUBLE, references, n, __func__) == CORE_OK)
+#define IS_REAL(reference) (model_types[reference] == TYPE_REAL)
+#else
+#define ARE_REAL(core, references, n) 1
+#define IS_REAL(reference) 1
+#endif
+
 CoreStatus core_set_input_rates(Core *core, const unsigned references[], size_t n, const double rates[]);
 
 CoreStatus core_do_step(Core *core, double time, double step);

@@ -120,35 +120,32 @@ fmi2Status fmi2Reset(fmi2Component c) {
 fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2Real value[]) {
     CHECK(c, ANY);
     if (n && (!vr || !value)) return MISSING;
+    if (!ARE_REAL(&instance->core, vr, n)) return fmi2Error;
     return (fmi2Status)core_get(&instance->core, vr, n, value);
 }
 
 fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2Real value[]) {
     CHECK(c, INSTANTIATED | INITIALIZATION | RUNNING);
     if (n && (!vr || !value)) return MISSING;
+    if (!ARE_REAL(&instance->core, vr, n)) return fmi2Error;
     return (fmi2Status)core_set(&instance->core, vr, n, value);
 }
 
-static fmi2Status no_such_type(fmi2Component c, size_t n, const char *function) {
-    CHECK(c, ANY);
-    return n ? (fmi2Status)core_fail(&instance->core, CORE_ERROR, "%s: every variable of this FMU is of type Real",
-                                     function)
-             : fmi2OK;
-}
-
-#define REFUSE(Type) \
+#define TYPED(Type, as) \
     fmi2Status fmi2Get##Type(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2##Type value[]) { \
-        (void)vr, (void)value; \
-        return no_such_type(c, n, __func__); \
+        CHECK(c, ANY); \
+        if (n && (!vr || !value)) return MISSING; \
+        return (fmi2Status)core_get_as(&instance->core, as, vr, n, value, __func__); \
     } \
     fmi2Status fmi2Set##Type(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2##Type value[]) { \
-        (void)vr, (void)value; \
-        return no_such_type(c, n, __func__); \
+        CHECK(c, INSTANTIATED | INITIALIZATION | RUNNING); \
+        if (n && (!vr || !value)) return MISSING; \
+        return (fmi2Status)core_set_as(&instance->core, as, vr, n, value, __func__); \
     }
 
-REFUSE(Integer)
-REFUSE(Boolean)
-REFUSE(String)
+TYPED(Integer, AS_INT32_OR_ITEM)
+TYPED(Boolean, AS_INT32_BOOLEAN)
+TYPED(String, AS_TEXT)
 
 fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference vr[], size_t n,
                                        const fmi2Integer order[], const fmi2Real value[]) {
@@ -183,6 +180,7 @@ fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReferenc
                                          known[i]);
         change[known[i]] = known_change[i];
     }
+    if (!ARE_REAL(&instance->core, known, m) || !ARE_REAL(&instance->core, unknown, n)) return fmi2Error;
     return (fmi2Status)core_direction(&instance->core, unknown, n, change, unknown_change);
 }
 

@@ -1,4 +1,4 @@
-/* The face of FMI 3.0: checks the calls, translates them to the core. All variables are scalars of type Float64. */
+/* The face of FMI 3.0: checks the calls, translates them to the core. All variables are scalars. */
 #include "fmi3Functions.h"
 
 #include <stdlib.h>
@@ -165,6 +165,7 @@ fmi3Status fmi3GetFloat64(fmi3Instance c, const fmi3ValueReference references[],
                           size_t n_values) {
     CHECK(c, ANY);
     if (check_arrays(instance, references, n, values, n_values, __func__)) return fmi3Error;
+    if (!ARE_REAL(&instance->core, references, n)) return fmi3Error;
     return (fmi3Status)core_get(&instance->core, references, n, values);
 }
 
@@ -172,12 +173,13 @@ fmi3Status fmi3SetFloat64(fmi3Instance c, const fmi3ValueReference references[],
                           size_t n_values) {
     CHECK(c, INSTANTIATED | INITIALIZATION | RUNNING);
     if (check_arrays(instance, references, n, values, n_values, __func__)) return fmi3Error;
+    if (!ARE_REAL(&instance->core, references, n)) return fmi3Error;
     return (fmi3Status)core_set(&instance->core, references, n, values);
 }
 
 static fmi3Status no_such_type(fmi3Instance c, size_t n, const char *function) {
     CHECK(c, ANY);
-    return n ? FAIL("%s: every variable of this FMU is of type Float64", function) : fmi3OK;
+    return n ? FAIL("%s: no variable of this FMU is of this type", function) : fmi3OK;
 }
 
 #define REFUSE(Type) \
@@ -195,12 +197,25 @@ REFUSE(Int8)
 REFUSE(UInt8)
 REFUSE(Int16)
 REFUSE(UInt16)
-REFUSE(Int32)
 REFUSE(UInt32)
-REFUSE(Int64)
 REFUSE(UInt64)
-REFUSE(Boolean)
-REFUSE(String)
+
+#define TYPED(Type, as) \
+    fmi3Status fmi3Get##Type(fmi3Instance c, const fmi3ValueReference r[], size_t n, fmi3##Type v[], size_t m) { \
+        CHECK(c, ANY); \
+        if (check_arrays(instance, r, n, v, m, __func__)) return fmi3Error; \
+        return (fmi3Status)core_get_as(&instance->core, as, r, n, v, __func__); \
+    } \
+    fmi3Status fmi3Set##Type(fmi3Instance c, const fmi3ValueReference r[], size_t n, const fmi3##Type v[], size_t m) { \
+        CHECK(c, INSTANTIATED | INITIALIZATION | RUNNING); \
+        if (check_arrays(instance, r, n, v, m, __func__)) return fmi3Error; \
+        return (fmi3Status)core_set_as(&instance->core, as, r, n, v, __func__); \
+    }
+
+TYPED(Int32, AS_INT32)
+TYPED(Int64, AS_INT64_ITEM) /* FMI 3.0 has enumerations as Int64 */
+TYPED(Boolean, AS_BOOL)
+TYPED(String, AS_TEXT)
 
 fmi3Status fmi3GetBinary(fmi3Instance c, const fmi3ValueReference r[], size_t n, size_t sizes[], fmi3Binary v[],
                          size_t m) {
@@ -378,6 +393,7 @@ fmi3Status fmi3GetDirectionalDerivative(fmi3Instance c, const fmi3ValueReference
         if (knowns[i] >= N_VALUES) return FAIL("no variable has the value reference %u", knowns[i]);
         change[knowns[i]] = seed[i];
     }
+    if (!ARE_REAL(&instance->core, knowns, m) || !ARE_REAL(&instance->core, unknowns, n)) return fmi3Error;
     return (fmi3Status)core_direction(&instance->core, unknowns, n, change, sensitivity);
 }
 
