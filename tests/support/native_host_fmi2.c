@@ -177,15 +177,15 @@ static double now(fmi2Component c) {
     X(NOTHING, fmi2Error, SAME, 1, fmi2SetReal(c, huge, 1, one_value)) \
     X(ANY, fmi2OK, SAME, 1, fmi2GetInteger(c, NULL, 0, NULL)) \
     X(NOTHING, fmi2Error, SAME, 1, fmi2GetInteger(c, parameter, 1, integers)) \
-    X(ANY, fmi2OK, SAME, 1, fmi2SetInteger(c, NULL, 0, NULL)) \
+    X(INST | INIT | RUN, fmi2OK, SAME, 1, fmi2SetInteger(c, NULL, 0, NULL)) \
     X(NOTHING, fmi2Error, SAME, 1, fmi2SetInteger(c, huge, 1, integers)) \
     X(ANY, fmi2OK, SAME, 1, fmi2GetBoolean(c, NULL, 0, NULL)) \
     X(NOTHING, fmi2Error, SAME, 1, fmi2GetBoolean(c, parameter, 1, integers)) \
-    X(ANY, fmi2OK, SAME, 1, fmi2SetBoolean(c, NULL, 0, NULL)) \
+    X(INST | INIT | RUN, fmi2OK, SAME, 1, fmi2SetBoolean(c, NULL, 0, NULL)) \
     X(NOTHING, fmi2Error, SAME, 1, fmi2SetBoolean(c, NULL, 1, NULL)) \
     X(ANY, fmi2OK, SAME, 1, fmi2GetString(c, NULL, 0, NULL)) \
     X(NOTHING, fmi2Error, SAME, 1, fmi2GetString(c, parameter, 1, strings)) \
-    X(ANY, fmi2OK, SAME, 1, fmi2SetString(c, NULL, 0, NULL)) \
+    X(INST | INIT | RUN, fmi2OK, SAME, 1, fmi2SetString(c, NULL, 0, NULL)) \
     X(NOTHING, fmi2Error, SAME, 1, fmi2SetString(c, parameter, 1, strings)) \
     X(INIT | STEP, fmi2OK, SAME, N_U, fmi2SetRealInputDerivatives(c, input, 1, order1, one_value)) \
     X(INIT | STEP, fmi2OK, SAME, 1, fmi2SetRealInputDerivatives(c, NULL, 0, NULL, NULL)) \

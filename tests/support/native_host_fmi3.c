@@ -261,7 +261,7 @@ static double now(fmi3Instance c) {
     X(ANY, fmi3OK, SAME, 1, fmi3GetInt32(c, NULL, 0, NULL, 0)) \
     X(NOTHING, fmi3Error, SAME, 1, fmi3GetInt32(c, parameter, 1, integers, 1)) \
     X(NOTHING, fmi3Error, SAME, 1, fmi3GetInt32(c, huge, 1, NULL, 0)) \
-    X(ANY, fmi3OK, SAME, 1, fmi3SetInt32(c, NULL, 0, NULL, 0)) \
+    X(INST | INIT | RUN, fmi3OK, SAME, 1, fmi3SetInt32(c, NULL, 0, NULL, 0)) \
     X(NOTHING, fmi3Error, SAME, 1, fmi3SetInt32(c, parameter, 1, integers, 1)) \
     X(NOTHING, fmi3Error, SAME, 1, fmi3SetInt32(c, huge, 1, NULL, 0)) \
     X(ANY, fmi3OK, SAME, 1, fmi3GetUInt32(c, NULL, 0, NULL, 0)) \
@@ -273,7 +273,7 @@ static double now(fmi3Instance c) {
     X(ANY, fmi3OK, SAME, 1, fmi3GetInt64(c, NULL, 0, NULL, 0)) \
     X(NOTHING, fmi3Error, SAME, 1, fmi3GetInt64(c, parameter, 1, int64, 1)) \
     X(NOTHING, fmi3Error, SAME, 1, fmi3GetInt64(c, huge, 1, NULL, 0)) \
-    X(ANY, fmi3OK, SAME, 1, fmi3SetInt64(c, NULL, 0, NULL, 0)) \
+    X(INST | INIT | RUN, fmi3OK, SAME, 1, fmi3SetInt64(c, NULL, 0, NULL, 0)) \
     X(NOTHING, fmi3Error, SAME, 1, fmi3SetInt64(c, parameter, 1, int64, 1)) \
     X(NOTHING, fmi3Error, SAME, 1, fmi3SetInt64(c, huge, 1, NULL, 0)) \
     X(ANY, fmi3OK, SAME, 1, fmi3GetUInt64(c, NULL, 0, NULL, 0)) \
@@ -285,13 +285,13 @@ static double now(fmi3Instance c) {
     X(ANY, fmi3OK, SAME, 1, fmi3GetBoolean(c, NULL, 0, NULL, 0)) \
     X(NOTHING, fmi3Error, SAME, 1, fmi3GetBoolean(c, parameter, 1, boolean, 1)) \
     X(NOTHING, fmi3Error, SAME, 1, fmi3GetBoolean(c, huge, 1, NULL, 0)) \
-    X(ANY, fmi3OK, SAME, 1, fmi3SetBoolean(c, NULL, 0, NULL, 0)) \
+    X(INST | INIT | RUN, fmi3OK, SAME, 1, fmi3SetBoolean(c, NULL, 0, NULL, 0)) \
     X(NOTHING, fmi3Error, SAME, 1, fmi3SetBoolean(c, parameter, 1, boolean, 1)) \
     X(NOTHING, fmi3Error, SAME, 1, fmi3SetBoolean(c, huge, 1, NULL, 0)) \
     X(ANY, fmi3OK, SAME, 1, fmi3GetString(c, NULL, 0, NULL, 0)) \
     X(NOTHING, fmi3Error, SAME, 1, fmi3GetString(c, parameter, 1, strings, 1)) \
     X(NOTHING, fmi3Error, SAME, 1, fmi3GetString(c, huge, 1, NULL, 0)) \
-    X(ANY, fmi3OK, SAME, 1, fmi3SetString(c, NULL, 0, NULL, 0)) \
+    X(INST | INIT | RUN, fmi3OK, SAME, 1, fmi3SetString(c, NULL, 0, NULL, 0)) \
     X(NOTHING, fmi3Error, SAME, 1, fmi3SetString(c, parameter, 1, strings, 1)) \
     X(NOTHING, fmi3Error, SAME, 1, fmi3SetString(c, huge, 1, NULL, 0)) \
     X(ANY, fmi3OK, SAME, 1, fmi3GetBinary(c, NULL, 0, NULL, NULL, 0)) \
