@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import runpy
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -139,6 +140,27 @@ def kalman_filter(times: np.ndarray) -> Values:
     return {"theta": theta, "omega": omega, "P": P}
 
 
+def robertson(times: np.ndarray) -> Values:
+    """By scipy's Radau."""
+
+    def reaction(t: float, x: np.ndarray) -> list[float]:
+        slow, fast, fastest = 0.04 * x[0], 1e4 * x[1] * x[2], 3e7 * x[1] ** 2
+        return [fast - slow, slow - fast - fastest, fastest]
+
+    x = solve_ivp(reaction, (0.0, times[-1]), [1.0, 0.0, 0.0], "Radau", t_eval=times, rtol=1e-12, atol=1e-16).y
+    return dict(zip("ABC", x, strict=True))
+
+
+def van_der_pol(times: np.ndarray) -> Values:
+    """By scipy's Radau."""
+
+    def oscillator(t: float, x: np.ndarray) -> list[float]:
+        return [x[1], 1000.0 * (1.0 - x[0] ** 2) * x[1] - x[0]]
+
+    x = solve_ivp(oscillator, (0.0, times[-1]), [2.0, 0.0], "Radau", t_eval=times, rtol=1e-12, atol=1e-15).y
+    return {"x": x[0], "v": x[1]}
+
+
 EXAMPLES = [
     Example(
         "bouncing_ball",
@@ -211,6 +233,16 @@ EXAMPLES = [
         tolerance=1e-11,
         tolerance_me=1e-7,
     ),
+    Example("robertson", stop=40.0, step=40.0, solution=robertson, tolerance=1e-6, tolerance_me=1e-6),
+    Example(
+        "van_der_pol",
+        stop=2000.0,
+        step=1.0,
+        solution=van_der_pol,
+        tolerance=1e-6,
+        tolerance_me=1e-6,
+        stop_me=700.0,  # CVode, as FMPy sets it, does not get through the jumps
+    ),
 ]
 
 
@@ -238,6 +270,8 @@ def test_every_example_is_compared_with_something() -> None:
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda e: e.module)
 def test_example_is_right(example: Example, flavour: str, importer: str, fmu_of: Callable[[str, str], Path]) -> None:
     fmu = fmu_of(example.module, flavour)
+    if importer == "fmpy_me" and example.stop_me:
+        example = replace(example, stop=example.stop_me)
     expected = example.expected
     names = {name: values.ndim > 1 for name, values in expected.items()}
     if importer == "our_master":

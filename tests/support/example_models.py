@@ -28,7 +28,8 @@ class Example:
     """An experiment with a model, and its solution by other means.
 
     `tolerance` and `tolerance_me` bound the differences of values in co-simulation and in model exchange, relative to
-    the largest value of a variable. `inputs` are functions of time that change at communication points only.
+    the largest value of a variable. `inputs` are functions of time that change at communication points only. Model
+    exchange ends at `stop_me`, if there is one.
     """
 
     module: str
@@ -39,6 +40,7 @@ class Example:
     tolerance_me: float
     start: Mapping[str, Any] = field(default_factory=dict)
     inputs: Mapping[str, Callable[[float], float]] = field(default_factory=dict)
+    stop_me: float | None = None
 
     @cached_property
     def expected(self) -> Values:
