@@ -227,7 +227,7 @@ def test_a_parameter_can_not_be_set_while_a_step_asks_for_inputs(unpacked: Path)
     """FMI 3.0, Intermediate Update Mode: continuous inputs only."""
     statuses = []
 
-    def update() -> None:
+    def update(_: float) -> None:
         statuses.append((host.set({"X": 0.2}), host.set({"tau_a[1]": 0.05})))
 
     with Host(unpacked / "fmi3" / "RobotPlant", intermediate_update=update) as host:

@@ -165,7 +165,7 @@ class Host:
         resources: str | Path | None = Path(),
         name: str | None = "x",
         event_mode: bool = False,
-        intermediate_update: Callable[[], None] | None = None,
+        intermediate_update: Callable[[float], None] | None = None,
     ) -> None:
         self.description = fmpy.read_model_description(str(folder))
         self.version = self.description.fmiMajorVersion
@@ -201,7 +201,8 @@ class Host:
             arguments += [self._number, _LOGGER_3]
             if kind == "CoSimulation":
                 callback = fmi3.fmi3IntermediateUpdateCallback
-                self._update = callback() if intermediate_update is None else callback(lambda *_: intermediate_update())
+                give = intermediate_update
+                self._update = callback() if give is None else callback(lambda _, time, *more: give(time))
                 types += [fmi3.fmi3IntermediateUpdateCallback]
                 arguments += [self._update]
             elif kind == "ScheduledExecution":
@@ -242,11 +243,13 @@ class Host:
 
     # Life cycle
 
-    def enter(self, start: float = 0.0) -> int:
-        """Enter the initialisation mode."""
+    def enter(self, start: float = 0.0, tolerance: float | None = None) -> int:
+        """Enter the initialisation mode; a warning that comes before it is its status."""
+        told = tolerance is not None, tolerance or 0.0
         if self.version == 3:
-            return self.call("EnterInitializationMode", False, 0.0, start, False, 0.0)
-        return self.call("SetupExperiment", 0, 0.0, start, 0, 0.0) or self.call("EnterInitializationMode")
+            return self.call("EnterInitializationMode", *told, start, False, 0.0)
+        status = self.call("SetupExperiment", *told, start, 0, 0.0)
+        return status if status > 1 else self.call("EnterInitializationMode") or status
 
     def exit(self) -> int:
         return self.call("ExitInitializationMode")

@@ -231,7 +231,7 @@ static double now(fmi2Component c) {
     X(NOTHING, fmi2Error, SAME, 1, fmi2DeSerializeFMUstate(c, NULL, size, &state)) \
     X(NOTHING, fmi2Error, SAME, 1, fmi2DeSerializeFMUstate(c, bytes, size, NULL)) \
     X(STEP, fmi2OK, SAME, 1, fmi2DoStep(c, now(c), 1e-3, fmi2True)) \
-    X(STEP, fmi2Discard, SAME, N_X, fmi2DoStep(c, now(c), step_of_ages, fmi2True)) \
+    X(STEP, fmi2Discard, SAME, N_X && !ADAPTIVE, fmi2DoStep(c, now(c), step_of_ages, fmi2True)) \
     X(NOTHING, fmi2Error, SAME, 1, fmi2DoStep(c, 0.0, 0.0, fmi2True)) \
     X(NOTHING, fmi2Error, SAME, 1, fmi2DoStep(c, 0.0, -1e-3, fmi2False)) \
     X(NOTHING, fmi2Error, SAME, 1, fmi2DoStep(c, 0.0, NAN, fmi2False)) \
@@ -378,7 +378,7 @@ static void check_states(void) {
     LEGAL(fmi2GetFMUstate(one, &kept));
     LEGAL(fmi2SerializeFMUstate(one, kept, bytes, size));
     LEGAL(fmi2DoStep(one, 1e-3, 1e-3, fmi2True));
-    if (N_X) {
+    if (N_X && !ADAPTIVE) { /* a method that chooses its steps arrives */
         calls++;
         expect(fmi2DoStep(one, 2e-3, step_of_ages, fmi2True) == fmi2Discard, "not discarded", "check_states", 0, 0);
         LEGAL(fmi2GetBooleanStatus(one, fmi2Terminated, &flag));

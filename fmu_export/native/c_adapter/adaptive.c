@@ -52,10 +52,10 @@ static double first_size(const Core *core, const double x[], const double rates[
     return h < longest ? h : longest;
 }
 
-/* The estimate of what the inputs inside a step add that are not linear between its ends, by Simpson's rule. */
-static double input_error(Core *core, double time, double h, const double x[], const double next[], const double u[],
-                          const double u_rate[], const double u_middle[]) {
-    double middle[N_X], linear[N_U + 1], with[N_X + N_STEP_REQUIREMENTS + 1], without[N_X + N_STEP_REQUIREMENTS + 1];
+/* Add what the inputs inside a step change that are not linear between its ends, by Simpson's rule; its size. */
+static double correct_for_inputs(Core *core, double time, double h, const double x[], double next[], const double u[],
+                                 const double u_rate[], const double u_middle[]) {
+    double middle[N_X], linear[N_U + 1], change[N_X + N_STEP_REQUIREMENTS + 1], without[N_X + N_STEP_REQUIREMENTS + 1];
     int differs = 0;
     for (int j = 0; j < N_U; j++) {
         linear[j] = u[j] + 0.5 * h * u_rate[j];
@@ -63,10 +63,13 @@ static double input_error(Core *core, double time, double h, const double x[], c
     }
     if (!differs) return 0.0;
     for (int i = 0; i < N_X; i++) middle[i] = 0.5 * (x[i] + next[i]);
-    if (!core_usable_rates(core, time + 0.5 * h, middle, u_middle, with)) return NAN;
+    if (!core_usable_rates(core, time + 0.5 * h, middle, u_middle, change)) return NAN;
     if (!core_usable_rates(core, time + 0.5 * h, middle, linear, without)) return NAN;
-    for (int i = 0; i < N_X; i++) with[i] = 2.0 / 3.0 * h * (with[i] - without[i]);
-    return core_scaled(core, with, x, next);
+    for (int i = 0; i < N_X; i++) change[i] = 2.0 / 3.0 * h * (change[i] - without[i]);
+    method_damp(core, h, change);
+    double size = core_scaled(core, change, x, next);
+    for (int i = 0; i < N_X; i++) next[i] += change[i];
+    return size;
 }
 
 /* One step tried, with the inputs that the importer gives inside it, if it does. */
@@ -81,9 +84,9 @@ static CoreStatus try_step(Core *core, double time, double h, const double x[], 
     }
     CoreStatus status = method_step(core, time, h, x, u, u_rate, rates, next, error);
     if (status != CORE_OK) return status;
-    if (!core_all_finite(next, N_X)) *error = NAN;
+    if (!(*error > 1.0) && !core_all_finite(next, N_X)) *error = NAN;
     if (core->request_inputs && *error <= 1.0) {
-        double of_inputs = input_error(core, time, h, x, next, u, u_rate, u_middle);
+        double of_inputs = correct_for_inputs(core, time, h, x, next, u, u_rate, u_middle);
         if (!(of_inputs <= *error)) *error = of_inputs;
     }
     return CORE_OK;
@@ -126,7 +129,7 @@ static void plan(StepControl *control, double h, double error, int good, int rej
     }
 }
 
-CoreStatus core_integrate(Core *core, double time, double *length, double next[]) {
+static CoreStatus integrate(Core *core, double time, double *length, double next[]) {
     CoreState *s = &core->state;
     double max_step = PARAMETERS(core)[MAX_STEP], step = *length, done = 0.0, error = 0.0;
     double x[N_X], u[N_U + 1], u_rate[N_U + 1], rates[N_X + N_STEP_REQUIREMENTS + 1];
@@ -179,4 +182,18 @@ CoreStatus core_integrate(Core *core, double time, double *length, double next[]
     }
     s->control = control;
     return CORE_OK;
+}
+
+CoreStatus core_integrate(Core *core, double time, double *length, double next[]) {
+    CoreState *s = &core->state;
+    double before = s->time, u[N_U + 1], u_rate[N_U + 1];
+    memcpy(u, INPUTS(core), N_U * sizeof *u);
+    memcpy(u_rate, s->u_rate, N_U * sizeof *u_rate);
+    CoreStatus status = integrate(core, time, length, next);
+    if (status == CORE_OK) return CORE_OK;
+    memcpy(INPUTS(core), u, N_U * sizeof *u); /* the importer may have set them inside the step */
+    memcpy(s->u_rate, u_rate, N_U * sizeof *u_rate);
+    s->time = before;
+    s->valid = 0;
+    return status;
 }

@@ -216,6 +216,9 @@ int core_usable_rates(Core *core, double time, const double x[], const double u[
 void method_prepare(Core *core, double time, const double x[], const double u[]);
 void method_arrive(Core *core, double time, const double x[], const double u[], double rates[]);
 
+/* Of a change in the last step of length h, keep what a stiff model does not damp within it. */
+void method_damp(const Core *core, double h, double change[]);
+
 /* By what the length h of a step with this estimate should be multiplied; `last` is the step before, NULL for none. */
 double method_factor(const StepControl *last, double h, double error);
 #endif

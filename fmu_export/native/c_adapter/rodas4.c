@@ -55,6 +55,7 @@ CoreStatus method_step(Core *core, double time, double h, const double x[], cons
                        const double rates[], double next[], double *error) {
     double k[STAGES][N_X], change[N_X], b[N_X], loss[N_X], at_u[N_U + 1], at_rates[N_X + N_STEP_REQUIREMENTS + 1];
     double shift = 1.0 / (GAMMA * h);
+    int lossy = 0;
     lu_factorise(core->jacobian, shift, core->factors);
     model_time_derivative(time, x, u, PARAMETERS(core), u_rate, change);
     leave_out_infinite(change, N_X);
@@ -64,7 +65,8 @@ CoreStatus method_step(Core *core, double time, double h, const double x[], cons
             for (int j = 0; j < stage; j++)
                 for (int i = 0; i < N_X; i++) next[i] += STATE[stage][j] * k[j][i];
             for (int i = 0; i < N_U; i++) at_u[i] = u[i] + TIMES[stage] * h * u_rate[i];
-            if (!core_usable_rates(core, time + TIMES[stage] * h, next, at_u, at_rates)) return *error = NAN, CORE_OK;
+            if (!core_usable_rates(core, time + TIMES[stage] * h, next, at_u, at_rates))
+                return *error = lossy ? HALVING : NAN, CORE_OK;
             rates = at_rates;
         }
         for (int i = 0; i < N_X; i++) b[i] = rates[i] + TIME_DERIVATIVE[stage] * h * change[i];
@@ -74,14 +76,20 @@ CoreStatus method_step(Core *core, double time, double h, const double x[], cons
         if (stage == 0) { /* the change by one step of iterative refinement is what the first solution lacks */
             lu_residual(core->jacobian, shift, b, k[0], b);
             lu_solve(core->factors, b, loss);
-            if (!(core_scaled(core, loss, x, x) <= MOST_LOSS)) return *error = HALVING, CORE_OK;
+            lossy = !(core_scaled(core, loss, x, x) <= MOST_LOSS);
         }
     }
     for (int i = 0; i < N_X; i++) next[i] = x[i];
     for (int j = 0; j < STAGES; j++)
         for (int i = 0; i < N_X; i++) next[i] += STATE[STAGES][j] * k[j][i];
-    *error = core_scaled(core, k[STAGES - 1], x, next);
+    *error = lossy ? HALVING : core_scaled(core, k[STAGES - 1], x, next);
     return CORE_OK;
+}
+
+void method_damp(const Core *core, double h, double change[]) {
+    double damped[N_X];
+    lu_solve(core->factors, change, damped);
+    for (int i = 0; i < N_X; i++) change[i] = damped[i] / (GAMMA * h);
 }
 
 /* The smaller of what this estimate and what its change since the step before predict (Gustafsson, (IV.8.25)). */

@@ -11,6 +11,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -34,6 +35,7 @@ pytestmark = [
 ]
 
 MODELS = {model.name: model for model in (CONTROLLER, TRAJECTORY, PLANT, THERMOSTAT, SAMPLED_PI)}
+MODELS |= {solver: replace(CONTROLLER, solver=solver) for solver in ("dopri5", "rodas4")}
 FLAVOURS = ("fmi2", "fmi3")
 SANITISERS = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-g"]
 STRICT = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror"]
@@ -94,7 +96,7 @@ def compiler() -> str:
 def write_sources(folder: Path, model: Model, flavour: str) -> Sources:
     traced = trace(model)
     interface = interface_of(traced)
-    adapter = _adapter_sources(flavour, hybrid=not model.is_continuous)
+    adapter = _adapter_sources(flavour, model.solver, hybrid=not model.is_continuous)
     for name, content in (adapter | model_sources(traced, interface, "{the guid}")).items():
         (folder / name).write_bytes(content)
     resources = folder / "resources"
@@ -120,12 +122,18 @@ def hosts(models: Iterable[str], always: set[tuple[str, str]]) -> list[object]:
     ]
 
 
-#: Both adapters, with a model that has states and one that has none.
+#: Both adapters, with a model that has states and one that has none, and the solver with most memory.
 @pytest.mark.parametrize(
     "sources",
     hosts(
         MODELS,
-        {(CONTROLLER.name, "fmi3"), (TRAJECTORY.name, "fmi2"), (THERMOSTAT.name, "fmi2"), (SAMPLED_PI.name, "fmi3")},
+        {
+            (CONTROLLER.name, "fmi3"),
+            (TRAJECTORY.name, "fmi2"),
+            (THERMOSTAT.name, "fmi2"),
+            (SAMPLED_PI.name, "fmi3"),
+            ("rodas4", "fmi3"),
+        },
     ),
     indirect=True,
 )
