@@ -272,6 +272,28 @@ class Host:
             return self.call("NewDiscreteStates", byref(fmi2.fmi2EventInfo()))
         return self.call("UpdateDiscreteStates", *(byref(c_bool()) for _ in range(5)), byref(c_double()))
 
+    def new_discrete_states(self) -> tuple[bool, float | None]:
+        """Whether continuous states have changed, and the time of the next event."""
+        if self.version == 2:
+            info = fmi2.fmi2EventInfo()
+            self.must(self.call("NewDiscreteStates", byref(info)))
+            return bool(info.valuesOfContinuousStatesChanged), info.nextEventTime if info.nextEventTimeDefined else None
+        flags, time = [c_bool() for _ in range(5)], c_double()
+        self.must(self.call("UpdateDiscreteStates", *map(byref, flags), byref(time)))
+        return flags[3].value, time.value if flags[4].value else None
+
+    def completed_step(self) -> bool:
+        """Whether the integrator's step asks for the event mode."""
+        kind = c_int if self.version == 2 else c_bool
+        event, terminate = kind(), kind()
+        self.must(self.call("CompletedIntegratorStep", True, byref(event), byref(terminate)))
+        return bool(event.value)
+
+    def indicators(self, n: int) -> list[float]:
+        buffer = (c_double * n)()
+        self.must(self.call("GetEventIndicators", buffer, n))
+        return list(buffer)
+
     def step(self, time: float, h: float) -> int:
         if self.version == 2:
             return self.call("DoStep", time, h, 1)

@@ -91,21 +91,28 @@ static int is_armed(int event, double side) { return model_event_directions[even
  * below by what its location was late, crosses when it falls from there. */
 static int crosses(double before, double now) { return now <= 0.0 && now < before; }
 
-/* How an indicator begins to change from now on: the sign is right where the indicator is linear. */
-static double tendency(const Core *core, int event, double now) {
+/* Whether an indicator that is zero now, or beyond by what its location was late, is to be counted as before its crossing:
+ * it leaves for this side, or it rests, and something pulls it to the other. Euler steps show it, whose first has the
+ * right sign for indicators that are linear. */
+static int is_before(const Core *core, int event, double side, double now) {
     const CoreState *s = &core->state;
 #if ADAPTIVE
     double h = s->control.proposed > 0.0 ? 1e-6 * s->control.proposed : 1e-9;
 #else
     double h = 1e-3 * PARAMETERS(core)[MAX_STEP];
 #endif
-    double rates[N_X + N_STEP_REQUIREMENTS + 1], x[N_X + 1], u[N_U + 1];
-    double indicators[N_EVENTS];
-    model_rates(s->time, STATES(core), INPUTS(core), PARAMETERS(core), rates);
-    for (int i = 0; i < N_X; i++) x[i] = STATES(core)[i] + h * rates[i];
-    for (int i = 0; i < N_U; i++) u[i] = INPUTS(core)[i] + h * s->u_rate[i];
-    model_indicators(s->time + h, x, u, PARAMETERS(core), indicators);
-    return indicators[event] - now;
+    double rates[N_X + N_STEP_REQUIREMENTS + 1], x[N_X + 1], u[N_U + 1], indicators[N_EVENTS], change = 0.0;
+    memcpy(x, STATES(core), sizeof x);
+    memcpy(u, INPUTS(core), N_U * sizeof *u);
+    for (int step = 1; step <= 2; step++) {
+        model_rates(s->time + (step - 1) * h, x, u, PARAMETERS(core), rates);
+        for (int i = 0; i < N_X; i++) x[i] += h * rates[i];
+        for (int i = 0; i < N_U; i++) u[i] += h * s->u_rate[i];
+        model_indicators(s->time + step * h, x, u, PARAMETERS(core), indicators);
+        change = side * (indicators[event] - now);
+        if (step == 1 && change != 0.0) return change > 0.0;
+    }
+    return change != 0.0;
 }
 
 /* On which side of zero the indicators begin: what is there already has not crossed. */
@@ -114,7 +121,8 @@ static void start_indicators(Core *core) {
     model_indicators(core->state.time, STATES(core), INPUTS(core), PARAMETERS(core), d->indicator);
     for (int i = 0; i < N_EVENTS; i++) {
         double g = d->indicator[i];
-        d->side[i] = g > 0.0 || (g == 0.0 && tendency(core, i, g) > 0.0) ? 1.0 : -1.0;
+        double side = model_event_directions[i] < 0 ? -1.0 : 1.0; /* from which it could cross, if it is zero */
+        d->side[i] = g > 0.0 ? 1.0 : g < 0.0 ? -1.0 : is_before(core, i, side, g) ? side : -side;
     }
 }
 
@@ -158,9 +166,7 @@ static CoreStatus react(Core *core) {
                 if (status != CORE_OK) return status;
                 model_indicators(s->time, STATES(core), INPUTS(core), PARAMETERS(core), indicators);
                 g = side * indicators[i];
-                /* at zero but for what its location was late: it counts as before the next crossing, if it leaves */
-                int at_zero = g <= 0.0 && g >= d->late[i];
-                if (g <= 0.0 && !(at_zero && side * tendency(core, i, indicators[i]) > 0.0)) d->side[i] = -side;
+                if (g < d->late[i] || (g <= 0.0 && !is_before(core, i, side, indicators[i]))) d->side[i] = -side;
                 last = i, changed = 1;
             } else if (g < 0.0 && !is_armed(i, side)) {
                 d->side[i] = -side;
