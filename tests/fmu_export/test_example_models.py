@@ -12,6 +12,8 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
+from fmu_export import DefaultExperiment, ModelClass, build_native, compose, discrete, every, parameter, state
+from fmu_export import input as input_
 from tests.support.compilation import built_once, shared_compilation
 from tests.support.example_models import FOLDER, Example, Values, build, by_fmpy, by_our_master
 from tests.support.native_fmus import FLAVOURS, require_compiler
@@ -296,3 +298,52 @@ def test_example_runs_as_it_stands(
         runpy.run_path(str(FOLDER / f"{module}.py"), run_name="__main__")
     assert len(capsys.readouterr().out.splitlines()) >= 1
     assert len(list(tmp_path.glob("*.fmu"))) == 1
+
+
+class Plant(ModelClass):
+    """The plant of the example, alone."""
+
+    T = parameter(0.8, "s")
+    control = input_(0.0)
+    x = state(0.0)
+
+    def derivatives(m):
+        return {"x": (m.control - m.x) / m.T}
+
+
+class Law(ModelClass):
+    """Its controller, alone."""
+
+    K = parameter(2.0)
+    K_i = parameter(1.5, "s-1")
+    limit = parameter(1.5)
+    period = parameter(0.1, "s")
+    reference = input_(1.0)
+    x = input_(0.0)
+    integral = discrete(0.0)
+    control = discrete(0.0)
+
+    @every(period)
+    def sample(m):
+        error = m.reference - m.x
+        integral = m.integral + m.K_i * m.period * error
+        wanted = m.K * error + integral
+        control = np.clip(wanted, -m.limit, m.limit)
+        return {"control": control, "integral": np.where(control == wanted, integral, m.integral)}
+
+
+def test_the_sampled_pi_composed_of_its_parts(tmp_path: Path) -> None:
+    """The same numbers, also where two components are one FMU."""
+    require_compiler()
+    (example,) = (e for e in EXAMPLES if e.module == "sampled_pi")
+    connections = [("plant.x", "law.x"), ("law.control", "plant.control")]
+    experiment = DefaultExperiment(stop_time=3.0, step_size=0.05)
+    whole = compose("Whole", "In parts", {"law": Law, "plant": Plant}, connections, experiment)
+    fmu = build_native(whole, tmp_path, "fmi3")
+    owners = {name: "plant" if name in ("T", "x_start") else "law" for name in example.start}
+    start = {f"{owners[name]}.{name}": value for name, value in example.start.items()}
+    names = dict.fromkeys(("plant.x", "law.integral", "law.control"), False)
+    found = by_our_master(fmu, replace(example, start=start), names)
+    for name in names:
+        values = example.expected[name.partition(".")[2]]
+        np.testing.assert_allclose(found[name], values, atol=1e-11, err_msg=name)
