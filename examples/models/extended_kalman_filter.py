@@ -17,7 +17,7 @@ class ExtendedKalmanFilter(ModelClass, stop_time=5.0, step_size=0.02):
     measured = input(0.0, "m", "Horizontal place of the pendulum's end")
     theta = discrete(0.3, "rad", "Estimated angle")
     omega = discrete(0.0, "rad/s", "Estimated angular velocity")
-    P = discrete([0.1, 0.0, 0.0, 0.1], description="Covariance of the estimate, row by row")
+    P = discrete([[0.1, 0.0], [0.0, 0.1]], description="Covariance of the estimate")
 
     @every(period)
     def sample(m):
@@ -26,13 +26,13 @@ class ExtendedKalmanFilter(ModelClass, stop_time=5.0, step_size=0.02):
         theta = m.theta + m.period * omega
         slope = -m.period * m.g / m.l * np.cos(m.theta)
         F = np.array([[1.0 + m.period * slope, m.period], [slope, 1.0]])
-        P = F @ m.P.reshape(2, 2) @ F.T + np.diag(m.q)
+        P = F @ m.P @ F.T + np.diag(m.q)
         # correction by the measurement
         H = np.stack([m.l * np.cos(theta), 0.0])
         S = H @ P @ H + m.r
         gain = P @ H / S
         x = np.stack([theta, omega]) + gain * (m.measured - m.l * np.sin(theta))
-        return dict(theta=x[0], omega=x[1], P=np.ravel(P - np.outer(gain, H) @ P))
+        return dict(theta=x[0], omega=x[1], P=P - np.outer(gain, H) @ P)
 
 
 if __name__ == "__main__":

@@ -6,15 +6,19 @@ import difflib
 import inspect
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from enum import IntEnum
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeVar
 
 import numpy as np
 
 from fmu_export.errors import ArgumentError
-from fmu_export.modelling.variables import Variable
+from fmu_export.modelling.variables import Type, Variable
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
+
+    #: A start value: a number, a Boolean, an item of an enumeration, a text, or an array.
+    Start: TypeAlias = ArrayLike | IntEnum
 
 _Method = TypeVar("_Method", bound=Callable[..., Any])
 
@@ -41,18 +45,16 @@ KINDS = {
 }
 
 
+Kind = Literal["parameter", "input", "state", "discrete", "output", "local"]
+
+
 @dataclass(eq=False)
 class Declaration:
-    """A variable of a `ModelClass`; `name` is that of the class attribute."""
+    """A variable of a `ModelClass`; `name` is that of the class attribute, `options` are those of its `Variable`."""
 
-    kind: Literal["parameter", "input", "state", "discrete", "output", "local"]
-    start: Any
-    unit: str
-    description: str
-    size: int | None
-    options: dict[str, Any]
+    kind: Kind
     is_output: bool
-    is_boolean: bool
+    options: dict[str, Any]
     name: str = field(default="", init=False)
 
     def __set_name__(self, owner: type, name: str) -> None:
@@ -67,92 +69,98 @@ class Declaration:
             + ("is: parameters" if "t" not in vars(instance) else "is: states, inputs, parameters, m.t")
         )
 
+    @property
+    def description(self) -> str:
+        """The line for users of other tools."""
+        return str(self.options["description"])
+
+    @property
+    def is_boolean(self) -> bool:
+        """Whether its values are Booleans."""
+        return self.options.get("type") == "boolean"
+
     def variable(self, name: str | None = None, **changes: Any) -> Variable:
         """What the flat model declares, by another name or with other options if they are given."""
-        options = {
-            "description": self.description,
-            "size": self.size,
-            "start": self.start,
-            **self.options,
-            **changes,
-        }
-        return Variable(name or self.name, self.unit, **options)
+        return Variable(name or self.name, **(self.options | changes))
 
 
-def _declaration(
-    kind: Literal["parameter", "input", "state", "discrete", "output", "local"],
-    start: Any,
-    unit: str,
-    description: str,
-    size: int | None,
-    is_output: bool,
-    **options: Any,
-) -> Declaration:
-    if isinstance(start, str):
+def _declaration(kind: Kind, is_output: bool, start: Any, **options: Any) -> Declaration:
+    if isinstance(start, str) and not options.get("items"):
         raise ArgumentError(f"{kind}: the start value {start!r} is no number; write {kind}(0.0, {start!r}) for a unit")
-    values = np.asarray(start)
-    if values.dtype.kind not in "biuf":
-        raise ArgumentError(f"{kind}: the start value {start!r} is no number and no array of numbers")
-    if values.ndim > 1:
-        raise ArgumentError(f"{kind}: the start value has {values.ndim} dimensions; declare a vector")
-    if values.ndim == 1:
-        if size not in (None, len(values)):
-            raise ArgumentError(f"{kind}: size={size}, but {len(values)} start values")
-        size, start = len(values), tuple(values.tolist())
-    else:
-        start = values.item()
-    return Declaration(kind, start, unit, description, size, options, is_output, values.dtype.kind == "b")
+    if isinstance(start, IntEnum):
+        options |= {"type": "enumeration", "items": {item.name: item.value for item in type(start)}}
+    elif options.get("type") is None:
+        text = isinstance(start, str)
+        options["type"] = "string" if text else "boolean" if np.asarray(start).dtype.kind == "b" else "real"
+    if options.get("size") is None and np.ndim(start) > 0:
+        options["size"] = np.shape(start)
+    return Declaration(kind, is_output, {"start": start, **options})
 
 
 def parameter(
-    start: ArrayLike,
+    start: Start,
     unit: str = "1",
     description: str = "",
     *,
-    size: int | None = None,
+    size: int | tuple[int, ...] | None = None,
     min: float | None = None,
     max: float | None = None,
     nominal: float | None = None,
     display_unit: str | None = None,
     tunable: bool = False,
+    type: Type | None = None,
+    items: Any = (),
 ) -> Any:
     """Declare a parameter of a `ModelClass`.
 
     Parameters
     ----------
-    start : float, bool or sequence of float
-        Its value, unless the importer or a keyword of the class gives another; a sequence declares a vector.
+    start : number, bool, item of an IntEnum or str, or array of numbers or bool
+        Its value, unless the importer or a keyword of the class gives another; an array declares an array.
     unit : str, optional
         As of `Variable`; ``"1"`` for dimensionless.
     description : str, optional
         One line for the users of other tools.
-    size : int, optional
-        Number of elements of a vector with one start value for all.
+    size : int or tuple of int, optional
+        Number of elements of a vector, or shape of an array, with one start value for all.
     min, max : float, optional
         Smallest and largest admissible value.
     nominal, display_unit : float and str, optional
         As of `Variable`.
     tunable : bool, optional
         Whether it may change during a run, between two steps.
+    type, items : optional
+        As of `Variable`. By default that of the start value: a bool makes a Boolean, an item of an `enum.IntEnum` an
+        enumeration, a text of `items` a string; all numbers make reals.
     """
-    options = {"min": min, "max": max, "nominal": nominal, "display_unit": display_unit, "tunable": tunable}
-    return _declaration("parameter", start, unit, description, size, False, **options)
+    options: dict[str, Any] = {
+        "min": min,
+        "max": max,
+        "nominal": nominal,
+        "display_unit": display_unit,
+        "tunable": tunable,
+    }
+    options |= {"unit": unit, "description": description, "size": size, "type": type, "items": items}
+    return _declaration("parameter", False, start, **options)
 
 
 def input(
-    start: ArrayLike = 0.0,
+    start: Start = 0.0,
     unit: str = "1",
     description: str = "",
     *,
-    size: int | None = None,
+    size: int | tuple[int, ...] | None = None,
     min: float | None = None,
     max: float | None = None,
     nominal: float | None = None,
     display_unit: str | None = None,
+    type: Type | None = None,
+    items: Any = (),
 ) -> Any:
     """Declare an input of a `ModelClass`; arguments as of `parameter`."""
-    options = {"min": min, "max": max, "nominal": nominal, "display_unit": display_unit}
-    return _declaration("input", start, unit, description, size, False, **options)
+    options: dict[str, Any] = {"min": min, "max": max, "nominal": nominal, "display_unit": display_unit}
+    options |= {"unit": unit, "description": description, "size": size, "type": type, "items": items}
+    return _declaration("input", False, start, **options)
 
 
 def state(
@@ -160,7 +168,7 @@ def state(
     unit: str = "1",
     description: str = "",
     *,
-    size: int | None = None,
+    size: int | tuple[int, ...] | None = None,
     min: float | None = None,
     max: float | None = None,
     nominal: float | None = None,
@@ -177,43 +185,49 @@ def state(
     output : bool, optional
         Whether it is an output, too; else it is a local variable of the FMU.
     """
-    options = {"min": min, "max": max, "nominal": nominal, "display_unit": display_unit}
-    return _declaration("state", start, unit, description, size, output, **options)
+    options: dict[str, Any] = {"min": min, "max": max, "nominal": nominal, "display_unit": display_unit}
+    options |= {"unit": unit, "description": description, "size": size, "type": "real"}
+    return _declaration("state", output, start, **options)
 
 
 def discrete(
-    start: ArrayLike = 0.0,
+    start: Start = 0.0,
     unit: str = "1",
     description: str = "",
     *,
-    size: int | None = None,
+    size: int | tuple[int, ...] | None = None,
     min: float | None = None,
     max: float | None = None,
     nominal: float | None = None,
     display_unit: str | None = None,
     output: bool = True,
+    type: Type | None = None,
+    items: Any = (),
 ) -> Any:
     """Declare a discrete state of a `ModelClass`, which changes at events and sampling instants only.
 
-    It starts at a parameter, as a `state` does. With False or True as start it is Boolean: comparisons are what it can
-    become, and `&`, `|`, `~` and `np.where` what takes it. Other arguments as of `parameter`.
+    It starts at a parameter, as a `state` does. A Boolean can become a comparison, `True` or `False`, and `&`, `|`, `~`
+    and `np.where` take it. Other arguments as of `parameter`.
 
     Parameters
     ----------
     output : bool, optional
         Whether it is an output, too; else it is a local variable of the FMU.
     """
-    options = {"min": min, "max": max, "nominal": nominal, "display_unit": display_unit}
-    return _declaration("discrete", start, unit, description, size, output, **options)
+    options: dict[str, Any] = {"min": min, "max": max, "nominal": nominal, "display_unit": display_unit}
+    options |= {"unit": unit, "description": description, "size": size, "type": type, "items": items}
+    return _declaration("discrete", output, start, **options)
 
 
 def output(
     unit: str = "1",
     description: str = "",
     *,
-    size: int | None = None,
+    size: int | tuple[int, ...] | None = None,
     nominal: float | None = None,
     display_unit: str | None = None,
+    type: Type = "real",
+    items: Any = (),
 ) -> Any:
     """Declare an output of a `ModelClass`, whose value `outputs` returns.
 
@@ -223,27 +237,33 @@ def output(
         As of `Variable`; ``"1"`` for dimensionless.
     description : str, optional
         One line for the users of other tools.
-    size : int, optional
-        Number of elements of a vector.
+    size : int or tuple of int, optional
+        Number of elements of a vector, or shape of an array.
     nominal, display_unit : float and str, optional
         As of `Variable`.
+    type, items : optional
+        As of `Variable`.
     """
-    return _declaration("output", 0.0, unit, description, size, True, nominal=nominal, display_unit=display_unit)
+    options = {"unit": unit, "description": description, "size": size, "nominal": nominal, "display_unit": display_unit}
+    return _declaration("output", True, None, **options, type=type, items=items)
 
 
 def local(
     unit: str = "1",
     description: str = "",
     *,
-    size: int | None = None,
+    size: int | tuple[int, ...] | None = None,
     nominal: float | None = None,
     display_unit: str | None = None,
+    type: Type = "real",
+    items: Any = (),
 ) -> Any:
     """Declare a local variable of a `ModelClass`, whose value `outputs` returns; other FMUs can't be connected to it.
 
     Arguments as of `output`.
     """
-    return _declaration("local", 0.0, unit, description, size, False, nominal=nominal, display_unit=display_unit)
+    options = {"unit": unit, "description": description, "size": size, "nominal": nominal, "display_unit": display_unit}
+    return _declaration("local", False, None, **options, type=type, items=items)
 
 
 @dataclass(frozen=True)
@@ -357,6 +377,10 @@ def declared_variables(cls: type) -> dict[str, Declaration]:
                     raise ArgumentError(f"{cls.__name__}: a variable can't have the name '{name}'; take another")
                 if value.name != name:
                     raise ArgumentError(f"{cls.__name__}: '{name}' and '{value.name}' are one declaration; write two")
+                try:
+                    value.variable()
+                except ArgumentError as error:
+                    raise ArgumentError(f"{cls.__name__}: {error}") from None
                 found[name] = value
             elif name in found and value is None:
                 del found[name]

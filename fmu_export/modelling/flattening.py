@@ -65,10 +65,8 @@ class _Flattening:
         self.parameters, self.inputs = Layout(parameters), Layout(inputs)
         self.states = Layout([d.variable() for d in self._of("state")])
         self.discrete = Layout([d.variable() for d in self._of("discrete")])
-        self.outputs = Layout([d.variable(start=0.0) for d in self.declared.values() if d.is_output])
-        self.locals = Layout(
-            [d.variable(start=0.0) for d in self._of("state", "local") if d.kind == "local" or not d.is_output]
-        )
+        self.outputs = Layout([d.variable() for d in self.declared.values() if d.is_output])
+        self.locals = Layout([d.variable() for d in self._of("state", "local") if d.kind == "local" or not d.is_output])
         self.computed = Layout([d.variable() for d in self._of("output", "local")])
 
     def _of(self, *kinds: str) -> list[Declaration]:
@@ -93,11 +91,10 @@ class _Flattening:
         return tuple([self._with_start(v, starts[v.name]) if v.name in starts else v for v in vs] for vs in groups)
 
     def _with_start(self, v: Variable, start: Any) -> Variable:
-        values = np.asarray(start)
-        if values.dtype.kind not in "biuf" or values.shape not in ((), v.shape):
-            expected = "a number" if v.size is None else f"a number or {v.n_elements} of them"
-            raise ArgumentError(f"{self.cls.__name__}({v.name}=...): {start!r} is not {expected}")
-        return replace(v, start=tuple(values.tolist()) if values.ndim else values.item())
+        try:
+            return replace(v, start=start)
+        except ArgumentError as error:
+            raise ArgumentError(f"{self.cls.__name__}({v.name}=...): {error}") from None
 
     # What a method takes
 

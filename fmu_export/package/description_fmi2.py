@@ -89,7 +89,7 @@ def model_description(
         _state_derivative(variables, d, reference, interface.variables[d.state].about)
     for reference, name in enumerate(interface.indicators, start=len(interface.variables) + len(derivatives) + 1):
         element = ET.SubElement(variables, "ScalarVariable", indicator_attributes(name, reference))
-        ET.SubElement(element, "Real", unit="1")
+        ET.SubElement(element, "Real")
     _model_structure(root, interface, derivatives)
     return to_bytes(root)
 

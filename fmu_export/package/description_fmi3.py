@@ -128,7 +128,7 @@ def model_description(
     )
     first_indicator = len(interface.variables) + len(derivatives) + 1
     for reference, name in enumerate(interface.indicators, start=first_indicator):
-        ET.SubElement(variables, "Float64", indicator_attributes(name, reference) | {"unit": "1"})
+        ET.SubElement(variables, "Float64", indicator_attributes(name, reference))
     _model_structure(root, interface)
     annotation = ET.SubElement(ET.SubElement(root, "Annotations"), "Annotation", type=DISTRIBUTION)
     annotation.append(reset_annotation())

@@ -19,7 +19,7 @@ from fmu_export import ModelClass, build_native
 
 FOLDER = Path(__file__).parents[2] / "examples" / "models"
 
-#: Values at times (n,): name of a variable -> (n,), or (n, k) of a vector.
+#: Values at times (n,): name of a variable -> (n,), or (n, ...) of an array.
 Values = dict[str, np.ndarray]
 
 
@@ -77,25 +77,29 @@ def build(module: str, folder: Path, flavour: str) -> None:
     build_native(model_of(module), folder, flavour).rename(folder / f"{module}.fmu")  # type: ignore[arg-type]
 
 
-def _named(table: Mapping[str, np.ndarray], name: str, vector: bool) -> np.ndarray:
-    if not vector:
-        return np.asarray(table[name], dtype=float)
-    names = [f"{name}[{i + 1}]" for i in range(sum(1 for n in table if n.startswith(f"{name}[")))]
-    return np.column_stack([table[n] for n in names])
+def elements(name: str, shape: tuple[int, ...]) -> list[str]:
+    """Names of the scalars of a variable, row by row."""
+    return [f"{name}[{','.join(str(i + 1) for i in where)}]" if shape else name for where in np.ndindex(shape)]
 
 
-def by_fmpy(fmu: Path, example: Example, names: Mapping[str, bool], kind: str) -> Values:
-    """FMPy: co-simulation, or model exchange by CVode; names of variables -> whether they are vectors."""
+def _together(columns: Mapping[str, np.ndarray], shapes: Mapping[str, tuple[int, ...]]) -> Values:
+    """Columns of scalars as variables."""
+    return {
+        name: np.column_stack([np.asarray(columns[n], dtype=float) for n in elements(name, shape)]).reshape(-1, *shape)
+        for name, shape in shapes.items()
+    }
+
+
+def by_fmpy(fmu: Path, example: Example, shapes: Mapping[str, tuple[int, ...]], kind: str) -> Values:
+    """FMPy: co-simulation, or model exchange by CVode; names of variables -> their shapes."""
     start = {}
     for name, value in example.start.items():
-        elements = np.ravel(value)
-        start |= {name: value} if np.ndim(value) == 0 else {f"{name}[{i + 1}]": v for i, v in enumerate(elements)}
+        start |= dict(zip(elements(name, np.shape(value)), np.ravel(value), strict=True))
     signals = None
     if example.inputs:
         columns = [example.times, *(np.vectorize(f, otypes=[float])(example.times) for f in example.inputs.values())]
         signals = np.rec.fromarrays(columns, names=["time", *example.inputs])
-    description = fmpy.read_model_description(str(fmu))
-    outputs = [v.name for v in description.modelVariables if v.name.partition("[")[0] in names]
+    outputs = [n for name, shape in shapes.items() for n in elements(name, shape)]
     table = fmpy.simulate_fmu(
         str(fmu),
         stop_time=example.stop,
@@ -109,14 +113,16 @@ def by_fmpy(fmu: Path, example: Example, names: Mapping[str, bool], kind: str) -
         record_events=False,
     )
     np.testing.assert_allclose(table["time"], example.times, atol=1e-9)
-    return {name: _named({n: table[n] for n in outputs}, name, vector) for name, vector in names.items()}
+    return _together({n: table[n] for n in outputs}, shapes)
 
 
-def by_our_master(fmu: Path, example: Example, names: Mapping[str, bool]) -> Values:
+def by_our_master(fmu: Path, example: Example, shapes: Mapping[str, tuple[int, ...]]) -> Values:
     """The co-simulation master of this project."""
     system = System()
     system.add("model", fmu, start=dict(example.start))
     for name, f in example.inputs.items():
         system.drive(f"model.{name}", f)
     results = simulate(system, example.stop, example.step)
-    return {name: np.asarray(results[f"model.{name}"], dtype=float) for name in names}
+    return _together(
+        {n: results[f"model.{n}"] for name, shape in shapes.items() for n in elements(name, shape)}, shapes
+    )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from enum import IntEnum
 from typing import Any
 
 import numpy as np
@@ -227,6 +228,80 @@ def test_locals_and_what_importers_show_values_by() -> None:
     assert trace(Drum).outputs(0.0, x, [], [2.0, 0.0, 0.0]).full().ravel().tolist() == [3.0, 0.5, 5.0, 1.5, 1.0]
 
 
+class Mode(IntEnum):
+    """What a device does."""
+
+    OFF = 1
+    HEAT = 2
+    COOL = 5
+
+
+class Typed(ModelClass):
+    """Values that are no reals, and arrays."""
+
+    stages = parameter(3, type="integer", min=1)
+    fluid = parameter("oil", items=("water", "oil"))
+    active = parameter([True, False])
+    wanted = input_(Mode.OFF)
+    A = parameter([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]], "m")
+    x = state(0.0, "m", size=(2, 2))
+    mode = discrete(Mode.HEAT)
+    M = discrete(np.eye(2))
+    hot = output(type="boolean")
+    B = output("m", size=(3, 2))
+    count = local(type="integer")
+
+    def derivatives(m):
+        return {"x": -m.x + m.A[:, :2]}
+
+    def outputs(m):
+        return {"hot": m.mode == Mode.HEAT, "B": m.A.T, "count": m.stages * np.where(m.active[0], 2, 1) + m.fluid}
+
+    @every(0.1)
+    def sample(m):
+        return {"mode": np.where(m.wanted == Mode.OFF, m.mode, m.wanted), "M": m.M @ m.x}
+
+
+def test_types_and_shapes() -> None:
+    model = Typed.model()
+    types = {v.name: v.type for v in (*model.parameters.variables, *model.inputs.variables, *model.computed.variables)}
+    assert [types[n] for n in ("stages", "fluid", "active", "wanted", "A", "mode", "mode_start", "hot", "count")] == [
+        *("integer", "string", "boolean", "enumeration", "real", "enumeration", "enumeration", "boolean", "integer")
+    ]
+    assert dict(model.inputs.variables[0].items) == {"OFF": 1, "HEAT": 2, "COOL": 5}
+    assert model.parameters.names[:10] == (
+        *("stages", "fluid", "active[1]", "active[2]"),
+        *("A[1,1]", "A[1,2]", "A[1,3]", "A[2,1]", "A[2,2]", "A[2,3]"),
+    )
+    p, x, u = model.parameters.starts, np.arange(4.0), np.array([5.0])
+    z = model.initial_discrete_state(p)
+    assert z.tolist() == [2.0, 1.0, 0.0, 0.0, 1.0]
+    assert model.derivatives(0.0, x, z, u, p).tolist() == [1.0, 1.0, 2.0, 2.0]
+    values = model.output_values(0.0, x, z, u, p)
+    assert values.tolist() == [*x, *z, 1.0, 1.0, 4.0, 2.0, 5.0, 3.0, 6.0, 7.0]
+    assert model.sampled[0].update(0.0, x, z, u, p).tolist() == [5.0, *x]
+    assert model.sampled[0].update(0.0, x, z, [1.0], p)[0] == 2.0
+    traced = trace(Typed)
+    found = traced.outputs(*(dict(t=0.0, x=x, z=z, u=u, p=p)[a] for a in "txupz")).full().ravel()
+    assert sorted(found.tolist()) == sorted(values.tolist())
+
+
+def test_start_values_by_keyword_are_those_of_the_type() -> None:
+    model = Typed(fluid="water", active=False, wanted=Mode.COOL, mode_start="COOL", A=np.zeros((2, 3))).model()
+    assert model.parameters.starts[:10].tolist() == [3.0, 0.0, 0.0, 0.0, *[0.0] * 6]
+    assert model.inputs.starts.tolist() == [5.0]
+    assert model.initial_discrete_state(model.parameters.starts)[0] == 5.0
+    for wrong, message in (
+        ({"fluid": "milk"}, "the start value is 'milk'; it must be one of 'water', 'oil'"),
+        ({"stages": 2.5}, "the start value is 2.5, which is no whole number"),
+        ({"active": 2}, "the start value is 2, which is neither true nor false"),
+        ({"A": np.zeros((3, 2))}, "variable 'A' has 2 x 3 elements but 3 x 2 start values"),
+    ):
+        with pytest.raises(ArgumentError, match=re.escape(f"Typed({next(iter(wrong))}=...): ")) as caught:
+            Typed(**wrong)
+        assert message in str(caught.value)
+
+
 def variant(**body: Any) -> Any:
     """A subclass of Pendulum."""
     return lambda: type("Variant", (Pendulum,), body).model()  # type: ignore[attr-defined]
@@ -283,13 +358,13 @@ def rates(**changed: Any) -> Any:
         (lambda: Pendulum(gg=1.0), "Pendulum(gg=...): there is no parameter or input 'gg'; did you mean 'g'"),
         (lambda: Pendulum(q=1.0), "there is no parameter or input 'q'; did you mean 'q_start'; known are L, g, "),
         (lambda: Pendulum(total=1.0), "Pendulum(total=...): there is no parameter or input 'total'"),
-        (lambda: Pendulum(L=[1.0, 2.0, 3.0]), "Pendulum(L=...): [1.0, 2.0, 3.0] is not a number or 2 of them"),
-        (lambda: Pendulum(g="1"), "Pendulum(g=...): '1' is not a number"),
+        (lambda: Pendulum(L=[1.0, 2.0, 3.0]), "Pendulum(L=...): variable 'L' has 2 elements but 3 start values"),
+        (lambda: Pendulum(g="1"), "Pendulum(g=...): variable 'g': the start value is '1', which is no finite number"),
         (lambda: Pendulum().speed, "Pendulum(): there is no 'speed'"),
         (ModelClass, "ModelClass has no variables"),
         (lambda: parameter("m"), "parameter: the start value 'm' is no number; write parameter(0.0, 'm') for a unit"),
-        (lambda: input_([1.0, 2.0], size=3), "input: size=3, but 2 start values"),
-        (lambda: state([None]), "state: the start value [None] is no number and no array of numbers"),
+        (variant(k=input_([1.0, 2.0], size=3)), "Variant: variable 'k' has 3 elements but 2 start values"),
+        (variant(k=state([None])), "Variant: variable 'k': a start value is None, which is no finite number"),
         (lambda: require("x", at="end"), 'require: at=\'end\'; write "start" or "step"'),  # type: ignore[arg-type]
     ],
 )
