@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 import traceback
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from importlib.metadata import entry_points
 
@@ -43,16 +43,35 @@ def command_line(chosen: Mapping[str, str] | None = None) -> argparse.ArgumentPa
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the program; returns the exit code: 0 only on success, 130 after Ctrl-C."""
-    arguments = sys.argv[1:] if arguments is None else arguments
+    """Run a command; returns the exit code: 0 only on success, 130 after Ctrl-C.
+
+    Parameters
+    ----------
+    arguments : sequence of str, optional
+        Those of the program by default.
+    """
+    given = sys.argv[1:] if arguments is None else arguments
+
+    def command() -> int:
+        options = command_line(_asked_for(given)).parse_args(given)
+        if arguments is not None or not getattr(options, "runs_fmus", False):
+            return int(options.run(options))
+        from cosim.commands.supervision import supervised
+
+        return supervised(lambda: _code_of(lambda: int(options.run(options)), given))
+
+    return _code_of(command, given)
+
+
+def _code_of(command: Callable[[], int], given: Sequence[str]) -> int:
+    """Exit code of a command with these arguments; its errors are said."""
     try:
-        options = command_line(_asked_for(arguments)).parse_args(arguments)
-        return int(options.run(options))
+        return command()
     except KeyboardInterrupt:
         print("cosim: interrupted", file=sys.stderr)
         return 130
     except (CosimError, ModelError, ValueError, OSError, MemoryError) as error:
-        if "--debug" in arguments:
+        if "--debug" in given:
             traceback.print_exc()
         else:
             print(f"cosim: {' '.join(str(error).split())}", file=sys.stderr)

@@ -114,7 +114,7 @@ def register(subparsers: Any) -> None:
         group = parser.add_argument_group(f"scenarios of {name}", family.system)
         family.add_options(group)
         options[name] = {action.option_strings[0]: action.dest for action in group._group_actions}
-    parser.set_defaults(run=run, family_options=options)
+    parser.set_defaults(run=run, runs_fmus=True, family_options=options)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -119,8 +119,9 @@ class EventInstance(Instance):
         asks_for_inputs: Sequence[int] = (),
         texts: Texts | None = None,
         messages: Messages | None = None,
+        file: str = "",
     ) -> None:
-        super().__init__(name, folder, description, asks_for_inputs, texts, messages)
+        super().__init__(name, folder, description, asks_for_inputs, texts, messages, file)
         self._clocks = {v.valueReference: v for v in reversed(description.modelVariables) if v.type == "Clock"}
         self._timed = {r: v for r, v in self._clocks.items() if is_time_based(v)}
         self._buffers: list[EventBuffer] = []

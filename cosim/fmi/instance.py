@@ -149,6 +149,8 @@ class Instance:
         Texts of the system that the instance is in; its own by default.
     messages : Messages, optional
         Takes what the FMU says; its own by default.
+    file : str
+        Name of the FMU file, for the last line where the FMU ends the process.
 
     Raises
     ------
@@ -170,6 +172,7 @@ class Instance:
         asks_for_inputs: Sequence[int] = (),
         texts: Texts | None = None,
         messages: Messages | None = None,
+        file: str = "",
     ) -> None:
         self.name = name
         self.messages = Messages(name) if messages is None else messages
@@ -184,7 +187,8 @@ class Instance:
         self._corrupted = False
         identifier = description.coSimulation.modelIdentifier
         try:
-            self._library = Library(library_path(folder, self.version, identifier), identifier)
+            path = library_path(folder, self.version, identifier)
+            self._library = Library(path, identifier, f"component '{name}' ({file or identifier})")
         except LibraryError as error:
             raise CallFailed(str(error)) from error
         prepared = {1: self._prepared_fmi1, 2: self._prepared_fmi2, 3: self._prepared_fmi3}[self.version]
@@ -279,9 +283,13 @@ class Instance:
             The FMU lacks it.
         """
         try:
-            return function_address(self._library.function(name))
+            return self._library.address(name)
         except LibraryError as error:
             raise CallFailed(f"of component '{self.name}' {error}") from error
+
+    def code_of_call(self, function: str) -> int:
+        """Code of a call of a function, as the loop notes it."""
+        return self._library.code(function)
 
     def call(self, function: str, *arguments: Any) -> None:
         """Call a C function of this instance.

@@ -18,6 +18,7 @@ from fmpy.fmi1 import fmi1CallbackFunctions
 
 from cosim.errors import CosimError
 from cosim.fmi.load_failure import missing_library, why_not_loaded
+from cosim.loop.current_calls import Caller
 
 #: C types by a letter; arrays, structures and texts are addresses.
 _TYPES = {
@@ -148,6 +149,8 @@ class Library:
         The file.
     identifier : str
         Model identifier; the names of functions of FMI 1.0 begin with it.
+    component : str, optional
+        What to call the FMU where it ends the process.
 
     Raises
     ------
@@ -155,12 +158,14 @@ class Library:
         It can't be loaded; the text says why, and what to do.
     """
 
-    def __init__(self, path: Path, identifier: str) -> None:
+    def __init__(self, path: Path, identifier: str, component: str = "") -> None:
         self._identifier = identifier
+        self._caller = Caller(component or f"the FMU '{identifier}'")
         self._functions: dict[str, Callable[..., Any]] = {}
+        self._symbols: dict[str, Any] = {}
         self._beside: dict[str, ctypes.CDLL] = {}
         try:
-            self._library = self._loaded(path.absolute())
+            self._library = self._caller.noting(self._loaded, "the loading of its library")(path.absolute())
         except LibraryError:
             self._unload(self._beside.values())
             raise
@@ -193,6 +198,21 @@ class Library:
         except KeyError:
             return self._functions.setdefault(name, self._found(name))
 
+    def address(self, name: str) -> int:
+        """Address of a function.
+
+        Raises
+        ------
+        LibraryError
+            The library lacks it.
+        """
+        self.function(name)
+        return ctypes.cast(self._symbols[name], c_void_p).value or 0
+
+    def code(self, name: str) -> int:
+        """Code of a call of a function, as the loop notes it."""
+        return self._caller.code(_in_standard(name))
+
     def has(self, name: str) -> bool:
         """Whether there is a function of this name in the standard."""
         try:
@@ -204,7 +224,9 @@ class Library:
     def close(self) -> None:
         """Unload the library."""
         self._functions.clear()
-        self._unload([self._library, *reversed(self._beside.values())])
+        self._symbols.clear()
+        unload = self._caller.noting(self._unload, "the unloading of its library")
+        unload([self._library, *reversed(self._beside.values())])
 
     @staticmethod
     def _unload(libraries: Iterable[ctypes.CDLL]) -> None:
@@ -212,7 +234,7 @@ class Library:
             fmpy.freeLibrary(library._handle)
 
     def _found(self, name: str) -> Callable[..., Any]:
-        in_standard = f"fmi{name[4:]}" if name.startswith("fmi1") else name
+        in_standard = _in_standard(name)
         # names begin with the model identifier in FMI 1.0, and in libraries of sources that were meant to be linked
         for in_library in (f"{self._identifier}_{in_standard}", in_standard):
             function: Any = getattr(self._library, in_library, None)
@@ -222,5 +244,9 @@ class Library:
             raise LibraryError(f"lacks the function {in_standard}")
         function.argtypes = PROTOTYPES[name]
         function.restype = c_void_p if "Instantiate" in name else None if name.endswith("Instance") else c_int
-        bound: Callable[..., Any] = function
-        return bound
+        self._symbols[name] = function
+        return self._caller.noting(function, in_standard)
+
+
+def _in_standard(name: str) -> str:
+    return f"fmi{name[4:]}" if name.startswith("fmi1") else name

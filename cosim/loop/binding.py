@@ -138,6 +138,9 @@ class Loop(ctypes.Structure):
         ("at_step", POINTER(Operation)),
         ("n_at_point", c_int64),
         ("n_at_step", c_int64),
+        ("codes_at_point", POINTER(c_uint32)),
+        ("codes_at_step", POINTER(c_uint32)),
+        ("call", c_void_p),
         ("warned", Warned),
         ("point", c_int64),
         ("failed", c_int64),
@@ -194,7 +197,7 @@ def loop_library() -> ctypes.CDLL:
         raise LoopLibraryError(
             f"the compiled loop {LIBRARY} lays out its data in another way than binding.py: {differing[0]}"
         )
-    library.loop_perform.argtypes = [POINTER(Loop), POINTER(Operation), c_int64, c_int64]
+    library.loop_perform.argtypes = [POINTER(Loop), POINTER(Operation), POINTER(c_uint32), c_int64, c_int64]
     library.loop_run.argtypes = [POINTER(Loop), c_int64, c_int64, c_bool]
     for function in (library.cells_get, library.cells_set):
         function.argtypes = [c_void_p, POINTER(c_uint32), c_size_t, c_void_p, c_size_t]

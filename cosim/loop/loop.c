@@ -308,12 +308,16 @@ EXPORT void log_message(void *environment, const char *name, int status, const c
 enum { AHEAD = 4 };
 
 /* Perform operations at a communication point; false, with the reason in `loop`, when one fails. */
-static bool perform_all(Loop *loop, const Operation operations[], int64_t n, int64_t point, bool at_step) {
+static bool perform_all(Loop *loop, const Operation operations[], const uint32_t codes[], int64_t n, int64_t point,
+                        bool at_step) {
     double time = loop->start_time + (double)point * loop->step_size;
+    CurrentCall *call = loop->call;
+    call->time = time;
     loop->point = point;
     for (int64_t k = 0; k < n; k++) {
         if (k + AHEAD < n) PREFETCH(operations[k + AHEAD].instance);
         if (operations[k].every > 1 && point % operations[k].every) continue; /* a division costs more than a call */
+        if (codes) call->code = codes[k];
         int status = perform(loop, &operations[k], point, time);
         if (!status) continue;
         if (status != 1) { /* worse than a warning */
@@ -394,6 +398,9 @@ static const Field layout[] = {
     FIELD(Loop, at_step),
     FIELD(Loop, n_at_point),
     FIELD(Loop, n_at_step),
+    FIELD(Loop, codes_at_point),
+    FIELD(Loop, codes_at_step),
+    FIELD(Loop, call),
     FIELD(Loop, warned),
     FIELD(Loop, point),
     FIELD(Loop, failed),
@@ -404,13 +411,17 @@ static const Field layout[] = {
 
 EXPORT const Field *loop_layout(void) { return layout; }
 
-EXPORT bool loop_perform(Loop *loop, const Operation operations[], int64_t n, int64_t point) {
-    return perform_all(loop, operations, n, point, false);
+EXPORT bool loop_perform(Loop *loop, const Operation operations[], const uint32_t codes[], int64_t n, int64_t point) {
+    uint32_t around = loop->call->code;
+    bool done = perform_all(loop, operations, codes, n, point, false);
+    loop->call->code = around;
+    return done;
 }
 
-EXPORT bool loop_run(Loop *loop, int64_t first, int64_t end, bool exchanged) {
+static bool go_through(Loop *loop, int64_t first, int64_t end, bool exchanged) {
     for (int64_t point = first; point < end; point++) {
-        if (!(exchanged && point == first) && !perform_all(loop, loop->at_point, loop->n_at_point, point, false))
+        if (!(exchanged && point == first) &&
+            !perform_all(loop, loop->at_point, loop->codes_at_point, loop->n_at_point, point, false))
             return false;
         if (loop->record_every == 1 || point % loop->record_every == 0) {
             int64_t record = loop->record_every == 1 ? point : point / loop->record_every;
@@ -420,7 +431,16 @@ EXPORT bool loop_run(Loop *loop, int64_t first, int64_t end, bool exchanged) {
                 if (run[1] == 1) *row = loop->values[*run];
                 else memcpy(row, loop->values + *run, (size_t)run[1] * sizeof *row);
         }
-        if (point < loop->last_point && !perform_all(loop, loop->at_step, loop->n_at_step, point, true)) return false;
+        if (point < loop->last_point &&
+            !perform_all(loop, loop->at_step, loop->codes_at_step, loop->n_at_step, point, true))
+            return false;
     }
     return true;
+}
+
+EXPORT bool loop_run(Loop *loop, int64_t first, int64_t end, bool exchanged) {
+    uint32_t around = loop->call->code;
+    bool done = go_through(loop, first, end, exchanged);
+    loop->call->code = around;
+    return done;
 }

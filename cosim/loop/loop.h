@@ -7,6 +7,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "current_calls.h"
 #include "loop_hash.h" /* LOOP_HASH; where the loop is a part of something, also EXPORT, empty */
 
 #ifndef EXPORT
@@ -81,6 +82,8 @@ typedef struct {
     int64_t n_runs, n_recorded, record_every, first_record;
     const Operation *at_point, *at_step;
     int64_t n_at_point, n_at_step;
+    const uint32_t *codes_at_point, *codes_at_step; /* of the calls that the operations make; may be NULL */
+    CurrentCall *call; /* where they are noted: that of the thread that the loop runs in */
     void (*warned)(const Operation *); /* told of each operation that returns a warning */
     /* where it is or was, and how it ended */
     int64_t point, failed;
@@ -108,8 +111,9 @@ void loop_convert(int32_t type, void *buffer, double *slots, int64_t n, bool to_
 /* Carry a value to a slot of another type; false where that can't hold it exactly. */
 bool loop_carry(const Conversion *conversion, const double *source, double *target);
 
-/* Perform operations once, at a communication point; false, with the reason in `loop`, when one fails. */
-EXPORT bool loop_perform(Loop *loop, const Operation operations[], int64_t n, int64_t point);
+/* Perform operations with these codes, or NULL, once, at a communication point; false, with the reason in `loop`, when one
+ * fails. */
+EXPORT bool loop_perform(Loop *loop, const Operation operations[], const uint32_t codes[], int64_t n, int64_t point);
 
 /* Go through the communication points first ... end - 1, with a step after each but the last one of the run; at the first
  * one values may have been exchanged already. */

@@ -23,6 +23,7 @@ from cosim.fmi.types import FmiType, type_code
 from cosim.fmi.variable_buffer import VariableBuffer
 from cosim.loop.arena import Arena
 from cosim.loop.binding import EXTRAPOLATED, NONE, Conversion, Extrapolated, Operation, OperationKind
+from cosim.loop.current_calls import codes
 from cosim.master.algorithm import ORDERS, Extrapolation
 from cosim.master.events import Events, events_of
 from cosim.master.extrapolated_inputs import ExtrapolatedInputs
@@ -51,14 +52,37 @@ class NamedOperation:
 
 
 class OperationTable:
-    """Operations in the order in which the loop performs them."""
+    """Operations in the order in which the loop performs them, and the codes of the calls that they make."""
 
-    def __init__(self, rows: Sequence[NamedOperation]) -> None:
+    def __init__(self, rows: Sequence[NamedOperation], instances: Mapping[str, Instance]) -> None:
         self.rows = tuple(rows)
+        calling = {
+            OperationKind.SET,
+            OperationKind.GET,
+            OperationKind.EXTRAPOLATE,
+            OperationKind.STEP,
+            OperationKind.CALL,
+        }
+        self.codes = codes(
+            [
+                instances[row.component].code_of_call(row.function)
+                if row.component and row.operation.kind in calling
+                else 0
+                for row in self.rows
+            ]
+        )
         self.operations = (Operation * len(self.rows))(*(row.operation for row in self.rows))
 
     def __len__(self) -> int:
         return len(self.rows)
+
+    def from_row(self, first: int) -> tuple[Any, Any]:
+        """The operations and codes from a row on, as the loop takes them."""
+        if first == 0:
+            return self.operations, self.codes
+        operations = ctypes.addressof(self.operations) + first * ctypes.sizeof(Operation)
+        codes = ctypes.addressof(self.codes) + first * ctypes.sizeof(ctypes.c_uint32)
+        return ctypes.cast(operations, ctypes.POINTER(Operation)), ctypes.cast(codes, ctypes.POINTER(ctypes.c_uint32))
 
 
 class Exchange:
@@ -128,16 +152,16 @@ class Exchange:
         first = ORDERS["parallel" if system.levels is None else "sequential"]
         # FMI 1.0 lets nothing be read before an instance is initialised, and inputs should be set before that
         at_start = [*start_values, *samples, *first.arrange(sets, gets)]
-        self.at_start = OperationTable(sorted(at_start, key=self._can_be_read_last))
+        self.at_start = OperationTable(sorted(at_start, key=self._can_be_read_last), instances)
         if self.events is not None:  # a clock is set before what it lets through, whatever the order
             sets = dict(sorted(sets.items()))
         exchange = extrapolated.algorithm.order.arrange(sets, gets)
         begin, finish = self._around_exchange()
-        self.at_point = OperationTable([*samples, *begin, *exchange, *finish])
+        self.at_point = OperationTable([*samples, *begin, *exchange, *finish], instances)
         self.exchanged_again = (len(samples) + len(begin), len(samples) + len(begin) + len(exchange))
         sets_of = _grouped(layout.sets, attrgetter("component"))
         self.at_step = OperationTable(
-            [row for c in system.components for row in self._extrapolate_and_step(c, sets_of.get(c, ()))]
+            [row for c in system.components for row in self._extrapolate_and_step(c, sets_of.get(c, ()))], instances
         )
         self._let_fmus_ask_for_inputs()
 

@@ -31,6 +31,7 @@ from cosim.loop.binding import (
     Warned,
     loop_library,
 )
+from cosim.loop.current_calls import address_of_call
 from cosim.master.failures import Failing, InterruptedInCall, SimulationError, SimulationInterrupted
 from cosim.master.function_instance import FunctionInstance, in_one_line
 from cosim.master.interrupts import DeferredInterrupt
@@ -122,6 +123,8 @@ class Run:
             at_step=exchange.at_step.operations,
             n_at_point=len(exchange.at_point),
             n_at_step=len(exchange.at_step),
+            codes_at_point=exchange.at_point.codes,
+            codes_at_step=exchange.at_step.codes,
             warned=_counting_warnings(instances),
         )
         this = weakref.ref(self)  # what FMUs say when the run is gone has no time, and must not keep its memory
@@ -231,9 +234,15 @@ class Run:
 
     def _perform_operations(self, table: OperationTable, first: int, end: int, point: int) -> None:
         """Perform the operations first ... end - 1 of a table."""
-        if not loop_library().loop_perform(ctypes.byref(self._loop), _from(table, first), end - first, point):
+        if not self._performed(table, first, end, point):
             self._loop.failed += first
             raise self._failure(table)
+
+    def _performed(self, table: OperationTable, first: int, end: int, point: int) -> bool:
+        """Perform the operations first ... end - 1 of a table; whether all went well."""
+        self._loop.call = address_of_call()
+        operations, codes = table.from_row(first)
+        return bool(loop_library().loop_perform(ctypes.byref(self._loop), operations, codes, end - first, point))
 
     def loop(
         self,
@@ -427,6 +436,7 @@ class Run:
         rows, self._loop.first_record = recorder.room(_rows(first, record_every), _rows(end, record_every))
         if rows is not self._records:
             self._records, self._loop.records = rows, _pointer(rows, ctypes.c_double)
+        self._loop.call = address_of_call()
         while first < end and not loop_library().loop_run(ctypes.byref(self._loop), first, end, exchanged):
             stepping, point = bool(self._loop.failed_at_step), self._loop.point
             recorder.recorded(_rows(point + stepping, record_every))
@@ -447,7 +457,7 @@ class Run:
             row, operation = table.rows[k], table.operations[k]
             if operation.kind == OperationKind.EXTRAPOLATE and operation.version == 3 and not self._exchange.demanded:
                 Extrapolated.from_address(operation.data).refused = _TOLD
-                if self._perform_rest(table, k + 1, point):
+                if self._performed(table, k + 1, len(table), point):
                     return
                 k += 1 + loop.failed
                 continue
@@ -464,14 +474,9 @@ class Run:
                 status = self._status_of_step(row, operation, loop.status, time)
                 ended_by = self._unfinished.finish(row.component, status, time, step, inputs)
             self.ended_by = self.ended_by or ended_by
-            if self._perform_rest(table, k + 1, point):
+            if self._performed(table, k + 1, len(table), point):
                 return
             k += 1 + loop.failed
-
-    def _perform_rest(self, table: OperationTable, first: int, point: int) -> bool:
-        """Perform the operations of a table from one on; whether all went well."""
-        rest = len(table) - first
-        return bool(loop_library().loop_perform(ctypes.byref(self._loop), _from(table, first), rest, point))
 
     def _status_of_step(self, row: NamedOperation, operation: Operation, status: int, time: float) -> StepStatus:
         if operation.version < 3:
@@ -587,12 +592,6 @@ def _failure_of_call(component: str, time: float, raised: BaseException) -> Base
     error = SimulationError(component, time, what, "")
     error.__cause__ = raised
     return error
-
-
-def _from(table: OperationTable, first: int) -> Any:
-    """The operations of a table from one on, as the loop takes them."""
-    address = ctypes.addressof(table.operations) + first * ctypes.sizeof(Operation)
-    return ctypes.cast(address, ctypes.POINTER(Operation))
 
 
 def _reads(table: OperationTable, components: Collection[str]) -> Iterator[tuple[int, int]]:

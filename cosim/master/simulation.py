@@ -26,6 +26,7 @@ from cosim.fmi.types import Texts
 from cosim.fmi.unpacking import folder_for_fmus
 from cosim.fmi.variable_buffer import VariableBuffer
 from cosim.loop.binding import loop_library
+from cosim.loop.current_calls import is_at, watched_calls
 from cosim.master.algorithm import AUTO, algorithm
 from cosim.master.checkpoint import Checkpoint, CheckpointedRun
 from cosim.master.extrapolated_inputs import extrapolated_inputs
@@ -194,7 +195,7 @@ class Simulation:
         if self._stack is not None:
             raise SetupError("the simulation is open already; make another one of the same system")
         self._folders.clear()
-        with ExitStack() as stack:
+        with watched_calls(), ExitStack() as stack:
             if self._log is not None:
                 self._log.open()
                 stack.callback(self._log.close)
@@ -223,7 +224,8 @@ class Simulation:
     def close(self) -> None:
         """Free all instances and remove what was unpacked; the simulation can be entered again."""
         if self._stack is not None:
-            self._stack.close()
+            with watched_calls():
+                self._stack.close()
             self._stack = None
 
     def _load(self, name: str) -> None:
@@ -236,7 +238,7 @@ class Simulation:
         with self._setting_up(name):
             kind = EventInstance if self._ports[name].uses_events else Instance
             self._instances[name] = kind(
-                name, self._folders[name], fmu.description, asks, self._texts, self._messages[name]
+                name, self._folders[name], fmu.description, asks, self._texts, self._messages[name], fmu.path.name
             )
 
     def _instantiate(self, name: str) -> None:
@@ -519,9 +521,10 @@ class Simulation:
         """Context of a run, in which no other one can begin: a function that it calls might try that."""
         self._occupied_by = what
         try:
-            with DeferredInterrupt() as interrupt:
+            with watched_calls(), DeferredInterrupt() as interrupt:
                 yield interrupt
         finally:
+            is_at(None)
             self._occupied_by = ""
 
     def _described(self, starts: Sequence[StartValue]) -> dict[str, Any]:
@@ -606,6 +609,7 @@ class Simulation:
         first: SimulationError | None = None
         assumed: list[str] = []
         while True:
+            is_at(grid.start_time)
             run = Run(self._instances, self._fresh_exchange(), samples, grid, interrupt, self._columns)
             try:
                 run.initialize(starts, experiments)

@@ -19,7 +19,7 @@ from pythonfmu.builder import FmuBuilder
 import cosim.fmi.compilation
 import cosim.fmi.unpacking
 import cosim.master.simulation
-from cosim import SetupError, Simulation, System, simulate
+from cosim import SetupError, Simulation, SimulationError, System, simulate
 from cosim.fmi.load_failure import why_not_loaded
 from cosim.fmi.unpacking import folder_for_fmus, is_plain
 from fmu_export import build_script
@@ -72,7 +72,15 @@ def test_an_absent_function_that_is_called_is_named(tmp_path: Path) -> None:
     system = System()
     system.add("tank", redescribed(tank(tmp_path / "tank.fmu"), tmp_path / "integer.fmu", integer), start={"u": 1})
     with pytest.raises(SetupError, match=r"^an FMU of component 'tank' lacks the function fmi2GetInteger$"):
+        simulate(system, 1.0, 0.5, record=["tank.u"])
+    with pytest.raises(SimulationError, match=r"^tank failed at t = 0 s: lacks the function fmi2SetInteger$"):
         simulate(system, 1.0, 0.5)
+    system.components["tank"].start.clear()
+    results = simulate(system, 1.0, 0.5)
+    assert (results.names, results.info["not_recorded"]) == (
+        ["tank.y"],
+        {"tank.u": "it lacks the function fmi2GetInteger"},
+    )
 
 
 def test_functions_may_begin_with_the_model_identifier(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from types import ModuleType, SimpleNamespace
 import pytest
 
 import fmu_export.native.toolchain
-from cosim.loop.source import LIBRARY, SOURCE, loop_sources, source_hash
+from cosim.loop.source import LIBRARY, loop_sources, source_hash
 from cosim.pack.source import LIBRARY as PACKED_LIBRARY
 from fmu_export.native.toolchain import ToolchainError
 from tests.support.native_fmus import require_compiler
@@ -96,7 +96,7 @@ def test_a_source_that_cannot_be_compiled_leaves_the_old_library(
 ) -> None:
     require_compiler()
     elsewhere.write_bytes(b"the old one")
-    broken = {**loop_sources(), "loop.c": SOURCE.read_bytes() + b"\nint wrong(void) { return nothing; }\n"}
+    broken = {**loop_sources(), "loop.c": loop_sources()["loop.c"] + b"\nint wrong(void) { return nothing; }\n"}
     monkeypatch.setattr(hook, "loop_sources", lambda: broken)
     with pytest.raises(ToolchainError, match="nothing"):
         hook.compile_loop()
@@ -107,11 +107,13 @@ def test_the_hash_is_that_of_the_text_whatever_ends_its_lines(tmp_path: Path, mo
     """Git may check the source out with the line ends of Windows."""
     import cosim.loop.source
 
-    windows = tmp_path / "loop.c"
-    windows.write_bytes(SOURCE.read_bytes().replace(b"\n", b"\r\n"))
+    for name, content in loop_sources().items():
+        if name != "loop_hash.h":
+            (tmp_path / name).write_bytes(content.replace(b"\n", b"\r\n"))
     expected = source_hash()
-    monkeypatch.setattr(cosim.loop.source, "SOURCE", windows)
+    monkeypatch.setattr(cosim.loop.source, "_FOLDER", tmp_path)
     assert source_hash() == expected
+    windows = tmp_path / "current_calls.h"
     windows.write_bytes(windows.read_bytes() + b"/* changed */")
     assert source_hash() != expected
 

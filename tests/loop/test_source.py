@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from cosim.loop.source import SOURCE, loop_sources
+from cosim.loop.source import loop_sources
 from fmu_export.native.toolchain import Target, compile_library, find_compiler, host_target
 from tests.support import CHECKOUT
 from tests.support.native_fmus import require_compiler
@@ -76,7 +76,9 @@ def sanitised_runs(folder: Path, fmus: Path, source: bytes) -> subprocess.Comple
     for name, content in (loop_sources() | {"loop.c": source}).items():
         (folder / name).write_bytes(content)
     options = ["-std=c99", "-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
-    subprocess.run([*compiler, *options, "-shared", "-fPIC", "loop.c", "-o", "loop.so"], cwd=folder, check=True)
+    subprocess.run(
+        [*compiler, *options, "-shared", "-fPIC", "loop.c", "current_calls.c", "-o", "loop.so"], cwd=folder, check=True
+    )
     # the sanitiser reserves terabytes of addresses, which a limit on them (ulimit -v) forbids
     unlimited = ["sh", "-c", 'ulimit -S -v "$(ulimit -H -v)"; exec "$@"', "sh"]
     return subprocess.run(
@@ -92,13 +94,13 @@ def sanitised_runs(folder: Path, fmus: Path, source: bytes) -> subprocess.Comple
 
 
 def test_sanitisers_find_nothing(fmus: Path, tmp_path: Path) -> None:
-    done = sanitised_runs(tmp_path, fmus, SOURCE.read_bytes())
+    done = sanitised_runs(tmp_path, fmus, loop_sources()["loop.c"])
     assert done.returncode == 0, done.stderr[-4000:]
     assert done.stdout == "done\n"
 
 
 def test_a_read_past_the_samples_would_be_noticed(fmus: Path, tmp_path: Path) -> None:
-    source = SOURCE.read_bytes()
+    source = loop_sources()["loop.c"]
     right = b"(point - loop->first_sample) * loop->n_samples"
     assert source.count(right) == 1
     done = sanitised_runs(tmp_path, fmus, source.replace(right, b"(point + 1 - loop->first_sample) * loop->n_samples"))

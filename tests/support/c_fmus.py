@@ -118,3 +118,26 @@ def talker(path: Path, *flags: str, version: int = 2, categories: Sequence[str] 
     listed = f"<LogCategories>{listed}</LogCategories>" if categories else ""
     description = _TALKERS[version].replace("<LogCategories>CATEGORIES</LogCategories>", listed)
     return packed(path, description, {binary("talker"): library})
+
+
+_ENDER = """<?xml version="1.0" encoding="UTF-8"?>
+<fmiModelDescription fmiVersion="2.0" modelName="Ender" guid="{ender}">
+<CoSimulation modelIdentifier="ender" canHandleVariableCommunicationStepSize="true"/>
+<DefaultExperiment startTime="0" stopTime="1" stepSize="0.1"/>
+<ModelVariables>
+<ScalarVariable name="y" valueReference="0" causality="output"><Real/></ScalarVariable>
+</ModelVariables>
+<ModelStructure>
+<Outputs><Unknown index="1" dependencies=""/></Outputs>
+<InitialUnknowns><Unknown index="1" dependencies=""/></InitialUnknowns>
+</ModelStructure>
+</fmiModelDescription>
+"""
+
+
+def ender(path: Path, where: str, how: str) -> Path:
+    """The FMU of fmi2_ender.c, which ends its process in a place and a way that the source names."""
+    library = path.with_suffix(".so")
+    definitions = (f"-DWHERE={where}", f"-DHOW={how}", "-Wno-infinite-recursion", "-O0", "-pthread")
+    compile_c(Path(__file__).with_name("fmi2_ender.c"), library, *definitions)
+    return packed(path, _ENDER, {binary("ender"): library})

@@ -178,6 +178,7 @@ typedef struct Packed {
     int32_t *n_extrapolated_inputs;
     int32_t n_extrapolated;
     Loop loop;
+    CurrentCall call; /* nobody reads it here */
     double *samples; /* rows of columns */
     uint8_t *jumps;
     char **texts;

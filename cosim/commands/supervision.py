@@ -1,0 +1,110 @@
+"""A command in a process of its own: an FMU that ends that process as if all was well does not make it a success.
+
+The program waits for the process, passes signals on to it, and ends as it does. So on Linux; elsewhere a command runs
+in the program itself.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import signal
+import sys
+import time
+from collections.abc import Callable
+from types import FrameType
+from typing import Any, NoReturn
+
+from cosim.loop import current_calls
+
+#: Exit status for a process that an FMU has ended with that of success: an internal error, by sysexits.h.
+STATUS_OF_EXIT = 70
+
+#: Names of signals that are passed on to the process.
+_PASSED_ON = ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGUSR1", "SIGUSR2")
+
+#: A signal that comes twice within this time (s) is one: to the program, and to its group.
+_SAME_SIGNAL = 0.1
+
+#: Of prctl: signal that a process gets when its parent dies.
+_PR_SET_PDEATHSIG = 1
+
+
+def supervised(command: Callable[[], int]) -> int:
+    """Exit code of a command, which runs in a process of its own where the platform has what that needs."""
+    if sys.platform != "linux":
+        return command()
+    memory = current_calls.memory_of_calls()
+    program = os.getpid()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    process = os.fork()
+    if process == 0:
+        _become_the_process_of(program)
+        current_calls.watched_memory = memory
+        code = command()
+        current_calls.has_finished(memory)
+        return code
+    code = _ended(process)
+    if code < 0:
+        how = f"{signal.Signals(-code).name} ended it"
+    elif current_calls.is_finished(memory):
+        return code
+    else:
+        how = "it called _exit(), which an FMU must not do; ask its supplier"
+        code = code or STATUS_OF_EXIT
+    if text := current_calls.last_line(memory, how):
+        print(text, file=sys.stderr, end="")
+    elif not current_calls.is_told(memory) and code == STATUS_OF_EXIT:
+        print("cosim: the process of the command ended before the command did", file=sys.stderr)
+    return code if code > 0 else _end_by(-code)
+
+
+def _become_the_process_of(program: int) -> None:
+    """Get signals from the program alone, and none of its terminal; end with it however it ends."""
+    os.setpgid(0, 0)
+    signal.signal(signal.SIGTTOU, signal.SIG_IGN)  # what it prints may not stop it
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != program:  # it has ended meanwhile
+        os._exit(STATUS_OF_EXIT)
+
+
+def _ended(process: int) -> int:
+    """Exit code of a process, once it has ended; of one that a signal has ended its number, negative."""
+    last: dict[int, float] = {}
+
+    def pass_on(number: int, _frame: FrameType | None) -> None:
+        now = time.monotonic()
+        if now - last.get(number, -_SAME_SIGNAL) >= _SAME_SIGNAL:
+            last[number] = now
+            _send(process, number)
+
+    def stop(_number: int, _frame: FrameType | None) -> None:
+        _send(process, signal.SIGSTOP)
+        os.kill(os.getpid(), signal.SIGSTOP)
+        _send(process, signal.SIGCONT)
+
+    handlers: dict[int, Any] = {getattr(signal, name): pass_on for name in _PASSED_ON}
+    for number, handler in {**handlers, signal.SIGTSTP: stop}.items():
+        if signal.getsignal(number) != signal.SIG_IGN:  # as that of background jobs is
+            signal.signal(number, handler)
+    _, status = os.waitpid(process, 0)
+    return os.waitstatus_to_exitcode(status)
+
+
+def _send(process: int, number: int) -> None:
+    """Send a signal to the group of a process, as a terminal does."""
+    try:
+        os.killpg(process, number)
+    except ProcessLookupError:  # it is about to become one
+        os.kill(process, number)
+
+
+def _end_by(number: int) -> NoReturn:
+    """End as the process did, without another core dump."""
+    import resource
+
+    resource.setrlimit(resource.RLIMIT_CORE, (0, resource.getrlimit(resource.RLIMIT_CORE)[1]))
+    signal.signal(number, signal.SIG_DFL)
+    os.kill(os.getpid(), number)
+    os._exit(128 + number)

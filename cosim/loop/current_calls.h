@@ -1,0 +1,26 @@
+/* What each thread calls of an FMU at this moment, in memory that can be read when the process ends by that call. */
+#ifndef CURRENT_CALLS_H
+#define CURRENT_CALLS_H
+
+#include <stdint.h>
+
+enum { N_CALLS = 256, N_FUNCTIONS = 256, N_COMPONENTS = 4096, FUNCTION_SIZE = 64, COMPONENT_SIZE = 256 };
+
+/* The call of a thread. Its code is N_FUNCTIONS times the number of the component plus that of the function; 0 for none. */
+typedef struct {
+    uint64_t thread; /* 0: the place is free */
+    double time; /* s, of the communication point; NaN outside a run */
+    uint32_t code, padding;
+} CurrentCall;
+
+/* All of them, without pointers: another process may map it, too. current_calls.py lays it out once more. */
+typedef struct {
+    uint64_t process; /* whose calls these are */
+    uint64_t told; /* whether the end of the process has been explained */
+    uint64_t finished; /* whether its work is done; for the process that watches it */
+    CurrentCall calls[N_CALLS];
+    char functions[N_FUNCTIONS][FUNCTION_SIZE];
+    char components[N_COMPONENTS][COMPONENT_SIZE];
+} CurrentCalls;
+
+#endif
