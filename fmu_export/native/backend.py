@@ -16,15 +16,16 @@ import fmpy
 
 from fmu_export.modelling.model import Solver
 from fmu_export.modelling.model_class import AnyModel, flat_model
+from fmu_export.native.adjoint_source import adjoint_source
 from fmu_export.native.c_source import model_sources
 from fmu_export.native.toolchain import Target, ToolchainError, compile_library, host_target
 from fmu_export.package import description_fmi2, description_fmi3
 from fmu_export.package.archive import write_archive
-from fmu_export.package.interface import interface_of
+from fmu_export.package.interface import Interface, interface_of
 from fmu_export.package.metadata import NO_METADATA, Metadata, licence_members
 from fmu_export.package.start_values import MEMBER, start_values_text
 from fmu_export.progress import Progress
-from fmu_export.trace.trace import trace
+from fmu_export.trace.trace import TracedModel, trace
 
 _COMMON_2 = {
     "canNotUseMemoryManagementFunctions": "true",
@@ -36,6 +37,7 @@ _COMMON_3 = {
     "canGetAndSetFMUState": "true",
     "canSerializeFMUState": "true",
     "providesDirectionalDerivatives": "true",
+    "providesAdjointDerivatives": "true",
 }
 
 #: Attributes of the interfaces, by flavour, of a model without events and sampling.
@@ -66,7 +68,7 @@ _METHODS: dict[Solver, tuple[str, ...]] = {
     "dopri5": ("adaptive.c", "dopri5.c"),
     "rodas4": ("adaptive.c", "rodas4.c", "sparse_lu.h"),
 }
-_FACES = {"fmi2": "fmi2.c", "fmi3": "fmi3.c"}
+_FACES = {"fmi2": ("fmi2.c",), "fmi3": ("fmi3.c", "adjoint.c")}
 _HEADERS = {
     "fmi2": ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h"),
     "fmi3": ("fmi3Functions.h", "fmi3FunctionTypes.h", "fmi3PlatformTypes.h"),
@@ -133,13 +135,13 @@ def build_native(
         progress.stage = "writing C"
         adapter = _adapter_sources(flavour, model.solver, hybrid=not model.is_continuous)
         interfaces = _INTERFACES[flavour] if model.is_continuous else _hybrid_interfaces(flavour)
-        c_files = sorted(name for name in (*adapter, "model.c") if name.endswith(".c"))
+        code = adapter | _model_sources(traced, interface, flavour, _NO_GUID)
+        c_files = sorted(name for name in code if name.endswith(".c"))
         arguments = model, interface, _NO_GUID, interfaces, tool
         if flavour == "fmi2":
             unstamped = description_fmi2.model_description(*arguments, c_files if sources else (), metadata)
         else:
             unstamped = description_fmi3.model_description(*arguments, metadata)
-        code = adapter | model_sources(traced, interface, _NO_GUID)
         digest = hashlib.sha256(unstamped)
         for name, source in sorted(code.items()):
             digest.update(name.encode() + source)
@@ -183,10 +185,15 @@ def _hybrid_interfaces(flavour: str) -> dict[str, dict[str, str]]:
     return interfaces | {"ModelExchange": interfaces["ModelExchange"] | {name: needed}}
 
 
+def _model_sources(traced: TracedModel, interface: Interface, flavour: str, guid: str) -> dict[str, bytes]:
+    sources = model_sources(traced, interface, guid)
+    return sources | {"model_adjoint.c": adjoint_source(traced)} if flavour == "fmi3" else sources
+
+
 def _adapter_sources(flavour: str, solver: Solver = "rk4", *, hybrid: bool = False) -> dict[str, bytes]:
     adapter = files("fmu_export.native") / "c_adapter"
     headers = Path(fmpy.__file__).parent / "c-code"
-    own = (*_ADAPTER, *(("events.c",) if hybrid else ()), *_METHODS[solver], _FACES[flavour])
+    own = (*_ADAPTER, *(("events.c",) if hybrid else ()), *_METHODS[solver], *_FACES[flavour])
     return {name: (adapter / name).read_bytes() for name in own} | {
         name: (headers / name).read_bytes() for name in _HEADERS[flavour]
     }

@@ -44,7 +44,8 @@ _SHOW = "\n#if defined(__GNUC__) && !defined(_WIN32)\n#pragma GCC visibility pop
 _SHORT = 1000
 _SHORTER = 0.6
 
-_HEADER = "/* Generated from the model by tracing; do not edit. */\n"
+#: How each generated file begins.
+HEADER = "/* Generated from the model by tracing; do not edit. */\n"
 
 
 def model_sources(traced: TracedModel, interface: Interface, guid: str) -> dict[str, bytes]:
@@ -58,7 +59,7 @@ def model_sources(traced: TracedModel, interface: Interface, guid: str) -> dict[
         Fingerprint that the importer has to give back.
     """
     equations = _equations(traced)
-    head = _HEADER + '#include <math.h>\n#include "model.h"\n\n'
+    head = HEADER + '#include <math.h>\n#include "model.h"\n\n'
     tables = _tables(traced, interface) + type_tables.definitions(interface) + _solver_tables(equations.implicit)
     tables += _hybrid_tables(traced)
     return {
@@ -119,7 +120,7 @@ def _header(traced: TracedModel, interface: Interface, guid: str, equations: _Eq
     }
     arguments = _arguments(traced)
     return (
-        _HEADER
+        HEADER
         + "#ifndef MODEL_H\n#define MODEL_H\n\n"
         + f'#define MODEL_IDENTIFIER "{traced.model.name}"\n'
         + f"#define MODEL_GUID {c_string(guid)}\n\n"

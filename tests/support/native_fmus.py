@@ -343,6 +343,13 @@ class Host:
         arguments += [result] if self.version == 2 else [m, result, n]
         return self.call("GetDirectionalDerivative", *arguments), list(result)
 
+    def adjoint(self, knowns: Sequence[str | int], weights: dict[Any, float]) -> tuple[int, list[float]]:
+        """Of the sum of unknowns with their weights (FMI 3.0)."""
+        n, m = len(weights), len(knowns)
+        seed, result = doubles(weights.values()), (c_double * m)()
+        arguments: list[Any] = [self.vr(list(weights)), n, self.vr(knowns), m, seed, n, result, m]
+        return self.call("GetAdjointDerivative", *arguments), list(result)
+
     # Continuous states
 
     def get_states(self, n: int) -> list[float]:

@@ -315,7 +315,10 @@ static double now(fmi3Instance c) {
     X(NOTHING, fmi3Error, SAME, 1, fmi3GetNumberOfVariableDependencies(c, output[0], &count)) \
     X(NOTHING, fmi3Error, SAME, 1, fmi3GetNumberOfVariableDependencies(c, huge[0], NULL)) \
     X(NOTHING, fmi3Error, SAME, 1, fmi3GetVariableDependencies(c, output[0], sizes, parameter, sizes, kinds, 1)) \
-    X(NOTHING, fmi3Error, SAME, 1, fmi3GetAdjointDerivative(c, output, 1, parameter, 1, one_value, 1, sensitivities, 1)) \
+    X(INIT | RUN | TERM, fmi3OK, SAME, 1, fmi3GetAdjointDerivative(c, output, 1, parameter, 1, one_value, 1, sensitivities, 1)) \
+    X(NOTHING, fmi3Error, SAME, 1, fmi3GetAdjointDerivative(c, parameter, 1, parameter, 1, one_value, 1, sensitivities, 1)) \
+    X(NOTHING, fmi3Error, SAME, 1, fmi3GetAdjointDerivative(c, output, 1, huge, 1, one_value, 1, sensitivities, 1)) \
+    X(NOTHING, fmi3Error, SAME, 1, fmi3GetAdjointDerivative(c, output, 1, parameter, 1, NULL, 1, sensitivities, 1)) \
     X(NOTHING, fmi3Error, SAME, 1, fmi3EnterConfigurationMode(c)) \
     X(NOTHING, fmi3Error, SAME, 1, fmi3ExitConfigurationMode(c)) \
     X(NOTHING, fmi3Error, SAME, 1, fmi3EvaluateDiscreteStates(c)) \

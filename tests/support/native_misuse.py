@@ -181,10 +181,10 @@ CASES = [
         **ME,
     ),
     Misuse("nan time in model exchange", lambda h: h.run_up().call("SetTime", NAN), "time -?nan", **ME),
-    Misuse("get integer", lambda h: typed(h, f"Get{h.integer}"), "every variable .* type (Real|Float64)"),
-    Misuse("set integer", lambda h: typed(h, f"Set{h.integer}"), "every variable .* type (Real|Float64)"),
-    Misuse("set boolean", lambda h: typed(h, "SetBoolean"), "every variable .* type (Real|Float64)"),
-    Misuse("get string", lambda h: typed(h, "GetString"), "every variable .* type (Real|Float64)"),
+    Misuse("get integer", lambda h: typed(h, f"Get{h.integer}"), "no variable of this FMU is of this type"),
+    Misuse("set integer", lambda h: typed(h, f"Set{h.integer}"), "no variable of this FMU is of this type"),
+    Misuse("set boolean", lambda h: typed(h, "SetBoolean"), "no variable of this FMU is of this type"),
+    Misuse("get string", lambda h: typed(h, "GetString"), "no variable of this FMU is of this type"),
     Misuse("direction of an input", lambda h: h.run_up().direction(["dm"], {"dm": 1.0})[0], "no unknown"),
     Misuse(
         "direction of an unknown reference", lambda h: h.run_up().direction([9999], {"dm": 1.0})[0], "reference 9999"
@@ -211,11 +211,23 @@ CASES = [
         **ONLY_2,
     ),
     Misuse(
-        "adjoint derivative",
+        "adjoint derivative of an input",
+        lambda h: h.run_up().adjoint(["dm"], {"dm": 1.0})[0],
+        "is no unknown: give outputs or state derivatives",
+        **ONLY_3,
+    ),
+    Misuse(
+        "adjoint derivative by an output",
+        lambda h: h.run_up().adjoint(["x_E"], {"x_E": 1.0})[0],
+        "is no known: give states, inputs or parameters",
+        **ONLY_3,
+    ),
+    Misuse(
+        "numbers of adjoint derivatives",
         lambda h: h.run_up().call(
-            "GetAdjointDerivative", h.vr(["x_E"]), 1, h.vr(["dm"]), 1, (c_double * 1)(1), 1, (c_double * 1)(), 1
+            "GetAdjointDerivative", h.vr(["x_E"]), 1, h.vr(["dm"]), 1, (c_double * 2)(), 2, (c_double * 1)(), 1
         ),
-        "no adjoint derivatives",
+        "all variables are scalars; give one value for each",
         **ONLY_3,
     ),
     Misuse("configuration mode", lambda h: h.call("EnterConfigurationMode"), "no structural parameters", **ONLY_3),

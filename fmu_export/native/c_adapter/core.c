@@ -202,8 +202,7 @@ CoreStatus core_exit_initialization(Core *core) {
 
 /* Values */
 
-/* Have the states of the present time and inputs. */
-static CoreStatus have_states(Core *core) {
+CoreStatus core_have_states(Core *core) {
     CoreStatus status = CORE_OK;
     if (core->state.phase & (INSTANTIATED | INITIALIZATION)) status = compute_initial_state(core);
 #if HYBRID
@@ -306,7 +305,7 @@ CoreStatus core_set_input_rates(Core *core, const unsigned references[], size_t 
 /* Compute outputs or state derivatives. */
 static CoreStatus compute(Core *core, int which) {
     CoreState *s = &core->state;
-    CoreStatus status = have_states(core);
+    CoreStatus status = core_have_states(core);
     if (status != CORE_OK) return status;
     if (which == OUTPUTS_VALID) model_everything(s->time, STATES(core), INPUTS(core), PARAMETERS(core), OUTPUTS(core));
     else core_have_rates(core);
@@ -323,7 +322,7 @@ static CoreStatus compute(Core *core, int which) {
 #if HYBRID
 CoreStatus core_get_indicators(Core *core, double indicators[]) {
     CoreState *s = &core->state;
-    CoreStatus status = have_states(core);
+    CoreStatus status = core_have_states(core);
     if (status != CORE_OK) return status;
 #if N_EVENTS > 0
     model_indicators(s->time, STATES(core), INPUTS(core), PARAMETERS(core), indicators);
@@ -420,7 +419,7 @@ CoreStatus core_direction(Core *core, const unsigned unknowns[], size_t n, const
     if (!core_all_finite(change, N_VALUES))
         return core_fail(core, CORE_ERROR, "the direction has entries that are not finite");
     const double *dp = change, *du = change + N_P;
-    CoreStatus status = have_states(core);
+    CoreStatus status = core_have_states(core);
     if (status != CORE_OK) return status;
     if (s->phase & (INSTANTIATED | INITIALIZATION)) {
         model_initial_state_direction(PARAMETERS(core), dp, dx);

@@ -128,6 +128,9 @@ static inline int core_allowed(Core *core, int phases, const char *function) {
     return 0;
 }
 
+/* Have the states of the present time and inputs. */
+CoreStatus core_have_states(Core *core);
+
 /* Have the derivatives and margins of the present state and inputs. */
 void core_have_rates(Core *core);
 
@@ -257,6 +260,10 @@ CoreStatus core_get_derivatives(Core *core, double derivatives[]);
 
 /* Change of `unknown` along a change of knowns: `change` has N_VALUES entries, by value reference. */
 CoreStatus core_direction(Core *core, const unsigned unknowns[], size_t n, const double change[], double result[]);
+
+/* What the sum of n unknowns, weighted by `seed`, changes by with each of m knowns. */
+CoreStatus core_adjoint(Core *core, const unsigned unknowns[], size_t n, const double seed[], const unsigned knowns[],
+                        size_t m, double result[]);
 
 /* FMU states as bytes that name the FMU they belong to. */
 size_t core_serialized_size(void);

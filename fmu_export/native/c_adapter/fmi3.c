@@ -256,13 +256,6 @@ fmi3Status fmi3GetVariableDependencies(fmi3Instance c, fmi3ValueReference r, siz
     NOT_OFFERED(c, "dependencies of array elements");
 }
 
-fmi3Status fmi3GetAdjointDerivative(fmi3Instance c, const fmi3ValueReference u[], size_t nu,
-                                    const fmi3ValueReference k[], size_t nk, const fmi3Float64 s[], size_t ns,
-                                    fmi3Float64 r[], size_t nr) {
-    (void)u, (void)nu, (void)k, (void)nk, (void)s, (void)ns, (void)r, (void)nr;
-    NOT_OFFERED(c, "adjoint derivatives");
-}
-
 fmi3Status fmi3EnterConfigurationMode(fmi3Instance c) { NOT_OFFERED(c, "structural parameters"); }
 
 fmi3Status fmi3ExitConfigurationMode(fmi3Instance c) { NOT_OFFERED(c, "structural parameters"); }
@@ -379,7 +372,7 @@ fmi3Status fmi3DeserializeFMUState(fmi3Instance c, const fmi3Byte bytes[], size_
     return fmi3OK;
 }
 
-/* Directional derivatives */
+/* Directional and adjoint derivatives */
 
 fmi3Status fmi3GetDirectionalDerivative(fmi3Instance c, const fmi3ValueReference unknowns[], size_t n,
                                         const fmi3ValueReference knowns[], size_t m, const fmi3Float64 seed[],
@@ -395,6 +388,17 @@ fmi3Status fmi3GetDirectionalDerivative(fmi3Instance c, const fmi3ValueReference
     }
     if (!ARE_REAL(&instance->core, knowns, m) || !ARE_REAL(&instance->core, unknowns, n)) return fmi3Error;
     return (fmi3Status)core_direction(&instance->core, unknowns, n, change, sensitivity);
+}
+
+fmi3Status fmi3GetAdjointDerivative(fmi3Instance c, const fmi3ValueReference unknowns[], size_t n,
+                                    const fmi3ValueReference knowns[], size_t m, const fmi3Float64 seed[],
+                                    size_t n_seed, fmi3Float64 sensitivity[], size_t n_sensitivity) {
+    CHECK(c, INITIALIZATION | RUNNING | TERMINATED);
+    if (n != n_seed || m != n_sensitivity)
+        return FAIL("%s: all variables are scalars; give one value for each", __func__);
+    if ((n && (!unknowns || !seed)) || (m && (!knowns || !sensitivity))) return MISSING;
+    if (!ARE_REAL(&instance->core, knowns, m) || !ARE_REAL(&instance->core, unknowns, n)) return fmi3Error;
+    return (fmi3Status)core_adjoint(&instance->core, unknowns, n, seed, knowns, m, sensitivity);
 }
 
 /* Co-simulation */

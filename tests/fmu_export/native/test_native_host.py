@@ -19,8 +19,7 @@ import pytest
 
 from controller_fmu.model import MODEL as CONTROLLER
 from fmu_export.modelling.model import Model
-from fmu_export.native.backend import _adapter_sources
-from fmu_export.native.c_source import model_sources
+from fmu_export.native.backend import _adapter_sources, _model_sources
 from fmu_export.package.interface import interface_of
 from fmu_export.package.start_values import start_values_text
 from fmu_export.trace.trace import trace
@@ -97,7 +96,7 @@ def write_sources(folder: Path, model: Model, flavour: str) -> Sources:
     traced = trace(model)
     interface = interface_of(traced)
     adapter = _adapter_sources(flavour, model.solver, hybrid=not model.is_continuous)
-    for name, content in (adapter | model_sources(traced, interface, "{the guid}")).items():
+    for name, content in (adapter | _model_sources(traced, interface, flavour, "{the guid}")).items():
         (folder / name).write_bytes(content)
     resources = folder / "resources"
     for name in FOLDERS:
