@@ -19,6 +19,7 @@ _MODULES = {
     "Model": "fmu_export.modelling.model",
     "ModelClass": "fmu_export.modelling.model_class",
     "ModelError": "fmu_export.errors",
+    "Reference": "fmu_export.package.references",
     "Requirement": "fmu_export.modelling.model",
     "Sampled": "fmu_export.modelling.model",
     "StartValueError": "fmu_export.package.start_values",
@@ -55,6 +56,7 @@ __all__ = [
     "Model",
     "ModelClass",
     "ModelError",
+    "Reference",
     "Requirement",
     "Sampled",
     "StartValueError",
@@ -88,6 +90,7 @@ if TYPE_CHECKING:
     from fmu_export.native.backend import build_native
     from fmu_export.native.toolchain import ToolchainError
     from fmu_export.package.metadata import Metadata
+    from fmu_export.package.references import Reference
     from fmu_export.package.start_values import StartValueError, write_start_values
     from fmu_export.pythonfmu.backend import build_pythonfmu
     from fmu_export.pythonfmu.binary import BinariesMissing

@@ -30,6 +30,9 @@ CLOSED_LOOP = "closed_loop"
 #: All that can be built.
 INSTANCES = (*MODELS, CLOSED_LOOP)
 
+#: The run that each FMU brings along: its end (s), and how far each input is from its start value, by turns.
+_REFERENCE_TIME, _OFF = 0.02, 0.05
+
 #: Package and file of the page of each FMU.
 _PAGES = {
     "plant": ("plant_fmu", "README.md"),
@@ -97,19 +100,22 @@ def _build_one(model: Model, instance: str, folder: Path, flavour: str, all_plat
     from fmu_export.native.backend import build_native
     from fmu_export.package.documentation import figures_of
     from fmu_export.package.metadata import Metadata, project_licence
+    from fmu_export.package.references import Reference
     from fmu_export.pythonfmu.backend import build_pythonfmu
 
     package, name = _PAGES[instance]
     page = (files(package) / name).read_text(encoding="utf-8")
     figures = figures_of(page, files(package))
+    inputs = {v.name: [s + _OFF * (-1.0) ** i for i, s in enumerate(v.starts)] for v in model.inputs.variables}
+    reference = Reference({n: v if len(v) > 1 else v[0] for n, v in inputs.items()}, stop_time=_REFERENCE_TIME)
     own = Metadata(version=package_version(), license="MIT", license_text=project_licence())
     try:
         if flavour == "pythonfmu":
-            build_pythonfmu(model, folder / flavour, page, figures, metadata=own)
+            build_pythonfmu(model, folder / flavour, page, figures, metadata=own, reference=reference)
         else:
             version = cast(Literal["fmi2", "fmi3"], flavour)
             targets = list(TARGETS.values()) if all_platforms else None
-            build_native(model, folder / flavour, version, targets, page, figures, metadata=own)
+            build_native(model, folder / flavour, version, targets, page, figures, metadata=own, reference=reference)
     except DocumentationError as error:
         raise BuildError(f"documentation: {error}") from error
 

@@ -23,6 +23,7 @@ from fmu_export.package import description_fmi2, description_fmi3
 from fmu_export.package.archive import write_archive
 from fmu_export.package.interface import Interface, interface_of
 from fmu_export.package.metadata import NO_METADATA, Metadata, licence_members
+from fmu_export.package.references import Reference, reference_members
 from fmu_export.package.start_values import MEMBER, start_values_text
 from fmu_export.progress import Progress
 from fmu_export.trace.trace import TracedModel, trace
@@ -89,6 +90,7 @@ def build_native(
     unchecked: bool = False,
     metadata: Metadata = NO_METADATA,
     sources: bool = True,
+    reference: Reference | bool = True,
 ) -> Path:
     """Write `<folder>/<model name>.fmu`.
 
@@ -114,11 +116,15 @@ def build_native(
         Author, version, copyright and licence.
     sources : bool, optional
         False leaves the C sources out of the archive, which is then for the platforms of its binaries only.
+    reference : Reference or bool, optional
+        The run that the FMU brings along with its results (fmi-ls-ref); by default from its start values, if the model
+        runs from there. False for none.
 
     Raises
     ------
     DocumentationError
-        A figure of the page is missing, an equation can't be typeset, or the reference run is not finite.
+        A figure of the page is missing, an equation can't be typeset, or the reference run can't be made or is not
+        finite.
     TraceError
         The model can't be traced, or its trace computes something else than numpy.
     ToolchainError
@@ -172,6 +178,10 @@ def build_native(
             members |= documentation_members(model, interface, page, flavour, figures, metadata, sources)
         if sources and flavour == "fmi3":
             members["sources/buildDescription.xml"] = description_fmi3.build_description(model, c_files)
+        if reference is not False:
+            runs_here = targets is None or host_target() in targets
+            asked_for = None if reference is True else reference
+            members |= reference_members(model, interface, asked_for, members if runs_here else None)
         path = Path(folder) / f"{model.name}.fmu"
         write_archive(path, members)
     return path

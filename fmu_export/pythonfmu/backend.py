@@ -21,6 +21,7 @@ from fmu_export.package.archive import write_archive
 from fmu_export.package.description_fmi2 import model_description
 from fmu_export.package.interface import Interface, interface_of
 from fmu_export.package.metadata import NO_METADATA, Metadata, licence_members
+from fmu_export.package.references import Reference, reference_members
 from fmu_export.package.start_values import MEMBER, start_values_text
 from fmu_export.pythonfmu.binary import binaries, licence
 from fmu_export.trace.straight_line import python_source
@@ -69,6 +70,7 @@ def build_pythonfmu(
     figures: Mapping[str, bytes] | None = None,
     unchecked: bool = False,
     metadata: Metadata = NO_METADATA,
+    reference: Reference | bool = True,
 ) -> Path:
     """Write `<folder>/<model name>.fmu`; the same sources give the same bytes.
 
@@ -85,11 +87,15 @@ def build_pythonfmu(
         description says so in `generationTool`.
     metadata : Metadata, optional
         Author, version, copyright and licence.
+    reference : Reference or bool, optional
+        The run that the FMU brings along with its results (fmi-ls-ref); by default from its start values, if the model
+        runs from there. False for none.
 
     Raises
     ------
     DocumentationError
-        A figure of the page is missing, an equation can't be typeset, or the reference run is not finite.
+        A figure of the page is missing, an equation can't be typeset, or the reference run can't be made or is not
+        finite.
     ArgumentError
         The model has discrete states, events or variables that are no reals, or another solver than "rk4".
     TraceError
@@ -143,6 +149,8 @@ def build_pythonfmu(
         from fmu_export.package.documentation import documentation_members
 
         members |= documentation_members(model, interface, page, "pythonfmu", figures, metadata)
+    if reference is not False:
+        members |= reference_members(model, interface, None if reference is True else reference, None)
     write_archive(path, members)
     return path
 
