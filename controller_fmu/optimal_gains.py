@@ -208,7 +208,8 @@ def optimal_gains(index: PerformanceIndex, start: tuple[float, float] = (1.0, 1.
 def lyapunov_constants(M: ArrayLike, theta_e: ArrayLike, omega_e: ArrayLike, S: ArrayLike) -> tuple[float, float]:
     """s_a and s_b in V0 = s_a + s_b beta, the start value of the tracking part of (42).
 
-    The part of psi, k |psi|^2 / 2, is left out of V0, as in the paper's numbers.
+    V0 of (74) has the part of psi, k/2 |psi(0) - psi_bar|^2, too; add it to s_a. With k = 12, psi(0) = 0 and
+    psi_bar = (0.25, 0.25) it is 0.75, most of the paper's 0.803.
 
     Parameters
     ----------

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 from typing import Literal, cast
@@ -138,6 +139,32 @@ def _sources() -> str:
     robot = [Path(__file__).with_name(name) for name in ("models.py", "wiring.py", "CLOSED_LOOP.md")]
     licence = [path for path in [root / "LICENSE"] if path.is_file()]  # an installed package keeps it elsewhere
     return fingerprint_of_sources([*packages, *robot, *licence])
+
+
+def build_continuous(folder: Path) -> Path:
+    """Build `<folder>/rodas4/RobotClosedLoop.fmu`, the closed loop by an implicit method, unless it is there.
+
+    It is for gains that make the loop stiff. The FMU has no page, since nobody but this package uses it.
+
+    Raises
+    ------
+    BuildError
+        There is no C compiler, or the folder can't be written.
+    """
+    from fmu_export.native.backend import build_native  # CasADi takes a while to import
+
+    model = replace(closed_loop_model(), solver="rodas4")
+    path = folder / "rodas4" / f"{model.name}.fmu"
+    try:
+        wanted = _recipe("fmi2", all_platforms=False)
+        if not is_current(path, wanted):
+            build_native(model, path.parent, "fmi2")
+            remember(path, wanted)
+    except ToolchainError as error:
+        raise BuildError(f"{path}: {error}") from error
+    except OSError as error:
+        raise BuildError(f"can't write {path}: {error}; choose another folder with --fmus") from error
+    return path
 
 
 def build_missing(folder: Path, flavour: str) -> list[Path]:

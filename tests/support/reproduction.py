@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from parallel_robot.paper.reproduce.runs import ASSUMPTIONS, Plan
+from parallel_robot.paper.reproduce.readings import ASSUMPTIONS
+from parallel_robot.paper.reproduce.runs import Plan
 from parallel_robot.paper.reproduce.table import controllers
 
 #: All that `cosim reproduce` runs.
@@ -14,7 +15,9 @@ WHOLE = Plan()
 FEW = Plan(
     controllers=tuple(c for c in controllers() if c.key in ("pd", "0.1", "1", "10")),
     seeds=(1, 2),
-    assumptions=tuple(a for a in ASSUMPTIONS if a.step_size is None and a.stop_time is None),
+    assumptions=tuple(a for a in ASSUMPTIONS if a.step_size is None and a.stop_time is None and not a.continuous),
+    events=(("multisine", 0.01), ("multisine", 0.2), ("pulse of 0.2 s", 0.2)),
+    stiff=(),
 )
 
 #: Mark of a test that needs all runs.

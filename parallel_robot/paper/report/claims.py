@@ -11,7 +11,7 @@ from typing import get_args
 from parallel_robot.paper.report.prose import number, prose, table
 from parallel_robot.paper.report.series import CONDITION_NAMES, controller_names
 from parallel_robot.paper.reproduce.content import (
-    PRINTED_STEADY_ERROR,
+    LINE_WIDTH,
     Claim,
     Erratum,
     Reading,
@@ -189,66 +189,92 @@ def _numbers(numbers: Mapping[str, float]) -> str:
     return f'<ul class="values">{items}</ul>' if items else ""
 
 
-#: Ends of the scale of errors, as powers of ten (m), and its size (px).
-_LEAST, _MOST = -9, -1
+#: Ends of the scale of ratios, as powers of ten, and its size (px).
+_LEAST, _MOST = -3, 4
 
 _WIDTH, _HEIGHT = 136, 14
 
 
 def readings_section(readings: Sequence[Reading]) -> str:
-    """Steady errors and torques under each assumption."""
+    """Steady errors, axes and torques under each assumption."""
     heads = (
         "The law",
         "what acts on the robot",
-        "largest steady error in x, y (m)",
-        "steady torque: rms, largest (N&nbsp;m)",
-        "largest torque of the run (N&nbsp;m)",
+        "steady error in x, y (m), and the largest over its inset",
+        "beyond the main axes",
+        "torque: steady rms, steady, largest (N&nbsp;m)",
+        "does not keep to",
+        "computed by",
     )
     cells = [
         (
             prose(r.assumption),
             CONDITION_NAMES[r.condition],
             _errors(r),
-            f"{number(r.torque_rms, 3)}, {number(r.torque_steady, 3)}",
-            number(r.torque_max, 4),
+            _axes(r),
+            f"{number(r.torque_rms, 3)}, {number(r.torque_steady, 3)}, {number(r.torque_max, 4)}",
+            prose(", ".join(r.breaks)) or "–",
+            prose(r.method),
         )
         for r in readings
     ]
     reached = sum(r.reaches_printed for r in readings)
     return f"""<section id="readings" aria-labelledby="readings-title">
-<h2 id="readings-title">Assumptions and the printed {prose("1e-6")} m</h2>
-<p>The insets of Figs. 8 and 9 show steady errors of {prose("1e-6")} m. Each row is one run under one assumption, with
-the gains of row (1, 1) unless it says otherwise: {reached} of {len(readings)} come as low. Feedforward adds to (38) the
-torque that the nominal robot of (27) needs for the desired motion, the least that its three motors can do it with;
-it is an option of the controller FMU, as are torque limits, both off by default. A bar shows the
-larger error on a logarithmic scale from {prose(f"1e{_LEAST}")} to {prose(f"1e{_MOST}")} m; the line marks the printed
-size.</p>
-{table(heads, cells, "Steady errors and torques by assumption", "cards readings")}
+<h2 id="readings-title">What the printed figures may have been</h2>
+<p>The insets of Figs. 8 to 12 show steady errors of some {prose("1e-6")} m and {prose("1e-5")} rad, and the main axes
+show how far the errors go on the way. Each row is one run under one assumption, with the gains of row (1, 1) unless it
+says otherwise: {reached} of {len(readings)} have steady errors as small as the insets show.
+{_best(readings)} That a reading fits does not prove that the authors ran it.</p>
+<p>A bar shows the largest steady error over what its inset can show, on a logarithmic scale from
+{prose(f"1e{_LEAST}")} to {prose(f"1e{_MOST}")}; the line marks 1. Feedforward adds to (38) the torque that the nominal
+robot of (27) needs for the desired motion, the least that its three motors can do it with. Feedforward, torque limits,
+the velocity at the start and the leakage of (37) are parameters of the FMUs, whose defaults are the paper's law.</p>
+{table(heads, cells, "Steady errors, axes and torques by assumption", "cards readings")}
 </section>"""
 
 
+def _best(readings: Sequence[Reading]) -> str:
+    """Which disturbed run fits best, by the sizes in the insets, of those within the main axes."""
+    fitting = [r for r in readings if r.within_axes and r.condition == "disturbed"]
+    if not fitting:
+        return f"None stays within the main axes (up to {LINE_WIDTH:.0%} of an axis, the width of a line)."
+    best = min(fitting, key=lambda r: r.misfit)
+    broken = f", against {prose(', '.join(best.breaks))}" if best.breaks else ""
+    return (
+        f"Of those that stay within the main axes (up to {LINE_WIDTH:.0%} of an axis, the width of a line), under mass "
+        f"change and disturbance, the one nearest to the insets is “{prose(best.assumption)}”: all five errors are "
+        f"within a factor of {number(best.misfit, 2)}; the largest torque is {number(best.torque_max, 3)} N m{broken}."
+    )
+
+
 def _errors(reading: Reading) -> str:
-    """Both errors, the larger one as a bar, and the verdict."""
-    numbers = ", ".join(prose(f"{error:.2e}") for error in (reading.steady_x, reading.steady_y))
-    return f"<span>{numbers}</span>{_scale(max(reading.steady_x, reading.steady_y))}{_verdict(reading)}"
+    """Both errors, the largest ratio to an inset as a bar, and the verdict."""
+    numbers = ", ".join(prose(f"{reading.steady[name]:.2e}") for name in ("x", "y"))
+    ratio = f"{number(reading.over_insets, 2)} times"
+    return f"<span>{numbers}; {ratio}</span>{_scale(reading.over_insets)}{_verdict(reading.reaches_printed, 'reached')}"
 
 
-def _verdict(reading: Reading) -> str:
-    look, icon, text = ("good", "✓", "reached") if reading.reaches_printed else ("bad", "✗", "not reached")
+def _axes(reading: Reading) -> str:
+    share = "" if reading.within_axes else f"<span>{number(100.0 * reading.beyond_axes, 2)} %</span>"
+    return share + _verdict(reading.within_axes, "within")
+
+
+def _verdict(good: bool, what: str) -> str:
+    look, icon, text = ("good", "✓", what) if good else ("bad", "✗", f"not {what}")
     return f'<span class="badge {look}"><span aria-hidden="true">{icon}</span> {text}</span>'
 
 
-def _scale(error: float) -> str:
-    """A bar on a scale of powers of ten, with a line at the printed size; what it shows stands beside it in numbers."""
-    printed = _place(PRINTED_STEADY_ERROR)
+def _scale(ratio: float) -> str:
+    """A bar on a scale of powers of ten, with a line at 1; what it shows stands beside it in numbers."""
+    printed = _place(1.0)
     return (
         f'<svg class="scale" viewBox="0 0 {_WIDTH} {_HEIGHT}" width="{_WIDTH}" height="{_HEIGHT}" aria-hidden="true">'
         f'<rect class="track" y="4" width="{_WIDTH}" height="6" rx="3"/>'
-        f'<rect class="bar" y="4" width="{_place(error):.1f}" height="6" rx="3"/>'
+        f'<rect class="bar" y="4" width="{_place(ratio):.1f}" height="6" rx="3"/>'
         f'<path d="M{printed:.1f} 0V{_HEIGHT}"/></svg>'
     )
 
 
-def _place(error: float) -> float:
-    share = (math.log10(max(error, 10.0**_LEAST)) - _LEAST) / (_MOST - _LEAST)
+def _place(ratio: float) -> float:
+    share = (math.log10(max(ratio, 10.0**_LEAST)) - _LEAST) / (_MOST - _LEAST)
     return _WIDTH * min(share, 1.0)

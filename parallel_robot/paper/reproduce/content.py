@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,11 +17,20 @@ Verdict = Literal["holds", "holds in part", "does not hold", "cannot be judged"]
 #: from 4 s on; "mass change" is without that torque, "disturbance" without that change; "nominal" is without either.
 Condition = Literal["disturbed", "mass change", "disturbance", "nominal"]
 
-#: Size of the steady errors in the insets of Figs. 8 and 9 (m).
-PRINTED_STEADY_ERROR = 1e-6
-
 #: Largest steady errors (m, rad) that the axes of the insets of Figs. 8-12 can show.
 PRINTED_STEADY = {"x": 6e-6, "y": 12e-6, "theta_a[1]": 4e-5, "theta_a[2]": 6e-5, "theta_a[3]": 8e-5}
+
+#: The main axes of Figs. 8-12 (m, rad): what the errors stay within over the whole run.
+PRINTED_SPAN = {
+    "x": (-5e-3, 3e-3),
+    "y": (-4e-3, 5e-3),
+    "theta_a[1]": (-0.015, 0.035),
+    "theta_a[2]": (-0.08, 0.04),
+    "theta_a[3]": (-0.03, 0.015),
+}
+
+#: A curve that leaves its axis by less than this share of it, the width of a line, is within it.
+LINE_WIDTH = 0.01
 
 #: The printed axes of Fig. 4 (m): they alone say how long the paper's run may have been.
 PRINTED_X, PRINTED_Y = (0.21, 0.224), (0.275, 0.30)
@@ -58,6 +68,21 @@ class Controller:
     beta: float
 
 
+def beyond_axes(span: Mapping[str, tuple[float, float]]) -> dict[str, float]:
+    """How far errors leave the main axes of Figs. 8-12, as shares of the axes; 0 within them.
+
+    Parameters
+    ----------
+    span : mapping
+        Name of an error -> its least and largest value in a run (m, rad).
+    """
+    beyond = {}
+    for name, (least, largest) in span.items():
+        low, high = PRINTED_SPAN[name]
+        beyond[name] = max(low - least, largest - high, 0.0) / (high - low)
+    return beyond
+
+
 @dataclass(frozen=True)
 class Reading:
     """Results of one run under an assumption that differs from the printed law.
@@ -67,26 +92,84 @@ class Reading:
     assumption : str
         In words.
     condition : Condition
-    steady_x, steady_y : float
-        Largest steady errors of the end effector (m).
+    method : str
+        What computed it: coupled FMUs, or one FMU by an implicit method.
+    steady : mapping
+        Name of an error -> its largest steady size (m, rad).
+    span : mapping
+        Name of an error -> its least and largest value in the whole run (m, rad).
     torque_rms, torque_steady : float
         Root mean square and largest torque of all motors once steady (N m).
     torque_max : float
         Largest torque of all motors in the whole run (N m).
+    breaks : tuple of str
+        Conditions and equations of the paper that the assumption does not keep to.
     """
 
     assumption: str
     condition: Condition
-    steady_x: float
-    steady_y: float
+    method: str
+    steady: Mapping[str, float]
+    span: Mapping[str, tuple[float, float]]
     torque_rms: float
     torque_steady: float
     torque_max: float
+    breaks: tuple[str, ...] = ()
+
+    @property
+    def over_insets(self) -> float:
+        """The largest of the steady errors over what the inset of its figure can show."""
+        return max(error / PRINTED_STEADY[name] for name, error in self.steady.items())
+
+    @property
+    def misfit(self) -> float:
+        """How far the steady errors are from the sizes in the insets: the largest factor, either way."""
+        ratios = [error / PRINTED_STEADY[name] for name, error in self.steady.items()]
+        return max(max(r, 1.0 / r) if r > 0.0 else math.inf for r in ratios)
+
+    @property
+    def beyond_axes(self) -> float:
+        """By how much the run leaves the main axes of Figs. 8-12, as a share of the axis it leaves most."""
+        return max(beyond_axes(self.span).values())
 
     @property
     def reaches_printed(self) -> bool:
-        """Whether both steady errors are at most those of the paper's insets."""
-        return max(self.steady_x, self.steady_y) <= PRINTED_STEADY_ERROR
+        """Whether all steady errors are at most those of the paper's insets."""
+        return self.over_insets <= 1.0
+
+    @property
+    def within_axes(self) -> bool:
+        """Whether the run stays within the main axes of Figs. 8-12, up to the width of a line."""
+        return self.beyond_axes <= LINE_WIDTH
+
+
+@dataclass(frozen=True)
+class Disturbed:
+    """What a disturbance torque does to one controller, against the run without it; mass change in both.
+
+    Attributes
+    ----------
+    controller : str
+        Key of the controller.
+    shape : str
+        Of the torque.
+    level : float
+        Root mean square of a multisine, size of a pulse (N m).
+    steady_rms : mapping
+        Name of an error -> its steady root mean square over that without the torque.
+    peak : float
+        Largest distance (m) of the end effector from where it is without the torque.
+    back_after : float or None
+        How long (s) after the end of the torque that distance falls below a tenth of the peak for good; None for a
+        torque that does not end.
+    """
+
+    controller: str
+    shape: str
+    level: float
+    steady_rms: Mapping[str, float]
+    peak: float
+    back_after: float | None
 
 
 @dataclass(frozen=True)
@@ -106,6 +189,13 @@ class Runs:
         disturbance torques than that of `closed_loop`, with the mass change; rms 0 is none.
     pd_same_beta : mapping
         Key of a proposed controller -> `metrics` of the tracking errors under PD control with its beta, "disturbed".
+    pd_same_effort : mapping
+        Key of a proposed controller -> beta, and `metrics` of the tracking errors, of the PD control with as large an
+        integral of the squared torque, "disturbed".
+    disturbed : tuple of Disturbed
+        PD and the control of row (1, 1) under torques of other shapes and sizes.
+    least_bound : mapping
+        beta -> the least parameter of the bound (35) over a run with it, and the same after the first 20 ms.
     readings : tuple of Reading
         What other assumptions than the printed law give.
     steady_after : float
@@ -121,6 +211,9 @@ class Runs:
     open_loop: Results
     accumulated: Mapping[tuple[str, int, float], Mapping[str, float]]
     pd_same_beta: Mapping[str, Mapping[str, Mapping[str, float]]]
+    pd_same_effort: Mapping[str, tuple[float, Mapping[str, Mapping[str, float]]]]
+    disturbed: tuple[Disturbed, ...]
+    least_bound: Mapping[float, tuple[float, float]]
     readings: tuple[Reading, ...]
     steady_after: float
     disturbed_from: float
@@ -276,7 +369,7 @@ class TheoremCheck:
     lambda_hat : float
         beta lambda_3, (59) (N m s/rad).
     h_printed, h_corrected : float
-        h of (59) as printed, and with k/2 in place of beta lambda_3 before |psi_bar|^2.
+        h of (59) as printed, and with k^2/(4 (k - beta lambda_3)) in place of beta lambda_3 before |psi_bar|^2.
     excess_printed, excess_corrected : float
         Largest V' + lambda |Z|^2 - h along the run; positive: the inequality is violated.
     share_violated : float

@@ -11,13 +11,19 @@ from parallel_robot.paper.reproduce.material import Material
 
 #: In the order of the paper.
 ERRATA: tuple[Callable[[Material], Erratum], ...] = (
+    model.sizes,
     model.matrix_b,
     model.masses,
+    model.force_of_torque,
     model.uncertainty_sign,
+    proof.bound_of_gains,
+    proof.larger_k,
     proof.lower_bound,
     proof.upper_bound,
     proof.lyapunov_rate,
     proof.decreasing_outside,
+    proof.place_of_d,
+    gains.centre_of_gravity,
     gains.start_constants,
     gains.factored_derivative,
     gains.positive_hessian,
@@ -27,6 +33,7 @@ ERRATA: tuple[Callable[[Material], Erratum], ...] = (
     model.fig_4_duration,
     tracking.mass_support,
     tracking.turns,
+    gains.printed_rho_4,
     gains.cut_alpha,
     tracking.steady_errors,
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from itertools import pairwise
 
 import numpy as np
@@ -234,6 +235,36 @@ def concave(material: Material) -> Erratum:
     )
 
 
+def printed_rho_4(material: Material) -> Erratum:  # noqa: ARG001
+    """0.29735 in (92)."""
+    factor = 2.0 * PerformanceIndex().D2
+    return Erratum(
+        "printed-rho-4",
+        "(92)",
+        "rho_4 = 9 (0.29735 mu - 0.043)",
+        f"rho_4 = 9 ({factor:.5f} mu - 0.043)",
+        "2 lambda_3 D[|psi|^2] of (81) is computed with the membership (91).",
+        {"2 lambda_3 D[|psi|^2]": factor},
+        f"{factor:.5f}" == "0.29736",
+    )
+
+
+def centre_of_gravity(material: Material) -> Erratum:  # noqa: ARG001
+    """Remark 9."""
+    v = np.linspace(0.0, 0.5, 100_001)
+    weights = np.sin(2 * np.pi * v)
+    of_one, of_delta = (float(np.trapezoid(f * weights, v) / np.trapezoid(weights, v)) for f in (np.ones_like(v), v))
+    return Erratum(
+        "centre-of-gravity",
+        "Remark 9",
+        "the D-operation with zeta(delta) = 1 is the centre-of-gravity defuzzification",
+        "with zeta(delta) = delta; D[1] is 1 for every fuzzy set",
+        "(77) is computed for the fuzzy set (91).",
+        {"D[1]": of_one, "D[delta]": of_delta},
+        abs(of_one - 1.0) < 1e-9 and abs(of_delta - 0.25) < 1e-6,
+    )
+
+
 def cut_alpha(material: Material) -> Erratum:
     """The first alpha of Table 1."""
     row = next(r for r in material.table1 if (r.mu, r.nu) == PRINTED[0][:2])
@@ -254,10 +285,12 @@ def corrected_index(material: Material) -> Erratum:
     index = PerformanceIndex(c.mu, c.nu)
 
     def J(log_gains: np.ndarray) -> float:
-        """(78) with h = k/2 |psi_bar|^2 + 1/(4 alpha); eta_inf = k h/(2 lambda_3 beta) is u |psi_bar|^2 + v."""
+        """(78) with h of `theorem.Constants.h_corrected`; eta_inf = k h/(2 lambda_3 beta) is u |psi_bar|^2 + v."""
         alpha, beta = np.exp(log_gains)
+        if index.lambda_3 * beta >= index.k:
+            return math.inf
         v0, ratio = index.s_a + index.s_b * beta, index.k / (2 * index.lambda_3 * beta)
-        u, v = ratio * index.k / 2, ratio / (4 * alpha)
+        u, v = ratio * index.k**2 / (4 * (index.k - index.lambda_3 * beta)), ratio / (4 * alpha)
         transient = (v0 - v) ** 2 - 2 * u * (v0 - v) * index.D2 + u**2 * index.D4
         steady = u**2 * index.D4 + 2 * u * v * index.D2 + v**2
         return float(transient * ratio / 2 + index.mu * steady + index.nu * (alpha**2 + beta**2))

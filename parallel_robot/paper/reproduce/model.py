@@ -8,7 +8,7 @@ from cosim.results.results import Results
 from parallel_robot.paper.reproduce.content import PRINTED_START, PRINTED_X, PRINTED_Y, Erratum, Measured
 from parallel_robot.paper.reproduce.material import Material, measure
 from plant_fmu.dynamics import closed_chain, coriolis_matrix, mass_matrix
-from plant_fmu.kinematics import chain_ends, constraint_bias, constraint_matrix, loop_closure
+from plant_fmu.kinematics import chain_ends, constraint_bias, constraint_matrix, loop_closure, velocity_jacobians
 from plant_fmu.model import PARAMETERS
 from plant_fmu.reduced import reduced_form
 
@@ -218,6 +218,48 @@ def uncertainty_sign(material: Material) -> Erratum:
             "difference with -C (N m)": difference_minus,
         },
         bool(difference_plus > 10 * difference_minus and m.time.size),
+    )
+
+
+def force_of_torque(material: Material) -> Erratum:
+    """F of (28) depends on the torque."""
+    theta, omega, tau_a, _ = _open_loop_states(material)[1]
+    J_a, _ = velocity_jacobians(theta, _P.l)
+    internal = np.linalg.svd(J_a.T)[2][-1]  # no power in any motion of the closed chain
+    found = []
+    for extra in (0.0, 10.0):
+        torque = tau_a + extra * internal
+        acceleration, F_c = closed_chain(theta, omega, torque, _P.X, _P.Y, _P.Z, _P.l, _P.x_A, _P.y_A, 0.0)
+        found.append((acceleration, reduced_form(theta, omega, F_c, _P.X, _P.Y, _P.Z, _P.l).F))
+    (before, F_before), (after, F_after) = found
+    change = float(np.linalg.norm(F_after - F_before))
+    return Erratum(
+        "force-of-torque",
+        "(28), (33), Assumption 4",
+        "F(theta', theta, delta)",
+        "F depends on the torque as well, by (19): the motors can pull at each other and move nothing. The bound "
+        "of |g| then depends on the control, and with it on the gains",
+        "10 N m of torque that moves nothing are added in a state of the open loop.",
+        {
+            "change of F (N m)": change,
+            "change of the accelerations (rad/s^2)": float(np.abs(after - before).max()),
+        },
+        abs(change - 10.0) < 1e-6 and float(np.abs(after - before).max()) < 1e-10,
+    )
+
+
+def sizes(material: Material) -> Erratum:
+    """One element a constraint in c and b."""
+    theta, omega, *_ = _open_loop_states(material)[1]
+    A, b = constraint_matrix(theta, _P.l), constraint_bias(theta, omega, _P.l)
+    return Erratum(
+        "sizes",
+        "(3), (6)",
+        "c and b in R^n",
+        "in R^m: one element for each of the m constraints",
+        "A and b of the robot's closure are computed.",
+        {"joints n": float(A.shape[1]), "constraints m": float(A.shape[0]), "elements of b": float(b.size)},
+        b.size == A.shape[0] != A.shape[1],
     )
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from parallel_robot.paper.reproduce.content import Erratum, Measured
 from parallel_robot.paper.reproduce.material import Material, measure
-from parallel_robot.paper.reproduce.theorem import constants
+from parallel_robot.paper.reproduce.theorem import Constants, constants
 
 
 @measure
@@ -26,15 +26,22 @@ def ultimately_bounded(material: Material) -> Measured:
 
 @measure
 def lyapunov_inequality(material: Material) -> Measured:
-    """Largest V' + lambda |Z|^2 - h of (59) as printed, over h: negative when V falls as it should."""
-    return Measured({f"mu/nu = {t.controller}": t.excess_printed / t.h_printed for t in material.theorem1})
+    """V' + lambda |Z|^2 - h of (59) as printed, over h, in a state without tracking error; negative if V falls."""
+    values = {}
+    for c in material.runs.proposed:
+        found, V_rate, square = _without_error(c.alpha, c.beta, material.motions["1"].k)
+        values[f"psi = psi_bar/2, mu/nu = {c.key}"] = (V_rate + found.rate * square - found.h) / found.h
+    along = max(t.excess_printed / t.h_printed for t in material.theorem1)
+    return Measured(
+        values, note=f"along the runs it holds, with at most {along:.3g}; but (59) claims it for every state"
+    )
 
 
 @measure
 def bound_exists(material: Material) -> Measured:
     """Least parameter p with psi_bar = (p, p) for which Pi is a bound of |g| along the run."""
     values = {f"mu/nu = {t.controller}": max(t.psi_bar) for t in material.theorem1}
-    return Measured(values, note="(91) centres it at 0.25 and ends at 0.5")
+    return Measured(values, note='(91) centres it at 0.25 and ends at 0.5; see the erratum "bound-of-gains"')
 
 
 @measure
@@ -62,25 +69,32 @@ def _block(lambda_M: float, beta: float, S_ii: float) -> np.ndarray:
     return np.array([[lambda_M * S_ii**2 + 2 * beta * S_ii, lambda_M * S_ii], [lambda_M * S_ii, lambda_M]])
 
 
+def _without_error(alpha: float, beta: float, k: float) -> tuple[Constants, float, float]:
+    """A state without tracking error in which the estimate is half of psi_bar: constants of (59), V' and |Z|^2.
+
+    Then s = 0, and (37) is psi' = -psi.
+    """
+    psi_tilde = PSI_BAR / 2
+    psi = psi_tilde - PSI_BAR
+    return constants(alpha, beta, PSI_BAR, k), k * float(psi @ -psi_tilde), float(psi @ psi)
+
+
 def lyapunov_rate(material: Material) -> Erratum:
     """The last step of (59)."""
     m, c = material.motions["1"], material.runs.controller("1")
-    found = constants(c.alpha, c.beta, PSI_BAR, m.k)
-    # a state: no tracking error, and the estimate half of the bound's parameter. Then s = 0, and (37) is psi' = -psi
-    psi_tilde = PSI_BAR / 2
-    psi = psi_tilde - PSI_BAR
-    V_rate = m.k * float(psi @ -psi_tilde)
-    bound, bound_corrected = (-found.rate * float(psi @ psi) + h for h in (found.h, found.h_corrected))
+    found, V_rate, square = _without_error(c.alpha, c.beta, m.k)
+    bound, bound_corrected = (-found.rate * square + h for h in (found.h, found.h_corrected))
     return Erratum(
         "lyapunov-rate",
         "(59), and from it (62)-(64), (67)-(75)",
         "V' <= -beta lambda_3 |Z|^2 + beta lambda_3 |psi_bar|^2 + 1/(4 alpha)",
-        "the same with k/2 in place of the second beta lambda_3: k >= 2 beta lambda_3 may not replace k before a term "
+        "the same with k^2/(4 (k - beta lambda_3)) in place of the second beta lambda_3: k >= 2 beta lambda_3 may "
+        "not replace k before a term "
         "that can be positive. The steady part of J changes with it",
         "V' is computed in a state without tracking error in which the estimate is half of psi_bar = (0.25, "
         "0.25), with "
         "the gains of (1, 1).",
-        {"V' (J/s)": V_rate, "bound as printed (J/s)": bound, "bound with k/2 (J/s)": bound_corrected},
+        {"V' (J/s)": V_rate, "bound as printed (J/s)": bound, "bound corrected (J/s)": bound_corrected},
         V_rate > bound and V_rate <= bound_corrected,
     )
 
@@ -121,6 +135,68 @@ def upper_bound(material: Material) -> Erratum:
         "The largest eigenvalue of Lambda_i is computed for the largest one of M on the path and the gains of (1, 1).",
         {"2 beta S_ii": 2 * c.beta * S_ii, "lambda_max(Lambda_i)": largest, "k/2": m.k / 2},
         2 * c.beta * S_ii < largest <= m.k,
+    )
+
+
+def bound_of_gains(material: Material) -> Erratum:
+    """Assumption 4 does not leave the bound free of the control."""
+    runs = material.runs
+    own = {runs.controller(t.controller).beta: (max(t.psi_bar),) * 2 for t in material.theorem1 if t.controller == "1"}
+    found = {**own, **runs.least_bound}
+    numbers = {}
+    for beta, (whole, later) in sorted(found.items()):
+        numbers[f"least psi_bar at beta = {beta:.4g}"] = whole
+        if later != whole:
+            numbers[f"the same after the first 20 ms, beta = {beta:.4g}"] = later
+    return Erratum(
+        "bound-of-gains",
+        "Assumption 4, (34), (35)",
+        "a bound of |g| that depends on angles and velocities, with an unknown constant psi_bar",
+        "F in g depends on the torque, so that psi_bar depends on the gains: the claim that (91) holds it is about "
+        "these gains",
+        "The least psi_bar = (p, p) that meets (35) is sought along runs with larger beta, and alpha of row (1, 1).",
+        numbers,
+        len(found) < 2 or max(w for w, _ in found.values()) > 2 * own[min(own)][0],
+    )
+
+
+def place_of_d(material: Material) -> Erratum:
+    """(61) prints the time T."""
+    m, c = material.motions["1"], material.runs.controller("1")
+    check = next(t for t in material.theorem1 if t.controller == "1")
+    found = constants(c.alpha, c.beta, np.array(check.psi_bar), m.k)
+    radius = 2.0 * check.chi_min
+    inner = radius / found.stretch
+    time = (found.lambda_2 * check.Z_start**2 - found.lambda_1 * found.Gamma**2) / (found.rate * inner**2 - found.h)
+    return Erratum(
+        "place-of-d",
+        "(61)",
+        "T(chi~, chi), the same as (64)",
+        "d(chi) belongs there, the radius within which |Z| stays: chi sqrt(lambda_2/lambda_1) for chi > Gamma, else "
+        "Gamma sqrt(lambda_2/lambda_1)",
+        "Both are computed for the run of row (1, 1). The printed expression is a time; a ball has a radius.",
+        {
+            "d(chi)": check.d_chi,
+            "largest |Z| of the run": check.Z_max,
+            "(61) as printed, for twice chi_min (s)": max(float(time), 0.0),
+        },
+        check.Z_max <= check.d_chi,
+    )
+
+
+def larger_k(material: Material) -> Erratum:
+    """A larger k makes the adaptation slower."""
+    m = material.motions["1"]
+    i = int(np.argmax(np.linalg.norm(m.s, axis=1)))
+    rate = np.linalg.norm(m.s[i]) * m.regressor[i]
+    return Erratum(
+        "larger-k",
+        "after (37); after (49)",
+        "if k is appropriately large, the adaptive parameters will increase rapidly",
+        "(37) has 1/k: a larger k makes the adaptation slower. The proof wants k large, fast adaptation wants it small",
+        "The growth of psi by (37), without leakage, is computed where |s| is largest in the run of row (1, 1).",
+        {f"growth of psi_1 with k = {k:g} (1/s)": float(rate[0] / k) for k in (m.k / 10, m.k, 10 * m.k)},
+        True,
     )
 
 

@@ -6,22 +6,29 @@ A run of the paper's 15 s takes about 50 ms, less than what a second process wou
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from scipy.optimize import brentq
 
 from cosim.master.simulation import Simulation
 from cosim.results.results import Results
-from cosim.scenario.signals import Multisine, Shape, Sine
 from cosim.system.system import Signal
-from parallel_robot.metrics import metrics, tracking_errors
-from parallel_robot.paper.reproduce.content import CONDITIONS, Condition, Controller, Reading, Runs
+from parallel_robot.metrics import metrics
+from parallel_robot.paper.reproduce.acting import MASS_CHANGE, SHAPES, disturbance, multisine, signals
+from parallel_robot.paper.reproduce.content import CONDITIONS, Condition, Controller, Disturbed, Runs
+from parallel_robot.paper.reproduce.readings import (
+    ASSUMPTIONS,
+    Assumption,
+    continuous_readings,
+    coupled_readings,
+    least_bounds,
+)
 from parallel_robot.paper.reproduce.table import controllers
 from parallel_robot.scenario import RobotScenario, load_scenario
-
-DISTURBANCE, MASS_CHANGE = "plant.tau_d", "plant.dm"
 
 #: Only native FMUs are fast enough for all runs.
 FLAVOUR = "fmi2"
@@ -30,141 +37,13 @@ FLAVOUR = "fmi2"
 SEEDS = tuple(range(1, 11))
 LEVELS = (0.01, 0.05)
 
+#: Shapes and levels (N m) under which PD and the control of row (1, 1) are compared.
+EVENTS = tuple((shape, level) for shape in SHAPES for level in (0.01, 0.05, 0.2, 1.0))
+
+#: Far larger beta (N m s/rad) than those of Table 1.
+STIFF = (100.0, 400.0)
+
 Progress = Callable[[str], None]
-
-
-def multisine(scenario: RobotScenario) -> Multisine:
-    """The disturbance torque of a scenario."""
-    signal = scenario.signals[DISTURBANCE]
-    assert isinstance(signal, Multisine)
-    return signal
-
-
-def signals(scenario: RobotScenario, condition: Condition, rms: float | None = None) -> list[Signal]:
-    """Disturbance torque, of another size (rms in N m) if one is given, and mass change of a condition."""
-    torque = multisine(scenario)
-    if rms is not None:
-        torque = dataclasses.replace(torque, rms=rms)
-    mass: Shape = scenario.signals[MASS_CHANGE]
-    if condition not in ("disturbed", "disturbance"):
-        torque = dataclasses.replace(torque, rms=0.0)
-    if condition not in ("disturbed", "mass change"):
-        mass = Sine(amplitude=0.0, frequency=1.0)
-    return [
-        Signal(target, signal.function(size, scenario.seed, target), signal.breakpoints, vectorized=True)
-        for target, signal, size in ((DISTURBANCE, torque, 3), (MASS_CHANGE, mass, 1))
-    ]
-
-
-#: Torque limits (N m): about the largest torque of the printed law, at the start; and less than its steady one.
-START_TORQUE, WEAK = 0.5, 0.1
-
-
-@dataclass(frozen=True)
-class Assumption:
-    """How a run differs from the printed law with the gains of row (1, 1).
-
-    Attributes
-    ----------
-    label : str
-        In words.
-    condition : Condition
-        What acts on the robot.
-    alpha, beta : float
-        Factors of the gains.
-    start : mapping
-        Other start values of the controller.
-    step_size, stop_time : float or None
-        In s; None: those of the scenario.
-    """
-
-    label: str
-    condition: Condition = "disturbed"
-    alpha: float = 1.0
-    beta: float = 1.0
-    start: Mapping[str, float] = field(default_factory=dict)
-    step_size: float | None = None
-    stop_time: float | None = None
-
-
-#: Factor of beta, and other start values, of a controller stiff enough; k is above 2 beta S_ii, as the proof asks for.
-_STIFF, _STIFF_START = 100.0, {"S": 500.0, "k": 2e5}
-
-_FEEDFORWARD = {"feedforward": 1.0}
-
-ASSUMPTIONS = (
-    Assumption("as printed"),
-    Assumption("PD control, alpha = 0", alpha=0.0),
-    Assumption("as printed, for 60 s", stop_time=60.0),
-    Assumption("as printed, and the robot is as the model says", "nominal"),
-    Assumption("k = 0.1, where the proof asks for 2 beta S_ii = 6.6 or more", start={"k": 0.1}),
-    Assumption("alpha, beta and k ten times as large", alpha=10.0, beta=10.0, start={"k": 120.0}),
-    Assumption(
-        "beta a hundred times as large, S_ii = 500 1/s, torque renewed each 0.1 ms",
-        beta=_STIFF,
-        start=_STIFF_START,
-        step_size=1e-4,
-    ),
-    Assumption(
-        "the same with motors of 0.5 N m",
-        beta=_STIFF,
-        start={**_STIFF_START, "tau_max": START_TORQUE},
-        step_size=1e-4,
-    ),
-    Assumption("nominal feedforward", start=_FEEDFORWARD),
-    Assumption("nominal feedforward, and no disturbance torque", "mass change", start=_FEEDFORWARD),
-    Assumption("nominal feedforward, and no mass change", "disturbance", start=_FEEDFORWARD),
-    Assumption("nominal feedforward, and the robot is as the model says", "nominal", start=_FEEDFORWARD),
-    Assumption("the same with half the communication step", "nominal", start=_FEEDFORWARD, step_size=5e-4),
-    Assumption("as printed, motors of 0.1 N m", start={"tau_max": WEAK}),
-    Assumption("the same with nominal feedforward", start={"tau_max": WEAK, **_FEEDFORWARD}),
-)
-
-
-def all_readings(
-    simulation: Simulation,
-    scenario: RobotScenario,
-    controller: Controller,
-    assumptions: Sequence[Assumption],
-    progress: Progress,
-) -> tuple[Reading, ...]:
-    """Make one run for each assumption.
-
-    Parameters
-    ----------
-    simulation : Simulation
-        Of the scenario, open.
-    scenario : RobotScenario
-    controller : Controller
-        With the gains that the factors multiply.
-    assumptions : sequence of Assumption
-    progress : callable
-        Called with a word on each run.
-    """
-    readings = []
-    for assumption in assumptions:
-        stop_time, step_size = assumption.stop_time or scenario.stop_time, assumption.step_size or scenario.step_size
-        gains = {"alpha": assumption.alpha * controller.alpha, "beta": assumption.beta * controller.beta}
-        start = {f"controller.{name}": value for name, value in {**gains, **assumption.start}.items()}
-        results = simulation.run(stop_time, step_size, start=start, signals=signals(scenario, assumption.condition))
-        steady_after = stop_time - (scenario.stop_time - scenario.steady_after)
-        readings.append(_reading(assumption, results, steady_after))
-        progress(assumption.label)
-    return tuple(readings)
-
-
-def _reading(assumption: Assumption, results: Results, steady_after: float) -> Reading:
-    errors, torque = tracking_errors(results), np.asarray(results["controller.tau_a"])
-    steady = results.time >= steady_after
-    return Reading(
-        assumption=assumption.label,
-        condition=assumption.condition,
-        steady_x=float(np.abs(errors["x"][steady]).max()),
-        steady_y=float(np.abs(errors["y"][steady]).max()),
-        torque_rms=float(np.sqrt(np.mean(torque[steady] ** 2))),
-        torque_steady=float(np.abs(torque[steady]).max()),
-        torque_max=float(np.abs(torque).max()),
-    )
 
 
 @dataclass(frozen=True)
@@ -179,19 +58,26 @@ class Plan:
     levels : tuple of float
         Rms (N m). Each seed with each level is one more disturbance torque, beside none.
     assumptions : tuple of Assumption
+    events : tuple of (str, float)
+        Shape and level (N m) of further disturbance torques.
+    stiff : tuple of float
+        Further beta (N m s/rad) for which the bound of Assumption 4 is sought.
     """
 
     controllers: tuple[Controller, ...] = field(default_factory=controllers)
     seeds: tuple[int, ...] = SEEDS
     levels: tuple[float, ...] = LEVELS
     assumptions: tuple[Assumption, ...] = ASSUMPTIONS
+    events: tuple[tuple[str, float], ...] = EVENTS
+    stiff: tuple[float, ...] = STIFF
 
     @property
     def number_of_runs(self) -> int:
         """How many runs these are."""
         n = len(self.controllers)
         torques = 1 + len(self.seeds) * len(self.levels)
-        return n * (len(CONDITIONS) + torques) + (n - 1) + len(self.assumptions) + 1
+        further = 2 * len(self.events) + len(self.assumptions) + len(self.stiff) + 1
+        return n * (len(CONDITIONS) + torques) + 2 * (n - 1) + further
 
     def torques(self) -> Iterator[tuple[int, float]]:
         """Seed and rms (N m) of each disturbance torque, first of none."""
@@ -225,6 +111,7 @@ def run_all(folder: Path, progress: Progress = lambda what: None, plan: Plan | N
     closed_loop: dict[tuple[str, Condition], Results] = {}
     accumulated: dict[tuple[str, int, float], dict[str, float]] = {}
     pd_same_beta: dict[str, dict[str, dict[str, float]]] = {}
+    pd_same_effort: dict[str, tuple[float, dict[str, dict[str, float]]]] = {}
     with Simulation(scenario.system(folder, FLAVOUR), order=scenario.order) as simulation:
 
         def run(controller: Controller, acting: list[Signal]) -> Results:
@@ -241,13 +128,17 @@ def run_all(folder: Path, progress: Progress = lambda what: None, plan: Plan | N
         for controller in plan.controllers[1:]:
             results = run(dataclasses.replace(controller, alpha=0.0), acting)
             pd_same_beta[controller.key] = metrics(results, scenario.steady_after)["tracking"]
+            pd_same_effort[controller.key] = _pd_of_equal_effort(
+                simulation, scenario, controller, closed_loop[controller.key, "disturbed"]
+            )
+            progress(controller.key)
+        disturbed = _disturbed(simulation, scenario, plan, closed_loop, progress)
         for seed, rms in plan.torques():
             acting = signals(dataclasses.replace(scenario, seed=seed), "disturbed", rms)
             for controller in plan.controllers:
                 found = metrics(run(controller, acting), scenario.steady_after)["tracking"]
                 accumulated[controller.key, seed, rms] = {name: e["accumulated"] for name, e in found.items()}
-        one = next(c for c in plan.controllers if c.key == "1")
-        readings = all_readings(simulation, scenario, one, plan.assumptions, progress)
+        readings = coupled_readings(simulation, scenario, plan.controllers, plan.assumptions, progress)
         info = closed_loop["1", "disturbed"].info
     return Runs(
         controllers=plan.controllers,
@@ -255,7 +146,13 @@ def run_all(folder: Path, progress: Progress = lambda what: None, plan: Plan | N
         open_loop=_open_loop(folder, progress),
         accumulated=accumulated,
         pd_same_beta=pd_same_beta,
-        readings=readings,
+        pd_same_effort=pd_same_effort,
+        disturbed=disturbed,
+        least_bound=least_bounds(folder, scenario, plan.controllers, plan.stiff, progress),
+        readings=(
+            *readings,
+            *continuous_readings(folder, scenario, plan.controllers, plan.assumptions, progress),
+        ),
         steady_after=scenario.steady_after,
         disturbed_from=multisine(scenario).start_time,
         info={
@@ -269,6 +166,61 @@ def run_all(folder: Path, progress: Progress = lambda what: None, plan: Plan | N
             "mass_change": dataclasses.asdict(scenario.signals[MASS_CHANGE]),
         },
     )
+
+
+def _pd_of_equal_effort(
+    simulation: Simulation, scenario: RobotScenario, controller: Controller, proposed: Results
+) -> tuple[float, dict[str, dict[str, float]]]:
+    """Beta of the PD control whose integral of the squared torque is that of a run, and its tracking metrics."""
+    effort = metrics(proposed, scenario.steady_after)["control_effort"]["integral"]
+    acting = signals(scenario, "disturbed")
+    found: dict[float, dict[str, Any]] = {}
+
+    def excess(beta: float) -> float:
+        start = {"controller.alpha": 0.0, "controller.beta": beta}
+        results = simulation.run(scenario.stop_time, scenario.step_size, start=start, signals=acting)
+        found[beta] = metrics(results, scenario.steady_after)
+        return float(found[beta]["control_effort"]["integral"] / effort - 1.0)
+
+    beta = float(brentq(excess, 0.2 * controller.beta, 5.0 * controller.beta, rtol=1e-4))
+    if beta not in found:
+        excess(beta)
+    return beta, found[beta]["tracking"]
+
+
+def _disturbed(
+    simulation: Simulation,
+    scenario: RobotScenario,
+    plan: Plan,
+    closed_loop: Mapping[tuple[str, Condition], Results],
+    progress: Progress,
+) -> tuple[Disturbed, ...]:
+    rows = []
+    for key in ("pd", "1"):
+        controller = next(c for c in plan.controllers if c.key == key)
+        start = {"controller.alpha": controller.alpha, "controller.beta": controller.beta}
+        without = closed_loop[key, "mass change"]
+        for shape, level in plan.events:
+            acting = disturbance(scenario, shape, level)
+            results = simulation.run(scenario.stop_time, scenario.step_size, start=start, signals=acting)
+            rows.append(_effect(key, shape, level, results, without, scenario))
+            progress(shape)
+    return tuple(rows)
+
+
+def _effect(
+    key: str, shape: str, level: float, results: Results, without: Results, scenario: RobotScenario
+) -> Disturbed:
+    found, base = (metrics(r, scenario.steady_after)["tracking"] for r in (results, without))
+    distance = np.hypot(results["plant.x_E"] - without["plant.x_E"], results["plant.y_E"] - without["plant.y_E"])
+    peak, lasts = float(distance.max()), SHAPES[shape]
+    back_after = None
+    if lasts is not None:
+        end = multisine(scenario).start_time + lasts
+        late = np.flatnonzero(distance > 0.1 * peak)[-1]
+        back_after = max(float(results.time[late]) - end, 0.0)
+    steady = {name: found[name]["steady_rms"] / base[name]["steady_rms"] for name in found}
+    return Disturbed(key, shape, level, steady, peak, back_after)
 
 
 def _open_loop(folder: Path, progress: Progress) -> Results:

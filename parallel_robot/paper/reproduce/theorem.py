@@ -12,9 +12,11 @@ import numpy as np
 from controller_fmu.model import PARAMETERS as CONTROLLER
 from cosim.results.results import Results
 from parallel_robot.paper.reproduce.content import Condition, Controller, Runs, TheoremCheck
+from plant_fmu import model as plant
 from plant_fmu.dynamics import mass_matrix, uncertain_inertia
 from plant_fmu.model import PARAMETERS as PLANT
 from plant_fmu.reduced import passive_velocity_map
+from trajectory_fmu import model as trajectory
 
 #: Every so many-th communication point is looked at: rates to about 0.3 % at the disturbance's highest frequency.
 EVERY = 2
@@ -105,6 +107,42 @@ def motion(results: Results, controller: Controller) -> Motion:
     return Motion(r.time, M, error, rate, s, r["controller.psi"], regressor, g, controller.beta, float(c.k), c.S)
 
 
+def needed_bound(results: Results, until: float) -> tuple[np.ndarray, np.ndarray]:
+    """Times (n,) in s and the least p for which psi_bar = (p, p) meets (35) at each, over the begin of a run.
+
+    As `Motion.least_psi_bar`, but with the accelerations that the model computes in place of differences of recorded
+    velocities: gains of hundreds leave no time for these at the start.
+    """
+    r = results
+    rows = np.flatnonzero(r.time <= until)[::5]
+    p, c = PLANT.unpack(PLANT.starts), CONTROLLER.unpack(CONTROLLER.starts)
+    needed, step = [], 1e-6
+    for i in rows:
+        theta = np.concatenate([r["plant.theta_a"][i], r["plant.theta_b"][i]])
+        omega = np.concatenate([r["plant.omega_a"][i], r["plant.omega_b"][i]])
+        tau_a, dm = r["controller.tau_a"][i], r["plant.dm"][i]
+        u = plant.INPUTS.pack(tau_a=tau_a, tau_d=r["plant.tau_d"][i], dm=dm, dm_rate=0.0)
+        acceleration = plant.derivatives(0.0, np.concatenate([theta, omega]), u, PLANT.starts)[6:9]
+        inertia = uncertain_inertia(p.X, p.Y, p.Z, dm, p.l, p.r_a, p.Z / (p.m_b * p.l))
+        M = reduced_mass(theta, *inertia, p.l)
+        ahead, behind = (reduced_mass(theta + d * omega, *inertia, p.l) for d in (step, -step))
+        error = r["plant.theta_a"][i] - r["trajectory.theta_ref"][i]
+        rate = r["plant.omega_a"][i] - r["trajectory.omega_ref"][i]
+        s, s_rate = rate + c.S * error, acceleration - _desired_acceleration(float(r.time[i])) + c.S * rate
+        g = M @ s_rate + 0.5 * ((ahead - behind) / (2.0 * step)) @ s - tau_a
+        needed.append(np.linalg.norm(g) / (theta[:3] @ theta[:3] + omega[:3] @ omega[:3]))
+    return r.time[rows], np.array(needed)
+
+
+def _desired_acceleration(t: float) -> np.ndarray:
+    step, none, p = 1e-5, np.empty(0), trajectory.PARAMETERS.starts
+    ahead, behind = (
+        trajectory.OUTPUTS.unpack(trajectory.output_values(t + d, none, none, p)).omega_ref for d in (step, -step)
+    )
+    rate: np.ndarray = (ahead - behind) / (2.0 * step)
+    return rate
+
+
 CONDITION: Condition = "disturbed"
 
 
@@ -126,9 +164,10 @@ class Constants:
     h : float
         h of (59), beta lambda_3 |psi_bar|^2 + 1/(4 alpha).
     h_corrected : float
-        k/2 |psi_bar|^2 + 1/(4 alpha). (59) bounds -k |psi|^2 - k psi^T psi_bar by
+        k^2/(4 (k - beta lambda_3)) |psi_bar|^2 + 1/(4 alpha). (59) bounds -k |psi|^2 - k psi^T psi_bar by
         -beta lambda_3 (|psi|^2 - |psi_bar|^2), as if 2 beta lambda_3 could stand for k before the second term too,
-        which may be positive; what holds, by Young's inequality, is -k/2 |psi|^2 + k/2 |psi_bar|^2.
+        which may be positive. With beta lambda_3 |psi|^2 set aside, -(k - beta lambda_3) |psi|^2 - k psi^T psi_bar is
+        at most this, and is it for psi = -k/(2 (k - beta lambda_3)) psi_bar. It takes k > beta lambda_3.
     """
 
     lambda_1: float
@@ -153,7 +192,7 @@ def constants(
 ) -> Constants:
     """Constants of (45)-(59) for gains, psi_bar (2,), k, lambda_3 = min(S_ii, 1) and the least eigenvalue of M (29)."""
     rate, square = beta * lambda_3, float(psi_bar @ psi_bar)
-    h, h_corrected = (factor * square + 1 / (4 * alpha) for factor in (rate, k / 2))
+    h, h_corrected = (factor * square + 1 / (4 * alpha) for factor in (rate, k**2 / (4 * (k - rate))))
     return Constants(min(lambda_M_min, k / 2), k / 2, rate, h, h_corrected)
 
 

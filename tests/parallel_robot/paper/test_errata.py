@@ -64,7 +64,7 @@ def test_the_counterexample_to_59_is_a_state_of_the_closed_loop(errata: dict[str
 
 def test_the_corrected_bound_holds_where_the_printed_one_fails(errata: dict[str, Erratum]) -> None:
     numbers = errata["lyapunov-rate"].numbers
-    assert numbers["bound as printed (J/s)"] < numbers["V' (J/s)"] < numbers["bound with k/2 (J/s)"]
+    assert numbers["bound as printed (J/s)"] < numbers["V' (J/s)"] < numbers["bound corrected (J/s)"]
 
 
 def test_lower_bound_is_undercut_by_a_state(material: Material) -> None:
@@ -108,11 +108,13 @@ def test_corrected_index_is_the_mean_of_squares(errata: dict[str, Erratum]) -> N
 
     def J(gains: np.ndarray) -> float:
         alpha, beta = gains
-        steady = index.k / (2 * beta) * (index.k / 2 * 2 * v**2 + 1 / (4 * alpha))
+        steady = index.k / (2 * beta) * (index.k**2 / (4 * (index.k - beta)) * 2 * v**2 + 1 / (4 * alpha))
         transient = (index.s_a + index.s_b * beta - steady) ** 2 * index.k / (4 * beta)
         return float(weight @ (transient + steady**2) + alpha**2 + beta**2)
 
     numbers = errata["corrected-index"].numbers
+    assert (round(numbers["alpha"], 3), round(numbers["beta (N m s/rad)"], 3)) == (1.178, 2.598)
+    assert numbers["2 beta max(S_ii)"] < 12.0
     best = np.array([numbers["alpha"], numbers["beta (N m s/rad)"]])
     assert J(best) == pytest.approx(numbers["J"], rel=1e-6)
     for step in ((1e-2, 0), (-1e-2, 0), (0, 1e-2), (0, -1e-2)):
@@ -194,6 +196,9 @@ def test_violated_inequality_would_be_found(material: Material) -> None:
 def test_constants_are_those_of_the_paper() -> None:
     c = constants(1.36, 1.66, np.array([0.25, 0.25]), k=12.0, lambda_3=1.0, lambda_M_min=0.06)
     assert c.h == pytest.approx(1.66 * 0.125 + 1 / (4 * 1.36))
-    assert c.h_corrected == pytest.approx(6 * 0.125 + 1 / (4 * 1.36))
+    # the least h for which (59) holds: the largest -k |psi|^2 - k psi^T psi_bar + beta lambda_3 |psi|^2
+    bar = np.array([0.25, 0.25])
+    worst = minimize(lambda psi: 12.0 * psi @ psi + 12.0 * psi @ bar - 1.66 * psi @ psi, np.zeros(2))
+    assert c.h_corrected == pytest.approx(-worst.fun + 1 / (4 * 1.36))
     assert pytest.approx(np.sqrt(0.125 + 1 / (4 * 1.36 * 1.66))) == c.Gamma
     assert c.stretch == pytest.approx(10.0)
