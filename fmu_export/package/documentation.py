@@ -14,6 +14,7 @@ import numpy as np
 
 from fmu_export.errors import DocumentationError, needs
 from fmu_export.modelling.functions import rk4_step
+from fmu_export.modelling.hybrid import HybridRun
 from fmu_export.modelling.model import Model
 from fmu_export.modelling.variables import Array, Layout
 from fmu_export.package.description_common import DISTRIBUTION, package_version
@@ -130,7 +131,7 @@ def reference_run(model: Model) -> ReferenceRun:
     Raises
     ------
     DocumentationError
-        The result is not finite.
+        The result is not finite, or events follow each other without end.
     """
     p = model.parameters.starts
     start = model.default_experiment.start_time
@@ -140,6 +141,19 @@ def reference_run(model: Model) -> ReferenceRun:
     swings = np.array([v.type == "real" for v in model.inputs.variables for _ in v.names], dtype=float)
     inputs = model.inputs.starts + _AMPLITUDE * swings * np.sin(2.0 * np.pi * np.outer(time - start, frequencies))
     inputs = np.round(inputs, 6)  # the last digits of a sine depend on the platform
+    try:
+        outputs = (_continuous_run if model.is_continuous else _hybrid_run)(model, time, inputs, p)
+    except ArithmeticError as error:
+        raise DocumentationError(
+            f"the reference run: {error}; change the start values, or leave out the page"
+        ) from None
+    run = ReferenceRun(time, inputs, np.array(outputs))
+    if not np.isfinite(run.outputs).all():
+        raise DocumentationError(f"{model.name}: the reference run from the start values is not finite")
+    return run
+
+
+def _continuous_run(model: Model, time: Array, inputs: Array, p: Array) -> list[Array]:
     x = model.initial_state(p)
     n_y = len(model.outputs)  # locals follow them
     outputs = [model.output_values(time[0], x, inputs[0], p)[:n_y]]
@@ -148,10 +162,17 @@ def reference_run(model: Model) -> ReferenceRun:
         for i in range(_SUBSTEPS if model.states else 0):
             x = rk4_step(model.derivatives, t + i * h, x, u, p, h)
         outputs.append(model.output_values(t_end, x, u, p)[:n_y])
-    run = ReferenceRun(time, inputs, np.array(outputs))
-    if not np.isfinite(run.outputs).all():
-        raise DocumentationError(f"{model.name}: the reference run from the start values is not finite")
-    return run
+    return outputs
+
+
+def _hybrid_run(model: Model, time: Array, inputs: Array, p: Array) -> list[Array]:
+    run = HybridRun(model, p, _ROW / _SUBSTEPS)
+    state = run.start(time[0])
+    outputs = [run.outputs(time[0], run.settled(time[0], state, inputs[0]), inputs[0])]
+    for t, t_end, u in zip(time, time[1:], inputs, strict=False):
+        state = run.advanced(t, run.settled(t, state, u), u, t_end)
+        outputs.append(run.outputs(t_end, run.settled(t_end, state, u), u))
+    return outputs
 
 
 def _csv(layout: Layout, time: Array, values: Array) -> bytes:
