@@ -133,6 +133,8 @@ def _header(traced: TracedModel, interface: Interface, guid: str, equations: _Eq
         + "extern const int model_state_outputs[N_X + 1]; /* output or local of each state */\n"
         + "extern const int model_output_states[N_Y + 1]; /* state of each output or local, -1 where it is none */\n"
         + "extern const double model_nominals[N_X + 1]; /* of the states */\n"
+        + "extern const int model_state_parameters[N_X + 1]; /* that is each state at the start, -1 if none is */\n"
+        + "extern const double model_guesses[N_X + 1]; /* of the states at the start, in the model description */\n"
         + "extern const char *const model_start_requirements[N_START_REQUIREMENTS + 1];\n"
         + "extern const char *const model_step_requirements[N_STEP_REQUIREMENTS + 1];\n"
         + type_tables.declarations(interface)
@@ -158,6 +160,8 @@ def _tables(traced: TracedModel, interface: Interface) -> str:
     first_output = interface.n_parameters + interface.n_inputs
     states = ", ".join(str(s - first_output) for s in (*interface.states, first_output))
     nominals = "".join(f"{literal(interface.variables[i].nominal or 1.0)}, " for i in interface.states)
+    guesses = "".join(f"{literal(d.state_start)}, " for d in interface.derivatives)
+    starts = "".join(f"{-1 if k is None else k}, " for k in traced.start_parameters())
     state_of = {output: i for i, output in enumerate(interface.states)}
     state_of_outputs = ", ".join(str(state_of.get(first_output + i, -1)) for i in range(interface.n_computed + 1))
 
@@ -171,6 +175,8 @@ def _tables(traced: TracedModel, interface: Interface) -> str:
         f"const int model_state_outputs[N_X + 1] = {{{states}}};\n"
         f"const int model_output_states[N_Y + 1] = {{{state_of_outputs}}};\n"
         f"const double model_nominals[N_X + 1] = {{{nominals}1.0}};\n"
+        f"const int model_state_parameters[N_X + 1] = {{{starts}-1}};\n"
+        f"const double model_guesses[N_X + 1] = {{{guesses}0.0}};\n"
         f"const char *const model_start_requirements[N_START_REQUIREMENTS + 1] = {{{messages('start')}}};\n"
         f"const char *const model_step_requirements[N_STEP_REQUIREMENTS + 1] = {{{messages('step')}}};\n\n"
     )

@@ -93,6 +93,13 @@ class TracedModel:
         """Whether derivatives or margins depend on the time itself."""
         return self.rates.jac_sparsity(0, 0).nnz() > 0
 
+    def start_parameters(self) -> list[int | None]:
+        """For each state the parameter that is its value at the start (index), None where it is computed otherwise."""
+        (p,) = self.initial_state.sx_in()
+        position = {str(p[k]): k for k in range(p.numel())}
+        starts = self.initial_state(p)
+        return [position.get(str(starts[i])) if starts[i].is_symbolic() else None for i in range(starts.numel())]
+
     def output_dependencies(self) -> list[list[int]]:
         """For each output the inputs it depends on directly (indices)."""
         return rows(self.outputs.jac_sparsity(0, 2))

@@ -267,8 +267,11 @@ CoreStatus core_set(Core *core, const unsigned references[], size_t n, const dou
     for (size_t i = 0; i < n; i++) {
         size_t reference = references[i];
         if (reference >= N_PU) {
-            if (s->phase == INSTANTIATED) guess = reference;
-            else STATES(core)[state_of(reference)] = values[i];
+            int state = state_of(reference), parameter = model_state_parameters[state];
+            if (s->phase != INSTANTIATED) STATES(core)[state] = values[i];
+            else if (parameter < 0) guess = reference;
+            /* the guess of the model description says nothing: tools set it, too, after the parameter */
+            else if (values[i] != model_guesses[state]) s->values[parameter] = values[i];
             continue;
         }
         s->values[reference] = values[i];

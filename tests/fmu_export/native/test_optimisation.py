@@ -99,7 +99,7 @@ def test_a_call_that_fails_sets_no_state(plant: Path) -> None:
 
 @BOTH
 def test_a_state_before_the_initialisation_is_a_guess_that_is_warned_of(plant: Path) -> None:
-    """The parameters set the start, so a guess (initial = "approx") changes nothing; who sets it is told."""
+    """Inverse kinematics gives the start, so a guess (initial = "approx") changes nothing; who sets it is told."""
     for kind in ("ModelExchange", "CoSimulation"):
         with Host(plant, kind) as h, Host(plant, kind) as plain:
             assert h.set({"theta_a[1]": 1.0, "dm": 0.1}) == 1
@@ -109,6 +109,26 @@ def test_a_state_before_the_initialisation_is_a_guess_that_is_warned_of(plant: P
             plain.run_up({"dm": 0.1})
             assert h.get(STATES) == plain.get(STATES)
             assert h.get(["dm", "x_E"]) == plain.get(["dm", "x_E"])
+
+
+@BOTH
+@pytest.mark.parametrize("kind", ["ModelExchange", "CoSimulation"])
+def test_a_state_that_starts_at_a_parameter_is_set_before_the_initialisation(
+    native_fmus: Path, tmp_path: Path, flavour: str, kind: str
+) -> None:
+    """The value of the model description is what tools set that set everything; it changes nothing."""
+    controller = unpack(native_fmus / flavour / "RobotController.fmu", tmp_path)
+    with Host(controller, kind) as h:
+        assert h.set({"psi[1]": 0.7}) == OK
+        assert h.get(["psi_start[1]", "psi_start[2]"]) == [0.7, 0.0]
+        h.run_up()
+        assert h.get(["psi[1]", "psi[2]"]) == [0.7, 0.0]
+    with Host(controller, kind) as h:
+        assert h.set({"psi_start[1]": 0.7, "psi_start[2]": 0.8}) == OK
+        assert h.set({"psi[1]": 0.0, "psi[2]": 0.9}) == OK
+        assert h.messages == []
+        h.run_up()
+        assert h.get(["psi[1]", "psi[2]"]) == [0.7, 0.9]
 
 
 @BOTH
