@@ -1,6 +1,7 @@
 /* Internal steps as long as the tolerance allows, for methods that estimate their error. */
 #include "core.h"
 
+#include <float.h>
 #include <math.h>
 #include <string.h>
 
@@ -8,6 +9,9 @@
 #define MOST_GROWTH 5.0
 #define MOST_SHRINKAGE 0.2
 #define RETREAT 0.1
+
+/* Of the time, what a step must be: a few of the last digits. */
+#define LEAST_STEP 1e-15
 
 /* Of the tolerance, what one step may use: errors of many steps add up, and grow where solutions part. With this share
  * the sum stays below the tolerance for models that forget, as most stiff ones. */
@@ -152,7 +156,7 @@ static CoreStatus integrate(Core *core, double time, double *length, double next
             method_prepare(core, now, x, u);
         }
         if (tries == MOST_INTERNAL_STEPS) return fail_to_arrive(core, now, step, h);
-        if (h < 1e-15 * (fabs(now) > step ? fabs(now) : step)) return fail_to_shorten(core, now, error);
+        if (h < LEAST_STEP * fabs(now) || h < DBL_MIN) return fail_to_shorten(core, now, error);
         int last = h * (1.0 + 1e-6) >= rest;
         h = last ? rest : 2.0 * h > rest ? 0.5 * rest : h;
         CoreStatus status = try_step(core, now, h, x, u, u_rate, rates, next, &error);

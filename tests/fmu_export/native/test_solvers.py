@@ -19,9 +19,10 @@ from fmpy.validation import validate_fmu
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
-from fmu_export import ArgumentError, CompositionError, build_native, build_pythonfmu, compose
+from fmu_export import ArgumentError, CompositionError, build_pythonfmu, compose
 from fmu_export.modelling.model import DefaultExperiment, Model, Requirement, Solver
-from tests.support.native_fmus import DISCARD, ERROR, FLAVOURS, OK, Host, require_compiler, unpack
+from tests.support.built_fmus import Built
+from tests.support.native_fmus import DISCARD, ERROR, FLAVOURS, OK, Host
 from tests.support.stiff_models import diffusion, model, robertson, smooth, van_der_pol
 from tests.support.tiny_models import GAIN, INTEGRATOR, LAG
 
@@ -30,26 +31,6 @@ ADAPTIVE = pytest.mark.parametrize("solver", ["dopri5", "rodas4"])
 WARNING = 1
 
 ROBERTSON, VAN_DER_POL = robertson(), van_der_pol()
-
-
-class Built:
-    """FMUs of models, each built and unpacked once; `host` gives an instance."""
-
-    def __init__(self, folder: Path) -> None:
-        require_compiler()
-        self._folder = folder
-        self._unpacked: dict[tuple[str, str, str], Path] = {}
-
-    def fmu(self, of: Model, flavour: str = "fmi2") -> Path:
-        key = (of.name, of.solver, flavour)
-        if key not in self._unpacked:
-            place = self._folder / "-".join(key)
-            self._unpacked[key] = unpack(build_native(of, place, flavour), place / "unpacked")  # type: ignore[arg-type]
-        return self._folder / "-".join(key) / f"{of.name}.fmu"
-
-    def host(self, of: Model, flavour: str = "fmi2", **options: Any) -> Host:
-        self.fmu(of, flavour)
-        return Host(self._unpacked[of.name, of.solver, flavour], **options)
 
 
 @pytest.fixture(scope="module")
