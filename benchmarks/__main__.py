@@ -23,6 +23,7 @@ from benchmarks.masters import measure_masters
 from benchmarks.measure import Section
 from benchmarks.plant_step import measure_plant_step
 from benchmarks.scaling import measure_chain, measure_program
+from benchmarks.solvers import measure_solvers
 from benchmarks.sweeps import measure_sweeps
 from cosim.versions import versions
 from parallel_robot.fmus import FLAVOURS, build
@@ -39,6 +40,7 @@ PARTS: dict[str, Callable[[Path], Section | list[Section]]] = {
     "program": measure_program,
     "sweeps": measure_sweeps,
     "masters": measure_masters,
+    "solvers": lambda _: measure_solvers(),
 }
 
 

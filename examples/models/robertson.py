@@ -11,7 +11,7 @@ class Robertson(ModelClass, stop_time=40.0, step_size=40.0, solver="rodas4"):
     k_2 = parameter(3e7, "s-1", "Rate of B + B -> B + C", min=0.0)
     k_3 = parameter(1e4, "s-1", "Rate of B + C -> A + C", min=0.0)
     A = state(1.0, "1", "Part of A", min=0.0)
-    B = state(0.0, "1", "Part of B, which is very reactive")
+    B = state(0.0, "1", "Part of B, which is very reactive", nominal=1e-5)
     C = state(0.0, "1", "Part of C")
 
     def derivatives(m):

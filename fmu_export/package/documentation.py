@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from html import escape
@@ -23,6 +23,7 @@ from fmu_export.package.interface import Interface, ScalarVariable, text_of
 from fmu_export.package.metadata import NO_METADATA, Metadata
 
 with needs("export"):
+    import casadi as ca
     import matplotlib as mpl
     from latex2mathml.converter import convert as mathml
     from markdown import Markdown
@@ -157,10 +158,9 @@ def _continuous_run(model: Model, time: Array, inputs: Array, p: Array) -> list[
     x = model.initial_state(p)
     n_y = len(model.outputs)  # locals follow them
     outputs = [model.output_values(time[0], x, inputs[0], p)[:n_y]]
-    h = _ROW / _SUBSTEPS
+    advance = _advance(model)
     for t, t_end, u in zip(time, time[1:], inputs, strict=False):
-        for i in range(_SUBSTEPS if model.states else 0):
-            x = rk4_step(model.derivatives, t + i * h, x, u, p, h)
+        x = advance(t, x, u, p)
         outputs.append(model.output_values(t_end, x, u, p)[:n_y])
     return outputs
 
@@ -173,6 +173,30 @@ def _hybrid_run(model: Model, time: Array, inputs: Array, p: Array) -> list[Arra
         state = run.advanced(t, run.settled(t, state, u), u, t_end)
         outputs.append(run.outputs(t_end, run.settled(t_end, state, u), u))
     return outputs
+
+
+def _advance(model: Model) -> Callable[[float, Array, Array, Array], Array]:
+    """A function (t, x, u, p) -> states a row later, with constant inputs."""
+    if not model.states:
+        return lambda t, x, u, p: x
+    if model.solver == "rk4":
+
+        def runge_kutta(t: float, x: Array, u: Array, p: Array) -> Array:
+            h = _ROW / _SUBSTEPS
+            for i in range(_SUBSTEPS):
+                x = rk4_step(model.derivatives, t + i * h, x, u, p, h)
+            return x
+
+        return runge_kutta
+    from fmu_export.trace.trace import trace
+
+    # it may be stiff: SUNDIALS' CVODES, with the row as unit of time
+    t, x, u, p = trace(model, unchecked=True).derivatives.sx_in()
+    since = ca.SX.sym("since")
+    rates = trace(model, unchecked=True).derivatives(t + _ROW * since, x, u, p)
+    system = {"t": since, "x": x, "p": ca.vertcat(t, u, p), "ode": _ROW * rates}
+    integrator = ca.integrator("reference", "cvodes", system, 0.0, 1.0, {"reltol": 1e-12, "abstol": 1e-16})
+    return lambda t, x, u, p: integrator(x0=x, p=np.concatenate([[t], u, p]))["xf"].full().ravel()
 
 
 def _csv(layout: Layout, time: Array, values: Array) -> bytes:

@@ -163,7 +163,10 @@ class Fmi2Slave:
             for i in range(n):
                 x = step(time + i * (h / n), x, u, p, h / n)
             if not all(map(isfinite, x)):
-                raise SlaveError("the state is no longer finite; reduce the step or the inputs")
+                raise SlaveError(
+                    "the state is no longer finite; reduce the step, max_step or the inputs, or build a stiff model by "
+                    "build_native with another solver"
+                )
         self._x, self._time = x, time + h
         self._outputs_valid = False
 

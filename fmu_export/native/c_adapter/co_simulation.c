@@ -79,7 +79,9 @@ static CoreStatus advance(Core *core, double time, double length) {
     if (status != CORE_OK) return status;
     if (!core_all_finite(next, N_X))
         return core_fail(core, CORE_DISCARD,
-                         "step from t = %.9g s: the state is no longer finite; reduce the step or the inputs", time);
+                         "step from t = %.9g s: the state is no longer finite; reduce the step, max_step (%g s) or the "
+                         "inputs, or export a stiff model with solver=\"rodas4\"",
+                         time, PARAMETERS(core)[MAX_STEP]);
     s->which = !s->which;
 #elif HYBRID
     if (core->request_inputs) core->request_inputs(core->environment, time + length);

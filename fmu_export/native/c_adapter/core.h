@@ -97,6 +97,7 @@ typedef struct {
     char *resources; /* folder */
 #if ADAPTIVE /* of the step that is being tried */
     int violated; /* requirement that forbids the end of the step, -1 for none */
+    double stages[7][N_X]; /* of the method; on the stack of a small thread there may be no room */
 #endif
 #ifdef SOLVER_DOPRI5
     double arrival[N_X + N_STEP_REQUIREMENTS + 1]; /* derivatives and margins at its end */

@@ -33,7 +33,7 @@ void method_arrive(Core *core, double time, const double x[], const double u[], 
 
 CoreStatus method_step(Core *core, double time, double h, const double x[], const double u[], const double u_rate[],
                        const double rates[], double next[], double *error) {
-    double k[STAGES - 1][N_X], sum[N_X], at_u[N_U + 1];
+    double (*k)[N_X] = core->stages, sum[N_X], at_u[N_U + 1];
     memcpy(k[0], rates, sizeof k[0]);
     for (int stage = 1; stage < STAGES; stage++) {
         for (int i = 0; i < N_X; i++) sum[i] = 0.0;

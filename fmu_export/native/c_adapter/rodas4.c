@@ -53,7 +53,8 @@ void method_arrive(Core *core, double time, const double x[], const double u[], 
 
 CoreStatus method_step(Core *core, double time, double h, const double x[], const double u[], const double u_rate[],
                        const double rates[], double next[], double *error) {
-    double k[STAGES][N_X], change[N_X], b[N_X], loss[N_X], at_u[N_U + 1], at_rates[N_X + N_STEP_REQUIREMENTS + 1];
+    double (*k)[N_X] = core->stages, change[N_X], b[N_X], loss[N_X], at_u[N_U + 1],
+           at_rates[N_X + N_STEP_REQUIREMENTS + 1];
     double shift = 1.0 / (GAMMA * h);
     int lossy = 0;
     lu_factorise(core->jacobian, shift, core->factors);

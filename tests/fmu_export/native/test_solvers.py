@@ -287,6 +287,22 @@ def test_a_fixed_step_takes_any_tolerance(built: Built) -> None:
         host.must(host.exit())
 
 
+@ADAPTIVE
+def test_errors_are_weighed_by_the_nominal_value(built: Built, solver: Solver) -> None:
+    """A charge of 1e-9 C that decays: small beside 1, the nominal value of a state that has none."""
+
+    def error(nominal: float | None) -> float:
+        of = model("Charge" if nominal else "Plain", ("q",), (1e-9,), lambda t, x, u, p: -x * (1.0 + x / 1e-9), solver)
+        of = replace(of, outputs=[replace(of.outputs.variables[0], nominal=nominal)])
+        with built.host(of) as host:
+            host.run_up()
+            host.must(host.step(0.0, 3.0))
+            expected = 1e-9 / (2.0 * np.exp(3.0) - 1.0)  # of q' = -q - q^2 / q_0
+            return abs(host.get(["q"])[0] / expected - 1.0)
+
+    assert error(1e-9) < 1e-6 < 1e-4 < error(None)
+
+
 # What can't be integrated
 
 
@@ -364,6 +380,16 @@ def test_too_many_internal_steps_end_in_a_message(
         assert "max_step" in host.messages[-1]
         assert remedy in host.messages[-1]
         assert host.get(of.states) == [1.0, 0.0, 0.0]
+
+
+def test_a_fixed_step_that_is_too_long_for_a_stiff_model_is_named(built: Built) -> None:
+    of = robertson("rk4")
+    with built.host(of) as host:
+        host.run_up()
+        assert host.step(0.0, 40.0) == DISCARD
+        assert "the state is no longer finite" in host.messages[-1]
+        assert "max_step (0.001 s)" in host.messages[-1]
+        assert 'solver="rodas4"' in host.messages[-1]
 
 
 @ADAPTIVE

@@ -23,10 +23,12 @@ from controller_fmu.model import MODEL as CONTROLLER
 from fmu_export.errors import DocumentationError
 from fmu_export.modelling.variables import Layout, Variable
 from fmu_export.package.description_common import package_version
+from fmu_export.package.documentation import reference_run
 from fmu_export.package.interface import interface_of
 from fmu_export.trace.trace import trace
 from tests.support import some
 from tests.support.fmu_documentation import MODELS, Page, members_of, page_of, parsed, terminals
+from tests.support.stiff_models import robertson
 from tests.support.tiny_models import ALL as TINY
 from tests.support.tiny_models import GAIN, ROOT
 
@@ -279,6 +281,21 @@ def test_reference_is_what_another_integrator_finds(members, name, tmp_path):
             x = solve_ivp(held, (t, t_end), x, "DOP853", rtol=1e-10, atol=1e-12, first_step=t_end - t).y[:, -1]
         found.append(model.output_values(t_end, x, u, p))
     np.testing.assert_allclose(array(reference, model.outputs.names), found, rtol=0, atol=1e-8)
+
+
+def test_the_reference_of_a_stiff_model_is_integrated_as_such():
+    """Radau; Runge-Kutta with the steps of the others would not stay finite."""
+    model = robertson()
+    run = reference_run(model)
+    found = solve_ivp(
+        lambda t, x: model.derivatives(t, x, [], []),
+        (0.0, run.time[-1]),
+        model.initial_state([]),
+        "Radau",
+        rtol=1e-12,
+        atol=1e-16,
+    )
+    np.testing.assert_allclose(run.outputs[-1], found.y[:, -1], rtol=1e-9)
 
 
 @ALL
