@@ -23,6 +23,8 @@ _MODULES = {
     "Requirement": "fmu_export.modelling.model",
     "Sampled": "fmu_export.modelling.model",
     "StartValueError": "fmu_export.package.start_values",
+    "Table": "fmu_export.modelling.tables",
+    "TableError": "fmu_export.package.tables",
     "ToolchainError": "fmu_export.native.toolchain",
     "TraceError": "fmu_export.errors",
     "Variable": "fmu_export.modelling.variables",
@@ -41,6 +43,7 @@ _MODULES = {
     "to_control": "fmu_export.control_backend",
     "when": "fmu_export.modelling.declarations",
     "write_start_values": "fmu_export.package.start_values",
+    "write_table": "fmu_export.package.tables",
 }
 
 __all__ = [
@@ -60,6 +63,8 @@ __all__ = [
     "Requirement",
     "Sampled",
     "StartValueError",
+    "Table",
+    "TableError",
     "ToolchainError",
     "TraceError",
     "Variable",
@@ -78,6 +83,7 @@ __all__ = [
     "to_control",
     "when",
     "write_start_values",
+    "write_table",
 ]
 
 if TYPE_CHECKING:
@@ -86,12 +92,14 @@ if TYPE_CHECKING:
     from fmu_export.modelling.declarations import discrete, every, input, local, output, parameter, require, state, when
     from fmu_export.modelling.model import DefaultExperiment, Event, Model, Requirement, Sampled
     from fmu_export.modelling.model_class import ModelClass
+    from fmu_export.modelling.tables import Table
     from fmu_export.modelling.variables import Layout, Variable
     from fmu_export.native.backend import build_native
     from fmu_export.native.toolchain import ToolchainError
     from fmu_export.package.metadata import Metadata
     from fmu_export.package.references import Reference
     from fmu_export.package.start_values import StartValueError, write_start_values
+    from fmu_export.package.tables import TableError, write_table
     from fmu_export.pythonfmu.backend import build_pythonfmu
     from fmu_export.pythonfmu.binary import BinariesMissing
     from fmu_export.pythonfmu.script import build_script

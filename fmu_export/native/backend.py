@@ -25,6 +25,7 @@ from fmu_export.package.interface import Interface, interface_of
 from fmu_export.package.metadata import NO_METADATA, Metadata, licence_members
 from fmu_export.package.references import Reference, reference_members
 from fmu_export.package.start_values import MEMBER, start_values_text
+from fmu_export.package.tables import table_members
 from fmu_export.progress import Progress
 from fmu_export.trace.trace import TracedModel, trace
 
@@ -69,6 +70,7 @@ _METHODS: dict[Solver, tuple[str, ...]] = {
     "dopri5": ("adaptive.c", "dopri5.c"),
     "rodas4": ("adaptive.c", "rodas4.c", "sparse_lu.h"),
 }
+_EVENTS, _TABLES = ("events.c",), ("table.h", "table.c")
 _FACES = {"fmi2": ("fmi2.c",), "fmi3": ("fmi3.c", "adjoint.c")}
 _HEADERS = {
     "fmi2": ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h"),
@@ -139,7 +141,7 @@ def build_native(
         tool = "C code, equations unchecked" if unchecked else "C code"
         interface = interface_of(traced)
         progress.stage = "writing C"
-        adapter = _adapter_sources(flavour, model.solver, hybrid=not model.is_continuous)
+        adapter = _adapter_sources(flavour, model.solver, hybrid=not model.is_continuous, tables=bool(traced.tables))
         interfaces = _INTERFACES[flavour] if model.is_continuous else _hybrid_interfaces(flavour)
         code = adapter | _model_sources(traced, interface, flavour, _NO_GUID)
         c_files = sorted(name for name in code if name.endswith(".c"))
@@ -149,7 +151,8 @@ def build_native(
         else:
             unstamped = description_fmi3.model_description(*arguments, metadata)
         digest = hashlib.sha256(unstamped)
-        for name, source in sorted(code.items()):
+        data = table_members(traced.tables)
+        for name, source in sorted((code | data).items()):
             digest.update(name.encode() + source)
         guid = "{" + digest.hexdigest()[:32] + "}"
         code["model.h"] = code["model.h"].replace(_NO_GUID.encode(), guid.encode())
@@ -167,6 +170,7 @@ def build_native(
         members = {
             "modelDescription.xml": unstamped.replace(_NO_GUID.encode(), guid.encode()),
             MEMBER: start_values_text(interface),
+            **data,
             **binaries,
             **licence_members(metadata),
         }
@@ -200,10 +204,12 @@ def _model_sources(traced: TracedModel, interface: Interface, flavour: str, guid
     return sources | {"model_adjoint.c": adjoint_source(traced)} if flavour == "fmi3" else sources
 
 
-def _adapter_sources(flavour: str, solver: Solver = "rk4", *, hybrid: bool = False) -> dict[str, bytes]:
+def _adapter_sources(
+    flavour: str, solver: Solver = "rk4", *, hybrid: bool = False, tables: bool = False
+) -> dict[str, bytes]:
     adapter = files("fmu_export.native") / "c_adapter"
     headers = Path(fmpy.__file__).parent / "c-code"
-    own = (*_ADAPTER, *(("events.c",) if hybrid else ()), *_METHODS[solver], *_FACES[flavour])
+    own = (*_ADAPTER, *_EVENTS * hybrid, *_TABLES * tables, *_METHODS[solver], *_FACES[flavour])
     return {name: (adapter / name).read_bytes() for name in own} | {
         name: (headers / name).read_bytes() for name in _HEADERS[flavour]
     }

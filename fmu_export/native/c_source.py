@@ -59,9 +59,9 @@ def model_sources(traced: TracedModel, interface: Interface, guid: str) -> dict[
         Fingerprint that the importer has to give back.
     """
     equations = _equations(traced)
-    head = HEADER + '#include <math.h>\n#include "model.h"\n\n'
+    head = HEADER + '#include <math.h>\n#include "model.h"\n' + '#include "table.h"\n' * bool(traced.tables) + "\n"
     tables = _tables(traced, interface) + type_tables.definitions(interface) + _solver_tables(equations.implicit)
-    tables += _hybrid_tables(traced)
+    tables += _hybrid_tables(traced) + _lookup_tables(traced)
     return {
         "model.h": _header(traced, interface, guid, equations).encode(),
         "model.c": (head + tables + equations.source).encode(),
@@ -117,6 +117,7 @@ def _header(traced: TracedModel, interface: Interface, guid: str, equations: _Eq
         "RATES_DEPEND_ON_TIME": int(traced.rates_depend_on_time),
         **_solver_sizes(traced, equations.implicit),
         **hybrid_sizes(traced),
+        **({"N_TABLES": len(traced.tables)} if traced.tables else {}),
     }
     arguments = _arguments(traced)
     return (
@@ -140,6 +141,7 @@ def _header(traced: TracedModel, interface: Interface, guid: str, equations: _Eq
         + type_tables.declarations(interface)
         + "".join(f"extern const {table};\n" for table in _solver_table_values(equations.implicit))
         + "".join(f"extern const {table};\n" for table in hybrid_tables(traced, c_string))
+        + _LOOKUP_TABLES * bool(traced.tables)
         + "\n"
         + "".join(f"{_prototype(f, arguments[f.name()])};\n" for f in equations.functions)
         + hybrid_prototypes(traced)
@@ -201,6 +203,24 @@ def _solver_tables(implicit: ImplicitParts | None) -> str:
 def _hybrid_tables(traced: TracedModel) -> str:
     tables = hybrid_tables(traced, c_string)
     return "".join(f"const {name} = {{{values}}};\n" for name, values in tables.items()) + "\n" * bool(tables)
+
+
+def _lookup_tables(traced: TracedModel) -> str:
+    if not traced.tables:
+        return ""
+    names = ", ".join(f'"{table.name}"' for table in traced.tables)
+    variables = ", ".join(str(table.n_variables) for table in traced.tables)
+    return (
+        f"const char *const model_tables[N_TABLES] = {{{names}}};\n"
+        f"const int model_table_variables[N_TABLES] = {{{variables}}};\n\n"
+    )
+
+
+#: What the header declares of lookup tables, if there are some.
+_LOOKUP_TABLES = (
+    "extern const char *const model_tables[N_TABLES]; /* names of the lookup tables */\n"
+    "extern const int model_table_variables[N_TABLES]; /* over one variable or two */\n"
+)
 
 
 def _prototype(f: ca.Function, names: Sequence[str], prefix: str = "model") -> str:

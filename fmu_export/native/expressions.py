@@ -27,7 +27,7 @@ def operand(value: float) -> str:
 
 def applied(operation: int, operands: Sequence[str], function: str) -> str:
     """An operation as C, to be put in parentheses inside another."""
-    return template(operation, function).format(*operands)
+    return template(operation, function, len(operands)).format(*operands)
 
 
 def without_parentheses(text: str) -> str:

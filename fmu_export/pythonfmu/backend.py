@@ -170,7 +170,7 @@ def _modules(traced: TracedModel, interface: Interface) -> dict[str, bytes]:
     slave = Path(__file__).with_name("slave.py").read_text(encoding="utf-8")
     return {
         "__init__.py": b"",
-        "equations.py": python_source(functions).encode(),
+        "equations.py": python_source(functions, traced.tables).encode(),
         "interface.py": _interface_source(traced.model, interface).encode(),
         "slave.py": slave.encode(),
     }

@@ -11,13 +11,15 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from fmu_export.errors import TraceError, needs
 from fmu_export.modelling.model import Model
-from fmu_export.trace.operations import OPERATIONS
+from fmu_export.modelling.tables import Table
+from fmu_export.trace.operations import OPERATIONS, call_of
 from fmu_export.trace.symbols.refusal import place_of_function
 
 with needs("export"):
@@ -38,7 +40,8 @@ Points = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 class Program:
     """The instructions of a traced function, to be evaluated for many points at once."""
 
-    def __init__(self, f: ca.Function) -> None:
+    def __init__(self, f: ca.Function, tables: Sequence[Table] = ()) -> None:
+        self.tables = tables
         self.n_work, self.n_out = f.sz_w(), f.numel_out(0)
         self.instructions = [
             (
@@ -71,10 +74,16 @@ class Program:
                     result[targets[1]] = work[operands[0]]
                 else:
                     values = [work[i] for i in operands]
-                    if OPERATIONS[operation].compares:
+                    if operation != ca.OP_CALL and OPERATIONS[operation].compares:
                         margins.append(np.broadcast_to(values[0] - values[1], result.shape[1:]))
-                    work[targets[0]] = OPERATIONS[operation].values(*values)
+                    work[targets[0]] = self.apply(operation, *values)
         return result, margins
+
+    def apply(self, operation: int, *values: Any) -> Any:
+        """What an operation computes."""
+        if operation == ca.OP_CALL:
+            return call_of(self.tables[int(values[0])], values)
+        return OPERATIONS[operation].values(*values)
 
     def rounding(self, points: Points) -> np.ndarray:
         """Bounds (n_out, n) of the rounding errors, by propagating those of each instruction."""
@@ -95,9 +104,11 @@ class Program:
                     value = argument if argument.ndim == 1 else argument[:, operands[1]]
                 else:
                     values = [work[i] for i in operands]
-                    apply = OPERATIONS[operation].values
+                    apply = partial(self.apply, operation)
                     value = apply(*values)
-                    if not (OPERATIONS[operation].exact or OPERATIONS[operation].compares):
+                    if operation == ca.OP_CALL:
+                        error = 1e-15 * np.abs(self.tables[int(values[0])].values).max()
+                    elif not (OPERATIONS[operation].exact or OPERATIONS[operation].compares):
                         error = np.where(_is_exact(operation, values, value), 0.0, np.abs(value) * 2.3e-16)
                     for i, operand in enumerate(operands):
                         for side in (-1.0, 1.0) if errors[operand] is not None else ():
@@ -129,7 +140,7 @@ class Checked:
     elements: tuple[str, ...]
 
 
-def check_against_numpy(model: Model, functions: Sequence[Checked]) -> None:
+def check_against_numpy(model: Model, functions: Sequence[Checked], tables: Sequence[Table] = ()) -> None:
     """Compare traced functions of (t, x, u, p) with those that they were traced from.
 
     Raises
@@ -146,7 +157,7 @@ def check_against_numpy(model: Model, functions: Sequence[Checked]) -> None:
         functions[0].traced.sx_in(),
         [ca.vertcat(*(f.traced(*functions[0].traced.sx_in()) for f in functions))],
     )
-    program = Program(joined)
+    program = Program(joined, tables)
     check = _Check(model, functions, program)
     start = check.start()
     n = max(FEWEST_POINTS, MOST_POINTS * USUAL_SIZE // (USUAL_SIZE + len(program.instructions)))

@@ -69,7 +69,8 @@ class Graph:
             position = found.setdefault(key, len(self.nodes))
             if position == len(self.nodes):
                 self.nodes.append(node)
-            work[f.instruction_output(k)[0]] = position
+            (target,) = f.instruction_output(k)
+            work[target] = position
         #: How often a node is an operand or a result; a square names its operand twice.
         self.uses = [0] * len(self.nodes)
         for node in self.nodes:

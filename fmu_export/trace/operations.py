@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from fmu_export.errors import TraceError, needs
+from fmu_export.modelling.tables import Table
 
 with needs("export"):
     import casadi as ca
@@ -133,14 +134,35 @@ HELPERS = {
 _NAMES = {getattr(ca, name): name for name in dir(ca) if name.startswith("OP_")}
 
 
-def template(operation: int, function: str) -> str:
-    """How an operation is written.
+#: How calls of a table are written, by the number of operands: its number, the variables, and for their change the
+#: change of each, that of the number first.
+CALLS = {
+    2: "table_value({0}, {1})",
+    4: "table_slope({0}, {1}) * {3}",
+    3: "table_value_2({0}, {1}, {2})",
+    6: "table_change_2({0}, {1}, {2}, {4}, {5})",
+}
+
+
+def call_of(table: Table, operands: Sequence[Any]) -> Any:
+    """What such a call computes, for many points at once."""
+    where = operands[1 : 1 + table.n_variables]
+    if len(operands) == 1 + table.n_variables:
+        return table(*where)
+    changes = operands[2 + table.n_variables :]
+    return sum(slope * change for slope, change in zip(table.slopes(*where), changes, strict=True))
+
+
+def template(operation: int, function: str, n_operands: int = 0) -> str:
+    """How an operation is written; a call has the number of its operands.
 
     Raises
     ------
     TraceError
         There is no way yet; the message names the function of the model.
     """
+    if operation == ca.OP_CALL and n_operands in CALLS:
+        return CALLS[n_operands]
     if operation not in OPERATIONS:
         raise TraceError(
             f"{function}: CasADi's operation {_NAMES.get(operation, operation)} has no template; "

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 from fmu_export.errors import needs
+from fmu_export.modelling.tables import Table
 from fmu_export.trace.operations import SELDOM, helpers, template
 
 with needs("export"):
@@ -17,19 +19,62 @@ HEADER = (
 )
 
 
-def python_source(functions: Sequence[tuple[ca.Function, Sequence[str]]]) -> str:
+#: What calls of tables become; derivatives are not written as Python.
+_LOOKUP = """from bisect import bisect_right
+
+
+def _interval(points, v):
+    return min(max(bisect_right(points, v) - 1, 0), len(points) - 2)
+
+
+def table_value(table, v):
+    x, y = TABLES[int(table)]
+    if v != v:
+        return v
+    if v >= x[-1]:
+        return y[-1]
+    if v <= x[0]:
+        return y[0]
+    i = _interval(x, v)
+    if x[i] == v:
+        return y[i]
+    return (y[i + 1] - y[i]) / (x[i + 1] - x[i]) * (v - x[i]) + y[i]
+
+
+def table_value_2(table, v, w):
+    x, y, z = TABLES[int(table)]
+    if v != v or w != w:
+        return v + w
+    i, j = _interval(x, v), _interval(y, w)
+    s = (min(max(v, x[0]), x[-1]) - x[i]) / (x[i + 1] - x[i])
+    r = (min(max(w, y[0]), y[-1]) - y[j]) / (y[j + 1] - y[j])
+    low, high = z[i], z[i + 1]
+    return (1.0 - s) * ((1.0 - r) * low[j] + r * low[j + 1]) + s * ((1.0 - r) * high[j] + r * high[j + 1])
+"""
+
+
+def python_source(functions: Sequence[tuple[ca.Function, Sequence[str]]], tables: Sequence[Table] = ()) -> str:
     """Source of a module with one Python function for each traced one.
 
     Parameters
     ----------
     functions : sequence of (function, argument names)
         Scalar arguments come as floats, the others as sequences of floats. Each returns a list of floats.
+    tables : sequence of Table
+        The lookup tables that the functions call.
     """
     used = {f.instruction_id(k) for f, _ in functions for k in range(f.n_instructions())}
     seldom = sorted(name for operation, name in SELDOM.items() if operation in used)
     header = HEADER + (f"from math import {', '.join(seldom)}\n" if seldom else "")
     own = [helper.python + "\n" for helper in helpers(f for f, _ in functions)]
+    if tables:
+        data = "".join(f"    {_data(table)!r},\n" for table in tables)
+        own.insert(0, f"{_LOOKUP}\n\nTABLES = (\n{data})\n")
     return header + "".join("\n\n" + source for source in (*own, *(_function_source(f, n) for f, n in functions)))
+
+
+def _data(table: Table) -> tuple[Any, ...]:
+    return tuple(array.tolist() for array in (*table.breakpoints, table.values))
 
 
 def _function_source(f: ca.Function, argument_names: Sequence[str]) -> str:
@@ -62,5 +107,7 @@ def statements(f: ca.Function, argument_names: Sequence[str], literal: Callable[
             del assignments[targets[1]]
             lines.append((f"y{targets[1]}", f"w{operands[0]}"))
         else:
-            lines.append((f"w{targets[0]}", template(operation, f.name()).format(*(f"w{i}" for i in operands))))
+            lines.append(
+                (f"w{targets[0]}", template(operation, f.name(), len(operands)).format(*(f"w{i}" for i in operands)))
+            )
     return [*((f"y{i}", zero) for i, zero in assignments.items()), *lines]

@@ -18,11 +18,13 @@ from fmu_export.errors import TraceError, needs
 from fmu_export.modelling.functions import rk4_step
 from fmu_export.modelling.model import Model, Requirement
 from fmu_export.modelling.model_class import AnyModel, flat_model
+from fmu_export.modelling.tables import Table
 from fmu_export.trace.check import Checked, check_against_numpy
 from fmu_export.trace.hybrid import Influence, changes, influence, instants, rows
 from fmu_export.trace.symbols.arrays import Scalar
 from fmu_export.trace.symbols.context import argument, column, tracing
 from fmu_export.trace.symbols.expressions import as_written
+from fmu_export.trace.symbols.tables import tables_found
 
 with needs("export"):
     import casadi as ca
@@ -55,6 +57,8 @@ class TracedModel:
     initial_state_direction: ca.Function
     direction: ca.Function
     changes: tuple[ca.Function, ...]
+    #: Lookup tables, in the order of the numbers that calls of them have.
+    tables: tuple[Table, ...]
 
     @property
     def functions(self) -> tuple[ca.Function, ...]:
@@ -225,6 +229,7 @@ def _traced(model: Model, unchecked: bool) -> TracedModel:
         }
         if not unchecked:
             _check_same_trace(model, basic | changed)
+        found = tables_found()
     if changed:
         changed["instants"] = function("instants", [p], instants(model, p))
     traced = TracedModel(
@@ -235,10 +240,11 @@ def _traced(model: Model, unchecked: bool) -> TracedModel:
         initial_state_direction=direction("initial_state_direction", initial, [p], [p], [dp]),
         direction=direction("direction", ca.vertcat(y, rates), everything_known, [x, u, p], [dx, du, dp]),
         changes=tuple(changed.values()),
+        tables=found,
     )
     if not unchecked:
         with as_written():
-            check_against_numpy(model, _checked(model, traced))
+            check_against_numpy(model, _checked(model, traced), traced.tables)
     return traced
 
 

@@ -337,6 +337,10 @@ _EQUAL = {
         np.vstack([x, C]).ravel()
         np.column_stack([x, C])[0]
         np.append(x, 3.0)
+        np.append(x, [x[0], 1.0])
+        np.append([x[0], 1.0], x)
+        np.insert(x, [1, 2], [x[3], x[0]])
+        np.concatenate([x[:1], [x[1], t]])
         np.r_[C, 1.0][:4] * x
         np.block([[np.diag(x[:2]), np.zeros((2, 2))]]).ravel()
         np.tile(x, 2)

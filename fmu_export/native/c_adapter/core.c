@@ -15,12 +15,21 @@ CoreStatus core_init(Core *core, const char *resources, int model_exchange, Core
     core->resources = malloc(strlen(resources) + 1);
     if (!core->resources) return core_fail(core, CORE_ERROR, "no memory for an instance");
     strcpy(core->resources, resources);
+#ifdef N_TABLES
+    core->has_tables = 0;
+    CoreStatus status = core_open_tables(core);
+    if (status == CORE_OK) status = core_reset(core);
+#else
     CoreStatus status = core_reset(core);
+#endif
     if (status != CORE_OK) core_close(core);
     return status;
 }
 
 void core_close(Core *core) {
+#ifdef N_TABLES
+    core_close_tables(core);
+#endif
     free(core->resources);
     core->resources = NULL;
 }
@@ -37,8 +46,7 @@ CoreStatus core_fail(Core *core, CoreStatus status, const char *format, ...) {
 
 /* Start values */
 
-/* Read a number and nothing after it, whatever decimal point the locale of the importer has. */
-static int read_number(char *text, double *value) {
+int core_read_number(char *text, double *value) {
     char *end, *point = strchr(text, '.');
     const char *local = localeconv()->decimal_point;
     if (strchr(text, ',')) return 0;
@@ -74,7 +82,8 @@ static CoreStatus read_start_values(Core *core, double values[]) {
         if (separator) {
             *separator = '\0';
             while (i < N_PU && strcmp(line, model_names[i])) i++;
-            reads = i == N_PU || IS_REAL(i) ? read_number(separator + 3, &value) : read_other(i, separator + 3, &value);
+            reads = i == N_PU || IS_REAL(i) ? core_read_number(separator + 3, &value)
+                                            : read_other(i, separator + 3, &value);
             *separator = ' ';
         }
         if (!reads) {

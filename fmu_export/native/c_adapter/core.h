@@ -95,6 +95,9 @@ typedef struct {
     int model_exchange;
     int within_step; /* the importer is being asked for inputs */
     char *resources; /* folder */
+#ifdef N_TABLES
+    int has_tables; /* it is among the instances that use them */
+#endif
 #if ADAPTIVE /* of the step that is being tried */
     int violated; /* requirement that forbids the end of the step, -1 for none */
     double stages[7][N_X]; /* of the method; on the stack of a small thread there may be no room */
@@ -120,6 +123,15 @@ void core_close(Core *core);
 
 /* Log a message in printf format and return the status. */
 CoreStatus core_fail(Core *core, CoreStatus status, const char *format, ...);
+
+/* Read a number and nothing after it, whatever decimal point the locale of the importer has; the text is changed. */
+int core_read_number(char *text, double *value);
+
+#ifdef N_TABLES
+/* Read the lookup tables, unless other instances have; they stay until the last instance closes them. */
+CoreStatus core_open_tables(Core *core);
+void core_close_tables(Core *core);
+#endif
 
 /* Whether `function` may be called in the current phase; logs when it may not. */
 static inline int core_allowed(Core *core, int phases, const char *function) {

@@ -29,6 +29,7 @@ from fmu_export.trace.symbols.arrays import (
 )
 from fmu_export.trace.symbols.expressions import as_written
 from fmu_export.trace.symbols.refusal import place_of, refused
+from fmu_export.trace.symbols.tables import forget_tables
 
 with needs("export"):
     import casadi as ca
@@ -48,7 +49,7 @@ def _ours(name: str, depth: int = 2) -> bool:
         return False
     frame = sys._getframe(depth)
     module = frame.f_globals.get("__name__", "")
-    if module.partition(".")[0] in ("numpy", "scipy", "casadi") or module.startswith("fmu_export.trace"):
+    if module.partition(".")[0] in ("numpy", "scipy", "casadi") or module.startswith(_NOT_AUTHORS):
         return False
     called = _called(frame.f_code, frame.f_lasti)
     return called == name or frame.f_locals.get(called) is getattr(np, name)
@@ -68,6 +69,9 @@ def _called(code: CodeType, at: int) -> str:
             found = step.argval
     return found
 
+
+#: Modules of this package whose arrays are numbers.
+_NOT_AUTHORS = ("fmu_export.trace", "fmu_export.modelling.tables")
 
 #: Functions that make new arrays, which take symbols when they are called while tracing.
 _OF_SHAPES = ("zeros", "ones", "empty", "eye", "identity", "arange")
@@ -175,6 +179,7 @@ def tracing(model: str) -> Iterator[None]:
         before = {name: getattr(np, name) for name in replaced}
         _thread.tracing = True
         refused.clear()
+        forget_tables()
         for name, function in replaced.items():
             setattr(np, name, function)
         try:

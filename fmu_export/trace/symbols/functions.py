@@ -58,6 +58,11 @@ _STRUCTURAL = {
 } - {np.matmul, np.trim_zeros}
 _STRUCTURAL.add(np.matmul)
 
+#: Those of them that take a sequence of arrays.
+_OF_SEQUENCES = {
+    *(np.concatenate, np.stack, np.vstack, np.hstack, np.dstack, np.column_stack, np.block, np.linalg.multi_dot)
+}
+
 #: Functions that tell about shapes.
 _SHAPES = {np.shape, np.ndim, np.size, np.iscomplexobj, np.isrealobj, np.result_type}
 
@@ -71,11 +76,12 @@ def _numbers_like(value: Any) -> Any:
     return value.dtype.type(1) if type(value) is Scalar else value
 
 
-def _objects(value: Any, inner: bool = False) -> Any:
+def _objects(value: Any, is_array: bool = True) -> Any:
+    """A value with object arrays in place of arrays of symbols; a list is an array, or a sequence of arrays."""
     if isinstance(value, list | tuple):
-        if inner and has_symbols(value) and not any(isinstance(v, np.ndarray | list | tuple) for v in value):
+        if is_array and has_symbols(value) and not any(isinstance(v, np.ndarray | list | tuple) for v in value):
             return elements_of(value)[0]  # a row of scalars: numpy would take numbers out of them
-        return type(value)(_objects(v, inner=True) for v in value)
+        return type(value)(_objects(v) for v in value)
     if type(value) is Array:
         return value.base
     if type(value) is Scalar:
@@ -124,7 +130,8 @@ def _function(f: Any, args: Sequence[Any], kwargs: dict[str, Any]) -> Any:
         like = f(*(_numbers_like(a) for a in args), **{k: _numbers_like(v) for k, v in kwargs.items()})
         if f in (np.dot, np.inner, np.matmul, np.vdot, np.tensordot, np.outer) and np.asarray(like).dtype == BOOL:
             refuse(f"{name} of Boolean values can't be traced; write 1.0 * (...)")
-        return _wrapped(f(*(_objects(a) for a in args), **{k: _objects(v) for k, v in kwargs.items()}), like)
+        objects = [_objects(a, is_array=f not in _OF_SEQUENCES) for a in args]
+        return _wrapped(f(*objects, **{k: _objects(v) for k, v in kwargs.items()}), like)
     if not any(depends(a) for a in [*args, *kwargs.values()]):
         return f(*(plain(a) for a in args), **{k: plain(v) for k, v in kwargs.items()})
     return refuse(f"{name} can't be traced; see the page 'numpy that can be traced'")

@@ -14,6 +14,7 @@ from fmu_export.errors import TraceError
 _OTHERS = (
     *("numpy", "casadi", "scipy", "contextlib", "functools", "fmu_export.trace"),
     *("fmu_export.modelling.model", "fmu_export.modelling.model_class", "fmu_export.modelling.variables"),
+    "fmu_export.modelling.tables",
 )
 
 #: Where Python's own modules are.
