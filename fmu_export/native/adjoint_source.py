@@ -30,7 +30,7 @@ def adjoint_source(traced: TracedModel) -> bytes:
     ]
     tables = Tables()
     parts = [c_function(f, names, tables=tables) for f, names in functions]
-    head = HEADER + '#include <math.h>\n#include "model.h"\n\n'
+    head = HEADER + '#include <math.h>\n#include "model.h"\n' + '#include "table.h"\n' * bool(traced.tables) + "\n"
     prototypes = "".join(f"{part.partition(chr(10))[0]};\n" for part in parts) + "\n"
     before = "".join(helper.c + "\n" for helper in helpers(f for f, _ in functions)) + tables.source()
     return (head + prototypes + before + "\n".join(parts)).encode()

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from fmu_export.errors import needs
+from fmu_export.trace.operations import is_adjoint
 
 with needs("export"):
     import casadi as ca
@@ -49,28 +50,39 @@ class Graph:
         #: Node of each result that is not zero by structure.
         self.results: dict[int, int] = {}
         self.n_results: int = f.numel_out(0)
-        found: dict[tuple[object, ...], int] = {}
+        found: dict[object, int] = {}
         work: dict[int, int] = {}
-        for k in range(f.n_instructions()):
-            operation = f.instruction_id(k)
-            if operation == ca.OP_CONST:
-                node = Node(operation, (), f.instruction_constant(k))
-                key: tuple[object, ...] = operation, node.value.hex()  # 0.0 and -0.0 are two
-            else:
-                inputs = f.instruction_input(k)
-                if operation == ca.OP_OUTPUT:
-                    self.results[f.instruction_output(k)[1]] = work[inputs[0]]
-                    continue
-                if operation == ca.OP_ASSIGN:
-                    work[f.instruction_output(k)[0]] = work[inputs[0]]
-                    continue
-                operands = tuple(inputs) if operation == ca.OP_INPUT else tuple(work[i] for i in inputs)
-                node, key = Node(operation, operands), (operation, operands)
+
+        def add(node: Node) -> int:
+            # 0.0 and -0.0 are two
+            key: object = node.value.hex() if node.operation == ca.OP_CONST else (node.operation, node.operands)
             position = found.setdefault(key, len(self.nodes))
             if position == len(self.nodes):
                 self.nodes.append(node)
-            (target,) = f.instruction_output(k)
-            work[target] = position
+            return position
+
+        for k in range(f.n_instructions()):
+            operation, inputs, targets = f.instruction_id(k), f.instruction_input(k), f.instruction_output(k)
+            if operation == ca.OP_CONST:
+                work[targets[0]] = add(Node(operation, (), f.instruction_constant(k)))
+            elif operation == ca.OP_INPUT:
+                work[targets[0]] = add(Node(operation, tuple(inputs)))
+            elif operation == ca.OP_OUTPUT:
+                self.results[targets[1]] = work[inputs[0]]
+            elif operation == ca.OP_ASSIGN:
+                work[targets[0]] = work[inputs[0]]
+            elif operation == ca.OP_CALL and is_adjoint(
+                values := [work[i] for i in inputs], self.nodes[values[0]].value
+            ):
+                number, *variables, weight = values
+                zero = add(Node(ca.OP_CONST, (), 0.0))
+                for i, target in enumerate(targets):  # the changes along each variable, by the weight of the value
+                    changes = [weight if j == i else zero for j in range(len(variables))]
+                    if target >= 0:
+                        work[target] = add(Node(operation, (number, *variables, zero, *changes)))
+            else:
+                (target,) = targets
+                work[target] = add(Node(operation, tuple(work[i] for i in inputs)))
         #: How often a node is an operand or a result; a square names its operand twice.
         self.uses = [0] * len(self.nodes)
         for node in self.nodes:

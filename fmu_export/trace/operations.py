@@ -144,6 +144,16 @@ CALLS = {
 }
 
 
+def number_of(index: int, table: Table) -> float:
+    """The number that calls of a table have; a half tells that it is over two variables."""
+    return index + 0.5 * (table.n_variables - 1)
+
+
+def is_adjoint(operands: Sequence[Any], number: float) -> bool:
+    """Whether a call of the table with this number is that of its adjoint: variables and the weight of its value."""
+    return len(operands) == (3 if number == int(number) else 4)
+
+
 def call_of(table: Table, operands: Sequence[Any]) -> Any:
     """What such a call computes, for many points at once."""
     where = operands[1 : 1 + table.n_variables]

@@ -43,3 +43,9 @@ EXPORT void probe_2(double table, long n, const double x[], const double y[], do
         by_y[i] = table_change_2(table, x[i], y[i], 0.0, 1.0);
     }
 }
+
+void model_adjoint(double t, const double *x, const double *u, const double *p, const double *dy, double *y);
+
+EXPORT void probe_adjoint(const double x[], const double u[], const double p[], const double weights[], double sums[]) {
+    model_adjoint(0.0, x, u, p, weights, sums);
+}

@@ -16,6 +16,7 @@ import numpy as np
 
 from fmu_export.errors import needs
 from fmu_export.modelling.tables import Table
+from fmu_export.trace.operations import number_of
 from fmu_export.trace.symbols.arrays import FLOAT, Array, Scalar, depends, elements_of, filled, plain, unwrapped
 from fmu_export.trace.symbols.expressions import is_number
 from fmu_export.trace.symbols.refusal import refuse
@@ -94,7 +95,7 @@ def _look_up(table: Table, *where: Any, is_named: bool = True) -> Any:
     def element(*expressions: Any) -> Any:
         if all(is_number(e) for e in expressions):
             return ca.SX(float(table(*map(float, expressions))))
-        return entry.function(ca.SX(float(entry.number)), *expressions)
+        return entry.function(ca.SX(number_of(entry.number, table)), *expressions)
 
     flat = [[e.sx for e in base.flat] for base in bases]
     base = filled([Scalar(element(*e), FLOAT) for e in zip(*flat, strict=True)], bases[0].shape)

@@ -16,6 +16,7 @@ import pytest
 from fmu_export import Table, TableError, TraceError, build_native, build_pythonfmu, write_table
 from fmu_export.modelling.model import DefaultExperiment, Model
 from fmu_export.modelling.variables import Layout, Variable
+from fmu_export.native.adjoint_source import adjoint_source
 from fmu_export.native.backend import _adapter_sources
 from fmu_export.native.c_source import model_sources
 from fmu_export.native.toolchain import compile_library, host_target
@@ -71,6 +72,7 @@ class Probe:
         )
         assert traced.tables == ALL
         sources = _adapter_sources("fmi2", tables=True) | model_sources(traced, interface_of(traced), "{}")
+        sources["model_adjoint.c"] = adjoint_source(traced)
         sources["probe.c"] = (CHECKOUT / "tests/support/table_probe.c").read_bytes()
         path = folder / f"probe{host_target().suffix}"
         path.write_bytes(compile_library(sources, "Lookup", strict=True))
@@ -274,6 +276,17 @@ def test_a_derivative_goes_through_tables(tmp_path: Path) -> None:
         h = 1e-7 * (np.arange(3) == k)
         assert np.allclose(found, (curves(u + h) - curves(u - h)) / 2e-7, rtol=1e-6, atol=1e-8)
     slave.freeInstance()
+
+
+def test_an_adjoint_derivative_goes_through_tables(probe: Probe) -> None:
+    """Of all tables at one place, each alone and all together."""
+    u, one = np.array([1.3, 0.4]), np.array([0.5])
+    slopes = np.array([(*table.slopes(*u[: table.n_variables]), 0.0)[:2] for table in ALL])
+    for weights in [*np.eye(len(ALL)), RNG.normal(size=len(ALL))]:
+        sums, all_weights = np.full(4, np.nan), np.concatenate([weights, [0.0, 0.0]])  # of the state, its derivative
+        arrays = (one, u, one, all_weights, sums)
+        probe.library.probe_adjoint(*(a.ctypes.data_as(ctypes.c_void_p) for a in arrays))
+        assert np.allclose(sums[1:3], weights @ slopes, rtol=1e-12, atol=1e-15)
 
 
 def test_other_data_give_another_fingerprint(tmp_path: Path) -> None:
