@@ -378,6 +378,8 @@ def _out_of_the_ordinary(info: Mapping[str, Any]) -> Iterator[str]:
     """What a run assumed or met, a line each."""
     if kept := info["inputs_kept"]:
         yield f"nothing feeds these inputs, which keep the start values of their FMUs: {', '.join(kept)}"
+    if unticked := info.get("clocks_without_source"):
+        yield f"nothing ticks these clocks, which need a connection or a signal: {', '.join(unticked)}"
     for component in info.get("tolerance_assumed", ()):
         tolerance = info["fmus"][component]["tolerance"]
         yield f"the FMU of '{component}' fails without a tolerance; it was told {tolerance:g}"

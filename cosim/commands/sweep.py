@@ -99,6 +99,9 @@ def register(subparsers: Any) -> None:
         "--curves", type=float, metavar="P", help="also keep the variables of metrics over time, with a point every P s"
     )
     run_ = parser.add_argument_group("execution")
+    run_.add_argument(
+        "--build", action="store_true", help="compile the C sources of FMUs that have no binary for a worker's machine"
+    )
     run_.add_argument("--stop", type=float, metavar="T", help="stop time in s")
     add_algorithm_options(run_)
     run_.add_argument("--out", type=Path, metavar="DIR", help="results folder (default results/sweep-<scenario>)")
@@ -160,6 +163,7 @@ def _run(args: argparse.Namespace, unpacked: Path) -> int:
         alternative=alternative,
         optional_inputs=system.family.optional_inputs,
         curve_period=args.curves,
+        build=args.build,
     )
     check(study, files, varied)
     if note := advice(args.design, len(points)):

@@ -27,6 +27,11 @@ def register(subparsers: Any) -> None:
         dest="run_references",
         help="also run the experiments that an FMU brings along (fmi-ls-ref), and compare with their reference results",
     )
+    parser.add_argument(
+        "--build",
+        action="store_true",
+        help="with --run: compile the C sources of FMUs that have no binary for this machine",
+    )
     parser.set_defaults(run=run)
 
 
@@ -42,7 +47,7 @@ def _problems(path: Path) -> list[str]:
         return [not_read(path, "an FMU", "not an FMU (not a zip archive)", FMU).removeprefix(f"{path}: ")]
 
 
-def _run_references(path: Path) -> bool:
+def _run_references(path: Path, *, build: bool) -> bool:
     """Run the cases that an FMU brings along, one line each; whether anything was found."""
     from cosim.fmi.fmu_file import read_fmu
     from cosim.regression.outcome import check
@@ -63,7 +68,7 @@ def _run_references(path: Path) -> bool:
             print(f"{path}: brings no references along that can be run; nothing was run")
         for case in shipped.cases:
             for interface in interfaces:
-                outcome = check(case, path, interface)
+                outcome = check(case, path, interface, build=build)
                 spoken = {"co_simulation": "co-simulation", "model_exchange": "model exchange"}[interface]
                 here = f"{path}: {case.name}, {spoken}"
                 for finding in outcome.findings:
@@ -85,5 +90,5 @@ def run(args: argparse.Namespace) -> int:
         if not problems:
             print(f"{path}: ok")
         if args.run_references and path.is_file():
-            found = _run_references(path) or found
+            found = _run_references(path, build=args.build) or found
     return int(found)

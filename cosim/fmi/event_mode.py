@@ -10,7 +10,8 @@ import ctypes
 import json
 import math
 import struct
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -52,6 +53,22 @@ def is_time_based(variable: ModelVariable) -> bool:
     """Whether a variable is a clock that ticks at times that its FMU gives."""
     is_input_clock = variable.type == "Clock" and variable.causality == "input"
     return bool(is_input_clock and variable.intervalVariability != "triggered")
+
+
+def has_settable_interval(variable: ModelVariable) -> bool:
+    """Whether a variable is a clock whose interval its importer chooses."""
+    return is_time_based(variable) and variable.intervalVariability in ("fixed", "tunable")
+
+
+def set_intervals(description: ModelDescription, start: Mapping[str, Any]) -> None:
+    """Give clocks in a model description the intervals (s) that start values say.
+
+    Values that are no intervals are left to whoever checks start values.
+    """
+    for variable in description.modelVariables:
+        if variable.name in start and has_settable_interval(variable):
+            with suppress(TypeError, ValueError, OverflowError):
+                variable.intervalDecimal, variable.intervalCounter = float(start[variable.name]), None
 
 
 def uses_events(description: ModelDescription) -> bool:
@@ -177,8 +194,11 @@ class EventInstance(Instance):
         elif kind in ("fixed", "tunable"):
             self._tell_interval(reference, clock, interval, shift)
         if not (math.isfinite(interval) and interval > 0.0 and math.isfinite(shift)):
+            remedy = ""
+            if has_settable_interval(clock):
+                remedy = f"; give it one: System.add(..., start={{'{clock.name}': 0.1}}), --set {clock.name}=0.1"
             raise CallFailed(
-                f"clock '{clock.name}' has no usable interval: {interval:.9g} s, first after {shift:.9g} s"
+                f"clock '{clock.name}' has no usable interval: {interval:.9g} s, first after {shift:.9g} s{remedy}"
             )
         self._timers[reference] = _Timer(self._now + shift, interval)
 

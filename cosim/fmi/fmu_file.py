@@ -72,7 +72,7 @@ class LoadedFMU:
             has = ", ".join(sorted({library.parts[1] for library in binaries if len(library.parts) > 2})) or "none"
             what = f"has no binary for {fmpy.platform} (it has: {has}); get one built for this platform"
         if has_sources(self.files):
-            what += ", or compile its C sources: cosim run --build (in Python: build=True)"
+            what += ", or compile its C sources: --build (pytest: --fmu-build; in Python: build=True)"
         raise SetupError(f"{self.path}: {what}")
 
     @property

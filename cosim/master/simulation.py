@@ -664,6 +664,7 @@ class Simulation:
             "order": self._order,
             "extrapolation": self._extrapolated.summary(),
             "inputs_kept": list(self._resolved.kept),
+            **({"clocks_without_source": list(self._resolved.unticked)} if self._resolved.unticked else {}),
             "record_every": record_every,
             "units": dict(self._units),
             "fmus": {
@@ -696,6 +697,10 @@ class Simulation:
             if any((port.component, e.name) in fed for e in resolved.elements):
                 raise SetupError(f"start value of '{path}' would have no effect: a connection or a signal feeds it")
             self._check_sizes(resolved)
+            if resolved.is_interval:
+                raise SetupError(
+                    f"start value of '{path}': a simulation keeps the intervals of clocks; give it in System.add"
+                )
             starts.append(resolved)
         return starts
 

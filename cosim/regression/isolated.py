@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import pickle
 import signal
 import subprocess
@@ -11,7 +12,7 @@ from tempfile import TemporaryDirectory
 
 from cosim.errors import CosimError
 from cosim.regression.case import Case, Method, RunError
-from cosim.regression.run import run
+from cosim.regression.run import RunOptions, run
 from cosim.regression.tolerances import Interface
 from cosim.results.results import Results
 
@@ -20,7 +21,12 @@ _MOST_OUTPUT = 10_000
 
 
 def run_isolated(
-    case: Case, path: Path, interface: Interface, timeout: float, method: Method = "CVode"
+    case: Case,
+    path: Path,
+    interface: Interface,
+    timeout: float,
+    method: Method = "CVode",
+    options: RunOptions = RunOptions(),  # noqa: B008 (frozen)
 ) -> tuple[Results, str]:
     """The same as `run`, in a child process; also what it printed.
 
@@ -31,7 +37,7 @@ def run_isolated(
     """
     with TemporaryDirectory(prefix="cosim_", ignore_cleanup_errors=True) as name:
         answer = Path(name) / "answer"
-        (Path(name) / "task").write_bytes(pickle.dumps((case, path, interface, method)))
+        (Path(name) / "task").write_bytes(pickle.dumps((case, path, interface, method, options)))
         command = [sys.executable, "-m", "cosim.regression.isolated", name]
         try:
             done = subprocess.run(
@@ -62,9 +68,11 @@ def _death(code: int) -> str:
 
 def main(folder: Path) -> None:
     """The child: run what is in a folder, and put the results there, or the one line that says why there are none."""
-    case, path, interface, method = pickle.loads((folder / "task").read_bytes())
+    case, path, interface, method, options = pickle.loads((folder / "task").read_bytes())
+    if options.log is not None:
+        logging.basicConfig(stream=sys.stdout, level=logging.INFO, format="%(message)s")
     try:
-        answer: Results | str = run(case, path, interface, method)
+        answer: Results | str = run(case, path, interface, method, options)
     except CosimError as error:
         answer = str(error)
     (folder / "unfinished").write_bytes(pickle.dumps(answer))

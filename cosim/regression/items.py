@@ -141,7 +141,10 @@ class CaseItem(_Plain):
     def runtest(self) -> None:
         """Run the FMU, and compare or write."""
         if self._write:
-            said = rebaseline(self._case, self.path, self._interface, self.config.getoption("cosim_fmu_timeout"))
+            said = rebaseline(
+                *(self._case, self.path, self._interface, self.config.getoption("cosim_fmu_timeout")),
+                build=self.config.getoption("cosim_fmu_build"),
+            )
             self.config.stash[WRITTEN].append(said)
             pytest.skip(said)
         outcome = judged(self, self._case, self.path, self._interface)
@@ -160,7 +163,15 @@ def judged(item: pytest.Item, case: Case, fmu: Path, interface: Interface) -> Ou
     """The outcome of a case, which also goes to the test report: properties, output, part of the page."""
     config = item.config
     in_process = config.getoption("cosim_fmu_in_process")
-    outcome = check(case, near(fmu), interface, isolated=not in_process, timeout=config.getoption("cosim_fmu_timeout"))
+    outcome = check(
+        case,
+        near(fmu),
+        interface,
+        isolated=not in_process,
+        timeout=config.getoption("cosim_fmu_timeout"),
+        build=config.getoption("cosim_fmu_build"),
+        log=config.getoption("cosim_fmu_log"),
+    )
     item.user_properties += outcome.summary()
     if outcome.said:
         item.add_report_section("call", "FMU", outcome.said)

@@ -9,9 +9,11 @@ from typing import Any
 import numpy as np
 
 from cosim.fmi.fmu_file import LoadedFMU
+from cosim.fmi.message_log import Log, LogWriter
 from cosim.fmi.messages import Messages
 from cosim.fmi.model_exchange import model_exchange_instance
 from cosim.fmi.unpacking import folder_for_fmus
+from cosim.loop.current_calls import watched_calls
 from cosim.regression.case import Between, Case, CaseError, Method, RunError
 from cosim.regression.experiment import Experiment
 from cosim.regression.inputs import input_elements
@@ -26,6 +28,9 @@ def model_exchange(
     experiment: Experiment,
     wanted: list[Element],
     method: Method,
+    *,
+    build: bool = False,
+    log: Log | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Times (n,) in s and values (n, len(wanted)) under the inputs of a case.
 
@@ -38,9 +43,9 @@ def model_exchange(
 
     signals = _structured_inputs(case, between, ports)
     start = _start_values(case, ports)
-    messages = Messages(fmu.path.stem)
-    with folder_for_fmus() as folder:
-        fmu.unpack(Path(folder))
+    messages = Messages(fmu.path.stem, None if log is None else LogWriter(log))
+    with watched_calls(), folder_for_fmus() as folder:
+        fmu.unpack(Path(folder), build=build)
         steps = _euler_steps(case, fmu, experiment.interval) if method == "Euler" else 1
         outputs = [element.variable.name for element in wanted]
         try:

@@ -65,7 +65,16 @@ def share(signal: SignalComparison) -> float:
     return distance / signal.allowed if signal.allowed and distance == distance else float("inf")
 
 
-def check(case: Case, fmu: Path, interface: Interface, *, isolated: bool = True, timeout: float = TIMEOUT) -> Outcome:
+def check(
+    case: Case,
+    fmu: Path,
+    interface: Interface,
+    *,
+    isolated: bool = True,
+    timeout: float = TIMEOUT,
+    build: bool = False,
+    log: str | None = None,
+) -> Outcome:
     """Run an FMU for a case and compare the results with the reference.
 
     Parameters
@@ -77,6 +86,10 @@ def check(case: Case, fmu: Path, interface: Interface, *, isolated: bool = True,
         In a process of its own, which a crash ends without harm to this one.
     timeout : float
         Longest time (s) that an isolated run may take.
+    build : bool
+        Compile the C sources of an FMU that has no binary for this machine.
+    log : str, optional
+        Level of the messages of the FMU that are written, to the output of the run; see `cosim.Log`.
 
     Returns
     -------
@@ -84,6 +97,10 @@ def check(case: Case, fmu: Path, interface: Interface, *, isolated: bool = True,
         Also what can't be read or run is a finding.
     """
     began = clock.perf_counter()
+
+    from cosim.regression.run import RunOptions, run  # takes a while to import
+
+    options = RunOptions(build, log)
 
     def attempt(interface: Interface, method: Method) -> tuple[list[str], list[SignalComparison], str]:
         try:
@@ -94,11 +111,9 @@ def check(case: Case, fmu: Path, interface: Interface, *, isolated: bool = True,
             if isolated:
                 from cosim.regression.isolated import run_isolated
 
-                results, said = run_isolated(case, fmu, interface, timeout, method)
+                results, said = run_isolated(case, fmu, interface, timeout, method, options)
             else:
-                from cosim.regression.run import run
-
-                results = run(case, fmu, interface, method)
+                results = run(case, fmu, interface, method, options)
             if reference is None:
                 return _not_finite(results), [], said
             if interface == "model_exchange":

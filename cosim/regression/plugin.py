@@ -48,6 +48,19 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         help="longest time that one run may take (default: 600)",
     )
     group.addoption(
+        "--fmu-build",
+        action="store_true",
+        dest="cosim_fmu_build",
+        help="compile the C sources of FMUs that have no binary for this machine",
+    )
+    group.addoption(
+        "--fmu-log",
+        choices=("none", "error", "warning", "info", "all"),
+        dest="cosim_fmu_log",
+        metavar="LEVEL",
+        help="show what the FMUs say with each failing test (with -rP: with all): none, error, warning, info, all",
+    )
+    group.addoption(
         "--fmu-in-process",
         action="store_true",
         dest="cosim_fmu_in_process",

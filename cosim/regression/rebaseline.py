@@ -14,7 +14,7 @@ from cosim.regression.case import Case
 from cosim.regression.experiment import experiment_of
 from cosim.regression.isolated import run_isolated
 from cosim.regression.options import write_options
-from cosim.regression.run import interfaces_of
+from cosim.regression.run import RunOptions, interfaces_of
 from cosim.regression.tolerances import Interface, vector_of
 from cosim.results.results import Results
 
@@ -49,7 +49,7 @@ def reason_against(arguments: Sequence[str], environment: Mapping[str, str], *, 
     return ""
 
 
-def rebaseline(case: Case, path: Path, interface: Interface, timeout: float) -> str:
+def rebaseline(case: Case, path: Path, interface: Interface, timeout: float, *, build: bool = False) -> str:
     """Run an FMU and write what it gives as the reference; options and tolerances only where there are none yet.
 
     Returns
@@ -64,7 +64,7 @@ def rebaseline(case: Case, path: Path, interface: Interface, timeout: float) -> 
     """
     if case.reference_path.exists() and (why := _not_in_git(case.reference_path)):
         raise RebaselineError(f"{case.reference_path}: {why}; commit it, or move it away to begin anew")
-    results, _ = run_isolated(case, path, interface, timeout)
+    results, _ = run_isolated(case, path, interface, timeout, options=RunOptions(build))
     fmu = read_fmu(path, str(path))
     experiment = experiment_of(case, fmu.description)
     case.folder.mkdir(parents=True, exist_ok=True)

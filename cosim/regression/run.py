@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from cosim.errors import nearest
 from cosim.fmi.fmu_file import LoadedFMU, read_fmu
+from cosim.fmi.message_log import Log
 from cosim.master.simulation import Simulation
 from cosim.regression.case import Between, Case, CaseError, Method, RunError
 from cosim.regression.experiment import Experiment, experiment_of
@@ -46,7 +48,29 @@ def interfaces_of(fmu: LoadedFMU) -> list[Interface]:
     return found
 
 
-def run(case: Case, path: Path, interface: Interface, method: Method = "CVode") -> Results:
+@dataclass(frozen=True)
+class RunOptions:
+    """Options of a run that the results do not depend on.
+
+    Attributes
+    ----------
+    build : bool
+        Compile the C sources of an FMU that has no binary for this machine.
+    log : str, optional
+        Level of the messages of the FMU that go to Python's logger `cosim.messages`; see `cosim.Log`.
+    """
+
+    build: bool = False
+    log: str | None = None
+
+
+def run(
+    case: Case,
+    path: Path,
+    interface: Interface,
+    method: Method = "CVode",
+    options: RunOptions = RunOptions(),
+) -> Results:
     """Results of an FMU under the inputs of a case: the signals of its reference, as far as the FMU has them.
 
     All outputs where the case has no reference. `info["units"]` has their units. `method` integrates in model exchange,
@@ -60,7 +84,7 @@ def run(case: Case, path: Path, interface: Interface, method: Method = "CVode") 
     fmu = read_fmu(path, f"case '{case.name}': {path}")
     if interface not in interfaces_of(fmu):
         raise RunError(f"{path}: has no {interface.replace('_', ' ')} interface")
-    fmu.check_binary()
+    fmu.check_binary(build=options.build)
     ports = Ports(_COMPONENT, fmu.description, case.start)
     known = {
         element.name: element
@@ -78,9 +102,12 @@ def run(case: Case, path: Path, interface: Interface, method: Method = "CVode") 
         raise CaseError(f"case '{case.name}': {path} has none of the signals to compare{hint}")
     experiment = experiment_of(case, fmu.description)
     if interface == "co_simulation":
-        results = _co_simulation(case, case.between, fmu, ports, experiment, wanted)
+        results = _co_simulation(case, case.between, fmu, ports, experiment, wanted, options)
     else:
-        time, values = model_exchange(case, case.between, fmu, ports, experiment, wanted, method)
+        log = None if options.log is None else Log(options.log)
+        time, values = model_exchange(
+            case, case.between, fmu, ports, experiment, wanted, method, build=options.build, log=log
+        )
         results = Results(time, [], values)
     units = {e.name: unit.name if (unit := ports.unit(e)) is not None else _bare_unit(e) for e in wanted}
     typed = {e.name: results.typed[n] for e in wanted if (n := f"{_COMPONENT}.{e.name}") in results.typed}
@@ -94,7 +121,13 @@ def _bare_unit(element: Element) -> str:
 
 
 def _co_simulation(
-    case: Case, between: Between, fmu: LoadedFMU, ports: Ports, experiment: Experiment, wanted: list[Element]
+    case: Case,
+    between: Between,
+    fmu: LoadedFMU,
+    ports: Ports,
+    experiment: Experiment,
+    wanted: list[Element],
+    options: RunOptions,
 ) -> Results:
     inputs = case.inputs() or Results(np.zeros(1), [], np.zeros((1, 0)))
     inputs = with_names_of(inputs, [element.name for element in ports.of_causality("input")])
@@ -108,7 +141,9 @@ def _co_simulation(
         system.drive(f"{_COMPONENT}.{name}", function, breakpoints=jumps.tolist(), vectorized=True)
     record = [f"{_COMPONENT}.{element.name}" for element in wanted]
     extrapolation = "auto" if between == "linear" else "hold"
-    with Simulation(system, extrapolation=extrapolation, record=record) as simulation:
+    with Simulation(
+        system, extrapolation=extrapolation, record=record, build=options.build, log=options.log
+    ) as simulation:
         return simulation.run(
             experiment.stop_time,
             experiment.step_size,

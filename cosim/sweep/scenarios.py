@@ -60,6 +60,8 @@ class ScenarioStudy:
         As of `cosim.scenario.replaced`.
     curve_period : float, optional
         Rows also have curves over time, with a point each so many seconds.
+    build : bool
+        Workers compile the C sources of FMUs that have no binary for their machine.
     """
 
     scenarios: Mapping[str, Scenario]
@@ -68,6 +70,7 @@ class ScenarioStudy:
     own_fmus: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     optional_inputs: Mapping[str, Any] = field(default_factory=dict)
     curve_period: float | None = None
+    build: bool = False
     _signals: dict[Hashable, list[Signal]] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     #: Names of metrics that all scenarios of a family have.
@@ -108,7 +111,11 @@ class ScenarioStudy:
         own |= scenario.stand_ins
         system, _ = replaced(scenario.system(), own, self.optional_inputs)
         return Simulation(
-            system, order=scenario.order, extrapolation=scenario.extrapolation, record=self.recorded(scenario)
+            system,
+            order=scenario.order,
+            extrapolation=scenario.extrapolation,
+            record=self.recorded(scenario),
+            build=self.build,
         )
 
     def plan(self, point: Mapping[str, Value]) -> PlannedRun:
@@ -205,6 +212,7 @@ def scenario_study(
     own_fmus: Mapping[str, Sequence[Path]] | None = None,
     *,
     curve_period: float | None = None,
+    build: bool = False,
 ) -> tuple[ScenarioStudy, dict[str, Path]]:
     """A study of scenarios whose FMUs are files on this machine, and these files, for `sweep`.
 
@@ -217,6 +225,8 @@ def scenario_study(
         Component -> FMU files in place of that of the scenario; several of them are the factor `<component>.fmu`.
     curve_period : float, optional
         Rows also have curves of all variables of metrics over time, with a point each so many seconds.
+    build : bool
+        Compile the C sources of FMUs that have no binary for the machine of a worker.
 
     Returns
     -------
@@ -232,7 +242,7 @@ def scenario_study(
         A component has no FMU.
     """
     one = {label: {"": scenario} for label, scenario in scenarios.items()}
-    return study_of_alternatives(ScenarioStudy, one, own_fmus or {}, curve_period=curve_period)
+    return study_of_alternatives(ScenarioStudy, one, own_fmus or {}, curve_period=curve_period, build=build)
 
 
 def study_of_alternatives(
@@ -243,6 +253,7 @@ def study_of_alternatives(
     alternative: str = "",
     optional_inputs: Mapping[str, Any] | None = None,
     curve_period: float | None = None,
+    build: bool = False,
 ) -> tuple[StudyType, dict[str, Path]]:
     """A study of scenarios that differ in their FMUs only, by alternative, and all FMU files by SHA-256.
 
@@ -252,7 +263,7 @@ def study_of_alternatives(
         Class of the study.
     scenarios : mapping
         Label -> alternative -> scenario.
-    own_fmus, alternative, optional_inputs, curve_period
+    own_fmus, alternative, optional_inputs, curve_period, build
         As `ScenarioStudy` has them, with files in place of their contents.
 
     Raises
@@ -281,7 +292,7 @@ def study_of_alternatives(
     own = {component: {str(path): known(path) for path in paths} for component, paths in own_fmus.items()}
     measured = {label: _with_metrics(next(iter(of.values())), kind) for label, of in scenarios.items()}
     bare = {label: _without_files(scenario) for label, scenario in measured.items()}
-    return kind(bare, fmus, alternative, own, dict(optional_inputs or {}), curve_period), files
+    return kind(bare, fmus, alternative, own, dict(optional_inputs or {}), curve_period, build), files
 
 
 def check(study: ScenarioStudy, files: Mapping[str, Path], factors: Sequence[Factor]) -> None:

@@ -10,7 +10,7 @@ from typing import Any, get_args
 import numpy as np
 
 from cosim.errors import ArgumentError, SetupError, nearest
-from cosim.fmi.event_mode import is_time_based
+from cosim.fmi.event_mode import has_settable_interval, is_time_based
 from cosim.fmi.structure import is_structural
 from cosim.fmi.types import CONVERSIONS
 from cosim.system.levels import AlgebraicLoop, Node, levels
@@ -81,6 +81,11 @@ class StartValue:
         return len(self.elements) > 1 or not self.elements[0].variable.shape
 
     @property
+    def is_interval(self) -> bool:
+        """Whether it is the interval of a clock."""
+        return bool(self.elements[0].variable.type == "Clock")
+
+    @property
     def is_structural(self) -> bool:
         """Whether it is one of a structural parameter, which is set in the configuration mode."""
         return is_structural(self.elements[0].variable)
@@ -93,6 +98,7 @@ class ResolvedSystem:
     `levels` is None where an algebraic loop forbids an order; only the parallel order can run such a system.
     `feedthrough` says for each output of a component what it depends on directly: inputs, and parameters that something
     feeds. `kept` are the inputs that nothing feeds and that have no start value here: they keep that of their FMU.
+    `unticked` are the triggered clocks among the inputs that nothing feeds.
     """
 
     components: Mapping[str, Component]
@@ -103,6 +109,7 @@ class ResolvedSystem:
     levels: Mapping[Node, int] | None
     feedthrough: Mapping[str, Mapping[str, Set[str]]]
     kept: tuple[str, ...]
+    unticked: tuple[str, ...]
 
 
 def resolve(
@@ -129,16 +136,22 @@ def resolve(
     links = tuple(link for c in system.connections for link in _links(c, ports))
     _check_clocks(links, system)
     drives = tuple(_drive(s, ports, system) for s in system.signals)
-    starts = tuple(
+    every_start = [
         resolve_start_value(ports[c.name], name, value)
         for c in system.components.values()
         for name, value in c.start.items()
-    )
+    ]
+    starts = tuple(s for s in every_start if not s.is_interval)  # which descriptions have
     strict = {name for name, component in system.components.items() if strict_inputs or component.fmu is None}
-    kept = _check_feeding(ports, links, drives, starts, strict)
+    unfed = _check_feeding(ports, links, drives, starts, strict)
+    kept, unticked = (
+        [f"{c}.{e.name}" for c, e in unfed if (e.variable.type == "Clock") == tick] for tick in (False, True)
+    )
     feedthrough = {name: _feedthrough(port, links, drives) for name, port in ports.items()}
     order = _levels(ports, feedthrough, links, needs_levels)
-    return ResolvedSystem(system.components, ports, links, drives, starts, order, feedthrough, kept)
+    return ResolvedSystem(
+        system.components, ports, links, drives, starts, order, feedthrough, tuple(kept), tuple(unticked)
+    )
 
 
 def split(path: str, ports: Mapping[str, Ports]) -> tuple[Ports, str]:
@@ -267,6 +280,8 @@ def resolve_start_value(port: Ports, name: str, value: Any) -> StartValue:
     for element in elements:
         variable = element.variable
         settable = variable.causality == "input" or variable.initial in ("exact", "approx")
+        if has_settable_interval(variable) and element.is_exchanged:
+            return StartValue(port.component, (element,), (_interval(here, value),))
         if variable.type == "Clock":
             raise SetupError(f"{here}: clocks have none; have a signal or a connection feed a triggered one")
         if not settable or variable.variability == "constant":
@@ -280,6 +295,17 @@ def resolve_start_value(port: Ports, name: str, value: Any) -> StartValue:
         raise SetupError(f"{here}: {len(values)} values were given for {len(elements)}")
     own = tuple(_start_value(here, e, v, value) for e, v in zip(elements, values, strict=True))
     return StartValue(port.component, tuple(elements), own)
+
+
+def _interval(here: str, value: Any) -> float:
+    """The interval (s) of a clock."""
+    try:
+        interval = float(value)
+    except (TypeError, ValueError, OverflowError):
+        interval = math.nan
+    if not (math.isfinite(interval) and interval > 0.0):
+        raise SetupError(f"{here}: {value!r} is no interval of a clock; give a positive number of seconds")
+    return interval
 
 
 def _flat(value: Any) -> list[Any] | None:
@@ -349,7 +375,7 @@ def _check_feeding(
     drives: Iterable[Drive],
     starts: Iterable[StartValue],
     strict: Set[str],
-) -> tuple[str, ...]:
+) -> list[tuple[str, Element]]:
     """No input has more than one connection or signal; returns those that have none, nor a start value.
 
     Those of the `strict` components must have one: functions have no start values of their own.
@@ -367,18 +393,18 @@ def _check_feeding(
     _check_added(drives, {(k.target_component, k.target.name) for k in links})
     held = {(s.component, e.name) for s in starts for e in s.elements}
     kept = [
-        (component, e.name)
+        (component, e)
         for component, port in ports.items()
         for e in port.of_causality("input")
         if (component, e.name) not in fed
         and (component, e.name) not in held
         and not (is_time_based(e.variable) or is_alias(e.variable))
     ]
-    if missing := [f"'{component}.{name}'" for component, name in kept if component in strict]:
+    if missing := [f"'{component}.{e.name}'" for component, e in kept if component in strict]:
         raise SetupError(
             f"nothing feeds input {', '.join(missing)}; connect it, drive it with a signal, or hold it at a start value"
         )
-    return tuple(f"{component}.{name}" for component, name in kept)
+    return kept
 
 
 def _check_added(drives: Iterable[Drive], connected: Set[Node]) -> None:

@@ -17,7 +17,7 @@ from typing import Any
 from fmpy.model_description import ModelDescription, ModelVariable, Unit
 
 from cosim.errors import ArgumentError, SetupError, nearest
-from cosim.fmi.event_mode import CLOCK, DISCRETE, timing_of, uses_events
+from cosim.fmi.event_mode import CLOCK, DISCRETE, set_intervals, timing_of, uses_events
 from cosim.fmi.structure import resize
 from cosim.fmi.types import FMI_TYPES, FmiType
 
@@ -111,12 +111,14 @@ class Ports:
     description : ModelDescription
         Of this component alone: arrays get the sizes that they have in it.
     start : mapping, optional
-        Start values of the component. Sizes of arrays follow those of structural parameters.
+        Start values of the component. Sizes of arrays follow those of structural parameters, intervals of clocks their
+        own.
     """
 
     def __init__(self, component: str, description: ModelDescription, start: Mapping[str, Any] | None = None) -> None:
         self.component = component
         resize(description, start or {})
+        set_intervals(description, start or {})
         self.uses_events = uses_events(description)
         self.description = description
         self._elements: dict[str, Element] = {}

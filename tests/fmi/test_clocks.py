@@ -5,6 +5,7 @@ The FMU refuses whatever the standard forbids in a mode, so each run tests the o
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -100,6 +101,40 @@ def test_the_time_of_the_next_event_is_kept(fmu, alarm):
 def test_a_clock_without_a_usable_interval_is_named(fmu):
     with pytest.raises(SimulationError, match="c failed at t = 0 s: clock 'fixed' has no usable interval: 0 s"):
         simulate(one(fmu, period=0.0), 1.0, H)
+
+
+def test_the_interval_of_a_clock_can_be_given(fmu, tmp_path, monkeypatch, capsys):
+    results = simulate(one(fmu, period=0.0, fixed=0.375, tunable=0.25), 2.0, H)
+    assert ticks(results, "c.fixed") == [0.375 * i for i in range(6)]
+    assert ticks(results, "c.tunable") == [0.25 * i for i in range(9)]
+    message = r"clock 'fixed' has no usable interval: .*; give it one: System\.add\(.*'fixed': 0\.1.*--set fixed=0\.1$"
+    with pytest.raises(SimulationError, match=message):
+        simulate(one(fmu, period=0.0), 1.0, H)
+    for wrong in (0.0, -1.0, "often", math.inf, [0.1, 0.2]):
+        with pytest.raises(SetupError, match=r"value of 'c\.fixed': .* is no interval of a clock; give a positive"):
+            simulate(one(fmu, fixed=wrong), 1.0, H)
+    for name in ("periodic", "changing", "countdown"):
+        with pytest.raises(SetupError, match=rf"'c\.{name}': clocks have none"):
+            simulate(one(fmu, **{name: 0.25}), 1.0, H)
+    with (
+        Simulation(one(fmu)) as simulation,
+        pytest.raises(SetupError, match=r"'c\.fixed': a simulation keeps the intervals of clocks; give it in S"),
+    ):
+        simulation.run(1.0, H, start={"c.fixed": 0.25})
+    command = ["run", str(fmu), "--stop", "2", "--step", str(H), "--set", "period=0", "--out", str(tmp_path / "o")]
+    assert main([*command, "--set", "fixed=0.5"]) == 0, capsys.readouterr().err
+    assert ticks(Results.read(tmp_path / "o" / "results.csv"), f"{fmu.stem}.fixed") == [0.0, 0.5, 1.0, 1.5, 2.0]
+    assert f"note: nothing ticks these clocks, which need a connection or a signal: {fmu.stem}.trigger" in (
+        capsys.readouterr().out
+    )
+
+
+def test_clocks_that_nothing_ticks_are_named(fmu):
+    system = one(fmu)
+    info = simulate(system, 0.25, H).info
+    assert (info["clocks_without_source"], "c.trigger" in info["inputs_kept"]) == (["c.trigger"], False)
+    system.drive("c.trigger", on(0.0))
+    assert "clocks_without_source" not in simulate(system, 0.25, H).info
 
 
 def test_a_triggered_clock_ticks_where_its_signal_is_true_and_takes_values_then(fmu):

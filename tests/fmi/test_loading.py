@@ -260,7 +260,7 @@ def test_an_fmu_of_a_draft_is_refused_before_its_library_is_called(tmp_path: Pat
 @pytest.mark.parametrize("listed", ["tank.c", ""])
 def test_c_sources_are_compiled_on_request(tmp_path: Path, listed: str) -> None:
     fmu = sources_of_tank(tmp_path / "tank.fmu", listed=listed)
-    assert refusal(fmu).endswith("or compile its C sources: cosim run --build (in Python: build=True)")
+    assert refusal(fmu).endswith("or compile its C sources: --build (pytest: --fmu-build; in Python: build=True)")
     assert levels(fmu, fmu, build=True) == [1.0, 2.0]
     assert levels(tank(tmp_path / "binary.fmu"), build=True) == [1.0]
 

@@ -17,6 +17,7 @@ from cosim.regression.case import RunError
 from cosim.regression.isolated import run_isolated
 from cosim.regression.rebaseline import RebaselineError, reason_against, rebaseline
 from cosim.results.results import Results
+from tests.support.c_fmus import sources_of_tank, talker
 from tests.support.regression_fmus import built_fmus, make_case
 from tests.support.small_fmus import redescribed
 
@@ -239,3 +240,29 @@ def test_parts_of_the_page_can_travel_between_processes():
     made = part(Outcome("case", "my.fmu", "CS", ["<broken>"], [], "", 0.1))
     assert json.loads(json.dumps(made)) == made
     assert "&lt;broken&gt;" in made["section"]
+
+
+def test_c_sources_are_compiled_where_asked(session, pytester) -> None:
+    fmu = sources_of_tank(pytester.path / "fmus" / "tank.fmu")
+    reference = Results(np.arange(3) * 0.5, ["y"], np.arange(3)[:, None] * 0.5)
+    make_case(pytester.path / "reference", "tank", reference, toml="start.u = 1.0", opt=OPTIONS)
+    refused = session("--fmu", str(fmu))
+    refused.assert_outcomes(failed=1)
+    refused.stdout.fnmatch_lines(["*or compile its C sources: --build (pytest: --fmu-build; in Python: build=True)"])
+    session("--fmu", str(fmu), "--fmu-build").assert_outcomes(passed=1)
+    session("--fmu", str(fmu), "--fmu-build", "--fmu-in-process").assert_outcomes(passed=1)
+
+
+@pytest.mark.parametrize("options", [(), ("--fmu-in-process",)])
+def test_what_fmus_say_is_shown_where_asked(session, pytester, options: tuple[str, ...]) -> None:
+    fmu = talker(pytester.path / "fmus" / "talker.fmu", "WARNS")
+    counted = Results(np.arange(3) * 0.5, ["y"], np.arange(3.0)[:, None])
+    make_case(pytester.path / "reference", "talker", counted, opt=OPTIONS)
+    quiet, loud = (session("--fmu", str(fmu), *options, "-rP", *more) for more in ((), ("--fmu-log", "info")))
+    for result in (quiet, loud):
+        result.assert_outcomes(passed=1)
+    assert "fmu: warning" not in quiet.stdout.str()
+    loud.stdout.fnmatch_lines(["*t = * s: fmu: warning: *"])
+
+
+OPTIONS = "StartTime, 0\nStopTime, 1\nStepSize, 0.5\n"

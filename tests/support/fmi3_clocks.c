@@ -177,8 +177,8 @@ fmi3Status fmi3SetIntervalFraction(fmi3Instance instance, const fmi3ValueReferen
 fmi3Status fmi3SetIntervalDecimal(fmi3Instance instance, const fmi3ValueReference r[], size_t n,
                                   const fmi3Float64 v[]) {
     Model *m = instance;
-    m->told = *v == 0.5;
-    return n == 1 && *r == CLOCKS + TUNABLE && m->mode == INITIALIZATION ? fmi3OK : fmi3Error;
+    if (*r == CLOCKS + TUNABLE) m->told = *v == 0.5;
+    return n == 1 && (*r == CLOCKS + FIXED || *r == CLOCKS + TUNABLE) && m->mode == INITIALIZATION ? fmi3OK : fmi3Error;
 }
 
 fmi3Status fmi3UpdateDiscreteStates(fmi3Instance instance, fmi3Boolean *need, fmi3Boolean *end, fmi3Boolean *nominals,

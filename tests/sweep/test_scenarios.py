@@ -18,6 +18,7 @@ from cosim.ssp.writer import Experiment, write_ssp
 from cosim.sweep import SweepError, read
 from cosim.sweep.points import parse_factor
 from cosim.sweep.scenarios import ScenarioStudy, check, scenario_study
+from tests.support.c_fmus import sources_of_tank
 from tests.support.scripts import scripted, slave
 from tests.support.small_fmus import build, compiled
 from tests.support.ssp_files import archive, component, description, elements
@@ -365,3 +366,15 @@ def test_an_ssp_that_does_not_say_how_long_is_one_line(here, capsys):
     assert "short.ssp has no default stop time; give one with --stop" in capsys.readouterr().err
     rows = swept("short.ssp", "--vary", "a.K=1,2", "--vary", "a.u[2]=3", "--stop", "1", "--step", "0.5")
     assert [row["a.y[2].final"] for row in rows] == [3.0, 6.0]
+
+
+def test_c_sources_are_compiled_where_asked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    archive(Path("s.ssp"), description(elements(component("tank", "tank"))), {"tank": sources_of_tank(Path("t.fmu"))})
+    options = ["--vary", "tank.u=1,2", "--step", "0.5", "--metric", "end=final:tank.y", "--workers", "1", "--out", "o"]
+    assert main(["sweep", "s.ssp", *options]) == 1
+    assert "or compile its C sources: --build" in capsys.readouterr().err
+    assert main(["sweep", "s.ssp", *options, "--build"]) == 0, capsys.readouterr().err
+    assert read(Path("o"))["end"].to_pylist() == [1.0, 2.0]
