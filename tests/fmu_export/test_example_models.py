@@ -248,6 +248,14 @@ EXAMPLES = [
 ]
 
 
+#: Every other example is built for FMI 2.0, the others for FMI 3.0; slow tests take the other version of each.
+BUILT = [
+    pytest.param(example, flavour, id=f"{example.module}-{flavour}", marks=() if i % 2 == j else pytest.mark.slow)
+    for i, example in enumerate(EXAMPLES)
+    for j, flavour in enumerate(FLAVOURS)
+]
+
+
 @pytest.fixture(scope="session")
 def fmu_of(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, str], Path]:
     """The FMU of an example, built when it is first asked for."""
@@ -268,8 +276,7 @@ def test_every_example_is_compared_with_something() -> None:
 
 
 @pytest.mark.parametrize("importer", ["fmpy", "fmpy_me", "our_master"])
-@pytest.mark.parametrize("flavour", FLAVOURS)
-@pytest.mark.parametrize("example", EXAMPLES, ids=lambda e: e.module)
+@pytest.mark.parametrize(("example", "flavour"), BUILT)
 def test_example_is_right(example: Example, flavour: str, importer: str, fmu_of: Callable[[str, str], Path]) -> None:
     fmu = fmu_of(example.module, flavour)
     if importer == "fmpy_me" and example.stop_me:
@@ -288,14 +295,15 @@ def test_example_is_right(example: Example, flavour: str, importer: str, fmu_of:
         assert error <= tolerance * np.abs(values).max(), (name, error)
 
 
-@pytest.mark.parametrize("module", sorted(path.stem for path in FOLDER.glob("*.py")))
+@pytest.mark.parametrize(("example", "flavour"), [case for case in BUILT if case.values[1] == "fmi2"])
 def test_example_runs_as_it_stands(
-    module: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    example: Example, flavour: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    """It builds an FMU for FMI 2.0."""
     require_compiler()
     monkeypatch.chdir(tmp_path)
     with shared_compilation():
-        runpy.run_path(str(FOLDER / f"{module}.py"), run_name="__main__")
+        runpy.run_path(str(FOLDER / f"{example.module}.py"), run_name="__main__")
     assert len(capsys.readouterr().out.splitlines()) >= 1
     assert len(list(tmp_path.glob("*.fmu"))) == 1
 
