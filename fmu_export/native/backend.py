@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from importlib.resources import files
 from os import PathLike
 from pathlib import Path
@@ -14,6 +15,7 @@ from typing import Literal
 
 import fmpy
 
+from fmu_export.errors import ArgumentError
 from fmu_export.modelling.model import Solver
 from fmu_export.modelling.model_class import AnyModel, flat_model
 from fmu_export.native.adjoint_source import adjoint_source
@@ -93,6 +95,7 @@ def build_native(
     metadata: Metadata = NO_METADATA,
     sources: bool = True,
     reference: Reference | bool = True,
+    arrays: bool = False,
 ) -> Path:
     """Write `<folder>/<model name>.fmu`.
 
@@ -121,9 +124,13 @@ def build_native(
     reference : Reference or bool, optional
         The run that the FMU brings along with its results (fmi-ls-ref); by default from its start values, if the model
         runs from there. False for none.
+    arrays : bool, optional
+        Vectors and matrices become arrays, which FMI 3.0 has, and not scalars for their elements, as in other flavours.
 
     Raises
     ------
+    ArgumentError
+        Arrays are asked for in FMI 2.0.
     DocumentationError
         A figure of the page is missing, an equation can't be typeset, or the reference run can't be made or is not
         finite.
@@ -135,11 +142,13 @@ def build_native(
         The file can't be written; an older one is unchanged.
     """
     model = flat_model(model)
+    if arrays and flavour == "fmi2":
+        raise ArgumentError(f"{model.name}: FMI 2.0 has no arrays; build the fmi3 flavour, or leave out arrays=True")
     with Progress(f"{model.name}, {flavour}") as progress:
         progress.stage = "tracing"
         traced = trace(model, unchecked)
         tool = "C code, equations unchecked" if unchecked else "C code"
-        interface = interface_of(traced)
+        interface = replace(interface_of(traced), arrays=arrays)
         progress.stage = "writing C"
         adapter = _adapter_sources(flavour, model.solver, hybrid=not model.is_continuous, tables=bool(traced.tables))
         interfaces = _INTERFACES[flavour] if model.is_continuous else _hybrid_interfaces(flavour)

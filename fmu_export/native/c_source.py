@@ -111,6 +111,7 @@ def _header(traced: TracedModel, interface: Interface, guid: str, equations: _Eq
         "N_Y": interface.n_computed,
         "N_OUTPUTS": interface.n_outputs,
         "N_X": len(interface.states),
+        "ARRAYS": int(interface.arrays),
         "N_TYPED": type_tables.number_of_typed(interface),
         "N_START_REQUIREMENTS": start,
         "N_STEP_REQUIREMENTS": step,

@@ -1,4 +1,4 @@
-"""The tables by which the C adapter knows the types of variables; a model of real numbers alone has none."""
+"""The tables by which the C adapter knows types and arrays; a model of real scalars has none."""
 
 from __future__ import annotations
 
@@ -29,13 +29,22 @@ def number_of_typed(interface: Interface) -> int:
 
 def declarations(interface: Interface) -> str:
     """What stands in `model.h`."""
-    return _DECLARATIONS if number_of_typed(interface) else ""
+    lengths = "extern const unsigned model_lengths[N_P + N_U + N_Y + N_X + 1]; /* 0 of what is within an array */\n"
+    return (_DECLARATIONS if number_of_typed(interface) else "") + (lengths if interface.arrays else "")
 
 
 def definitions(interface: Interface) -> str:
     """What stands in `model.c`."""
-    if not number_of_typed(interface):
-        return ""
+    return (_types(interface) if number_of_typed(interface) else "") + (_lengths(interface) if interface.arrays else "")
+
+
+def _lengths(interface: Interface) -> str:
+    n = {entry.reference: len(entry.elements) for entry in (*interface.entries, *interface.derivative_entries)}
+    lengths = "".join(f"{n.get(i, 0)}, " for i in range(len(interface.variables) + len(interface.derivatives)))
+    return f"const unsigned model_lengths[N_P + N_U + N_Y + N_X + 1] = {{{lengths}1}};\n\n"
+
+
+def _types(interface: Interface) -> str:
     types = "".join(f"{_TYPES.index(v.type)}, " for v in interface.variables) + "0, " * len(interface.derivatives)
     numbers = {items: i for i, items in enumerate(dict.fromkeys(v.items for v in interface.variables if v.items))}
     lists = "".join(

@@ -78,12 +78,8 @@ def reset_annotation() -> ET.Element:
     return ET.Element("Instance", resetIsComplete="true")
 
 
-def type_attributes(v: ScalarVariable, types: Mapping[Items, str], guess: float | None = None) -> dict[str, str]:
-    """What a variable says of its values: unit, min, max, start, items; floats read back bit for bit.
-
-    A state has a guess: with it importers that take a model for its states and inputs, such as CasADi's DaeBuilder,
-    begin at the start of the system and not at zero. The start of a string stands elsewhere in FMI 3.0.
-    """
+def type_attributes(v: ScalarVariable, types: Mapping[Items, str]) -> dict[str, str]:
+    """What a variable says of its values but the start value: unit, limits, items; floats read back bit for bit."""
     attributes = {}
     if v.type == "enumeration":
         attributes["declaredType"] = types[v.items]
@@ -93,9 +89,7 @@ def type_attributes(v: ScalarVariable, types: Mapping[Items, str], guess: float 
         if display is not None:
             attributes["displayUnit"] = display
     numbers = {"min": v.min, "max": v.max, "nominal": v.nominal}
-    attributes |= {name: text_of(v.type, value) for name, value in numbers.items() if value is not None}
-    start = v.start if guess is None else guess
-    return attributes if start is None else attributes | {"start": text_of(v.type, start, v.items)}
+    return attributes | {name: text_of(v.type, value) for name, value in numbers.items() if value is not None}
 
 
 def enumeration_types(interface: Interface) -> dict[Items, str]:

@@ -20,7 +20,7 @@ from fmu_export.package.description_common import (
     to_bytes,
     type_attributes,
 )
-from fmu_export.package.interface import Interface, Items, ScalarVariable, StateDerivative
+from fmu_export.package.interface import Interface, Items, ScalarVariable, StateDerivative, text_of
 from fmu_export.package.metadata import NO_METADATA, Metadata
 
 
@@ -117,7 +117,11 @@ def _scalar_variable(
         computed = "calculated" if guess is None else "approx"
         attributes["initial"] = "exact" if v.causality == "parameter" else computed
     element = ET.SubElement(parent, "ScalarVariable", attributes)
-    ET.SubElement(element, v.type.capitalize(), type_attributes(v, types, guess))
+    # a state has a guess: with it importers that take a model for its states and inputs, such as CasADi's DaeBuilder,
+    # begin at the start of the system and not at zero
+    start = v.start if guess is None else guess
+    found = {} if start is None else {"start": text_of(v.type, start, v.items)}
+    ET.SubElement(element, v.type.capitalize(), type_attributes(v, types) | found)
     if v.type == "string":
         add_texts(ET.SubElement(ET.SubElement(element, "Annotations"), "Tool", name=DISTRIBUTION), v)
 

@@ -1,7 +1,8 @@
 """modelDescription.xml of FMI 3.0 for a model (FMI 3.0.1, section 2.4).
 
-Vectors are declared as scalars `name[1]`, `name[2]`, ..., as in FMI 2.0, though FMI 3.0 has arrays: every flavour then
-has the same variables under the same names, and several importers can't plot, connect or record array elements yet.
+Arrays are declared as scalars `name[1]`, `name[2]`, ..., as in FMI 2.0, though FMI 3.0 has arrays: every flavour then
+has the same variables under the same names, and several importers can't plot, connect or record array elements yet. On
+request they are arrays.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from fmu_export.package.description_common import (
     to_bytes,
     type_attributes,
 )
-from fmu_export.package.interface import Interface
+from fmu_export.package.interface import Entry, Interface, Items, text_of
 from fmu_export.package.metadata import NO_METADATA, Metadata
 
 _TAGS: dict[Type, str] = {
@@ -84,38 +85,23 @@ def model_description(
     add_default_experiment(root, model)
     variables = ET.SubElement(root, "ModelVariables")
     guesses = {d.state: d.state_start for d in derivatives}
-    for reference, v in enumerate(interface.variables):
-        attributes = {
-            "name": v.name,
-            "valueReference": str(reference),
-            **({"description": v.description} if v.description else {}),
-            "causality": v.causality,
-            "variability": v.variability,
-        }
-        if v.causality in ("output", "local"):
-            attributes["initial"] = "approx" if reference in guesses else "calculated"
-        if v.causality == "input" and v.type == "real":
-            attributes["intermediateUpdate"] = "true"
-        attributes |= type_attributes(v, types, guesses.get(reference))
-        start = attributes.pop("start", None) if v.type == "string" else None
-        element = ET.SubElement(variables, _TAGS[v.type], attributes)
-        if v.type == "string":
-            add_texts(ET.SubElement(ET.SubElement(element, "Annotations"), "Annotation", type=DISTRIBUTION), v)
-        if start is not None:
-            ET.SubElement(element, "Start", value=start)
-    for reference, d in enumerate(derivatives, start=len(interface.variables)):
-        ET.SubElement(
+    for entry in interface.entries:
+        _variable(variables, entry, interface, types, guesses)
+    for entry in interface.derivative_entries:
+        d = derivatives[entry.reference - len(interface.variables)]
+        element = ET.SubElement(
             variables,
             "Float64",
-            name=d.name,
-            valueReference=str(reference),
-            description=f"Time derivative of: {interface.variables[d.state].about}",
+            name=entry.name,
+            valueReference=str(entry.reference),
+            description=entry.description,
             causality="local",
             variability="continuous",
             initial="calculated",
             unit=d.unit,
             derivative=str(d.state),
         )
+        _dimensions(element, entry)
     ET.SubElement(
         variables,
         "Float64",
@@ -133,6 +119,40 @@ def model_description(
     annotation = ET.SubElement(ET.SubElement(root, "Annotations"), "Annotation", type=DISTRIBUTION)
     annotation.append(reset_annotation())
     return to_bytes(root)
+
+
+def _variable(
+    parent: ET.Element, entry: Entry, interface: Interface, types: Mapping[Items, str], guesses: Mapping[int, float]
+) -> None:
+    elements = [interface.variables[i] for i in entry.elements]
+    v, variability = elements[0], {e.variability for e in elements}
+    attributes = {
+        "name": entry.name,
+        "valueReference": str(entry.reference),
+        **({"description": entry.description} if entry.description else {}),
+        "causality": v.causality,
+        "variability": "continuous" if "continuous" in variability else v.variability,
+    }
+    if v.causality in ("output", "local"):
+        attributes["initial"] = "approx" if entry.reference in guesses else "calculated"
+    if v.causality == "input" and v.type == "real":
+        attributes["intermediateUpdate"] = "true"
+    attributes |= type_attributes(v, types)
+    starts = [guesses.get(i, e.start) for i, e in zip(entry.elements, elements, strict=True)]
+    texts = [text_of(v.type, start, v.items) for start in starts if start is not None]
+    if texts and v.type != "string":
+        attributes["start"] = " ".join(texts)
+    element = ET.SubElement(parent, _TAGS[v.type], attributes)
+    if v.type == "string":
+        add_texts(ET.SubElement(ET.SubElement(element, "Annotations"), "Annotation", type=DISTRIBUTION), v)
+    _dimensions(element, entry)
+    for text in texts if v.type == "string" else ():
+        ET.SubElement(element, "Start", value=text)
+
+
+def _dimensions(element: ET.Element, entry: Entry) -> None:
+    for n in entry.shape:
+        ET.SubElement(element, "Dimension", start=str(n))
 
 
 def build_description(model: Model, source_files: Sequence[str]) -> bytes:
@@ -154,24 +174,30 @@ def _model_structure(root: ET.Element, interface: Interface) -> None:
     outputs = [(*u, *x, *p) for u, x, p in zip(*of_outputs, strict=True)]
     derivatives = [(*d.dependencies, *d.parameter_dependencies) for d in interface.derivatives]
     n = interface.n_outputs  # locals are no unknowns, unless they are states at the initialisation
-    _unknowns(structure, "Output", enumerate(outputs[:n], start=first_output))
-    _unknowns(structure, "ContinuousStateDerivative", enumerate(derivatives, start=first_derivative))
+    references = interface.references
+    _unknowns(structure, "Output", enumerate(outputs[:n], start=first_output), references)
+    _unknowns(structure, "ContinuousStateDerivative", enumerate(derivatives, start=first_derivative), references)
     computed = enumerate(interface.initial_dependencies, start=first_output)
     initial = [(i, row) for i, row in computed if i < first_output + n or i in interface.states]
     initial += enumerate((d.initial_dependencies for d in interface.derivatives), start=first_derivative)
-    _unknowns(structure, "InitialUnknown", initial)
+    _unknowns(structure, "InitialUnknown", initial, references)
     first_indicator = first_derivative + len(interface.derivatives) + 1
     for reference, _ in enumerate(interface.indicators, start=first_indicator):
         ET.SubElement(structure, "EventIndicator", valueReference=str(reference))
 
 
-def _unknowns(structure: ET.Element, tag: str, rows: Iterable[tuple[int, Iterable[int]]]) -> None:
-    for reference, row in rows:
-        knowns = sorted(row)
+def _unknowns(
+    structure: ET.Element, tag: str, rows: Iterable[tuple[int, Iterable[int]]], references: Mapping[int, int]
+) -> None:
+    """Add unknowns; an array depends on what its elements depend on."""
+    knowns: dict[int, set[int]] = {}
+    for position, row in rows:
+        knowns.setdefault(references[position], set()).update(references[i] for i in row)
+    for reference, found in knowns.items():
         ET.SubElement(
             structure,
             tag,
             valueReference=str(reference),
-            dependencies=" ".join(map(str, knowns)),
-            dependenciesKind=" ".join("dependent" for _ in knowns),
+            dependencies=" ".join(map(str, sorted(found))),
+            dependenciesKind=" ".join("dependent" for _ in found),
         )

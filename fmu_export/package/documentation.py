@@ -100,7 +100,11 @@ def documentation_members(
             raise DocumentationError(f"{model.name}: the page shows {name}, which is not among its figures")
     run = reference_run(model)
     reference = f"documentation/reference/{model.name}"
-    icons = terminal_icons(model) if flavour == "fmi3" else {"model.png": model_icon(model)}
+    icons = (
+        terminal_icons(model, with_terminals=not interface.arrays)
+        if flavour == "fmi3"
+        else {"model.png": model_icon(model)}
+    )
     return {
         "documentation/index.html": _html(model, interface, page, run, _stamp(flavour, metadata, sources)).encode(),
         f"{reference}_in.csv": _csv(model.inputs, run.time, run.inputs),

@@ -35,11 +35,11 @@ def model_icon(model: Model) -> bytes:
     return _png(draw, pixels=64)
 
 
-def terminal_icons(model: Model) -> dict[str, bytes]:
+def terminal_icons(model: Model, *, with_terminals: bool = True) -> dict[str, bytes]:
     """Members of `terminalsAndIcons/` (FMI 3.0, section 2.4.9): description, block icon, icons of the terminals.
 
-    Each vector among the inputs and outputs is a terminal. Its elements match by order ("sequence"), so vectors of one
-    length can be connected whatever their names are.
+    Each array among the inputs and outputs is a terminal, unless it is one variable, which needs none. Its elements
+    match by order ("sequence"), so vectors of one length can be connected whatever their names are.
     """
 
     def triangle(face: str) -> Callable[[Any], None]:
@@ -52,8 +52,9 @@ def terminal_icons(model: Model) -> dict[str, bytes]:
     ET.SubElement(graphics, "CoordinateSystem", extent, suggestedScalingFactorTo_mm="0.1")
     ET.SubElement(graphics, "Icon", extent)
     terminals = ET.Element("Terminals")
-    _terminals(terminals, model.inputs, "input", -_HALF - 10)
-    _terminals(terminals, model.outputs, "output", _HALF + 10)
+    if with_terminals:
+        _terminals(terminals, model.inputs, "input", -_HALF - 10)
+        _terminals(terminals, model.outputs, "output", _HALF + 10)
     if len(terminals):
         root.append(terminals)
     return {

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from math import prod
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -71,6 +72,21 @@ def text_of(type_: Type, value: float, items: Items = ()) -> str:
 
 
 @dataclass(frozen=True)
+class Entry:
+    """A variable as a model description has it: a scalar, or an array whose elements follow each other."""
+
+    name: str
+    reference: int  # value reference, that of the first element
+    shape: tuple[int, ...]
+    description: str
+
+    @property
+    def elements(self) -> range:
+        """Positions of the scalars."""
+        return range(self.reference, self.reference + prod(self.shape))
+
+
+@dataclass(frozen=True)
 class StateDerivative:
     """The derivative of a state, for importers that integrate themselves (model exchange).
 
@@ -94,7 +110,8 @@ class Interface:
     that its value depends on directly: inputs during the simulation, parameters and inputs at initialisation;
     `state_dependencies` and `parameter_dependencies` those of the states and of the parameters during the simulation.
     What an output depends on through events and samplers, which see the inputs of the same instant, is among these.
-    `indicators` are the names of the event indicators, whose value references follow that of the time.
+    `indicators` are the names of the event indicators, whose value references follow that of the time. `declared` are
+    the variables as the model declares them, arrays as arrays; with `arrays` the model description has these.
     """
 
     variables: tuple[ScalarVariable, ...]
@@ -106,6 +123,33 @@ class Interface:
     parameter_dependencies: tuple[tuple[int, ...], ...]
     derivatives: tuple[StateDerivative, ...]
     indicators: tuple[str, ...] = ()
+    declared: tuple[Entry, ...] = ()
+    arrays: bool = False
+
+    @property
+    def entries(self) -> tuple[Entry, ...]:
+        """The variables of the model description without state derivatives, time and indicators."""
+        if self.arrays:
+            return self.declared
+        return tuple(Entry(v.name, i, (), v.description) for i, v in enumerate(self.variables))
+
+    @property
+    def derivative_entries(self) -> tuple[Entry, ...]:
+        """The state derivatives of the model description."""
+        shown = {entry.reference: entry for entry in self.entries}
+        found = []
+        for reference, d in enumerate(self.derivatives, start=len(self.variables)):
+            if d.state in shown:
+                state = shown[d.state]
+                about = f"Time derivative of: {state.description or state.name}"
+                found.append(Entry(f"der({state.name})", reference, state.shape, about))
+        return tuple(found)
+
+    @property
+    def references(self) -> dict[int, int]:
+        """Value reference of each scalar: its own position, or that of the array that it belongs to."""
+        entries = (*self.entries, *self.derivative_entries)
+        return {i: entry.reference for entry in entries for i in entry.elements}
 
     @property
     def states(self) -> tuple[int, ...]:
@@ -187,7 +231,20 @@ def interface_of(traced: TracedModel) -> Interface:
             )
         ),
         indicators=tuple(f"{event.name}.indicator" for event in model.events),
+        declared=_entries(parameters, model.inputs, model.computed),
     )
+
+
+def _entries(*layouts: Layout) -> tuple[Entry, ...]:
+    entries: list[Entry] = []
+    for v in (v for layout in layouts for v in layout.variables):
+        entries.append(Entry(v.name, entries[-1].elements.stop if entries else 0, v.shape, _description(v)))
+    return tuple(entries)
+
+
+def _description(v: Variable, element: str = "") -> str:
+    texts = f" (one of {', '.join(repr(text) for text, _ in v.items)})" if v.type == "string" else ""
+    return (v.description + element + texts).strip()
 
 
 def _united(
@@ -228,7 +285,6 @@ def _check_tunables(traced: TracedModel) -> None:
 def _flatten(layout: Layout, causality: Literal["parameter", "input", "output", "local"]) -> list[ScalarVariable]:
     scalars = []
     for v in layout.variables:
-        texts = f" (one of {', '.join(repr(text) for text, _ in v.items)})" if v.type == "string" else ""
         changes: Literal["continuous", "discrete"] = "continuous" if v.type == "real" else "discrete"
         indices = [", ".join(str(i + 1) for i in where) for where in np.ndindex(v.shape)]
         for index, name, start in zip(indices, v.names, v.starts, strict=True):
@@ -240,7 +296,7 @@ def _flatten(layout: Layout, causality: Literal["parameter", "input", "output", 
                     variability=changes if causality != "parameter" else "tunable" if v.tunable else "fixed",
                     unit=v.unit,
                     display_unit=v.display_unit,
-                    description=(v.description + element + texts).strip(),
+                    description=_description(v, element),
                     start=None if causality in ("output", "local") else start,
                     min=v.min,
                     max=v.max,

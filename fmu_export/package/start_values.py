@@ -68,15 +68,21 @@ def write_start_values(fmu: str | PathLike[str], values: Mapping[str, float | bo
         ) from None
     try:
         starts, xml = _from_text(text), description.decode("utf-8")
-        parameters = {n: v for n, v in _parameters(ET.fromstring(description)).items() if n in starts}
-        for name, variable in parameters.items():
+        parameters = {
+            name: (variable, i)
+            for variable in _parameters(ET.fromstring(description))
+            for i, name in enumerate(variable.names)
+            if name in starts
+        }
+        for name, (variable, _) in parameters.items():
             if variable.type == "real":
                 float(starts[name])
     except (ValueError, ET.ParseError) as error:
         raise StartValueError(f"{path}: start values can't be read: {error}") from None
     for name, value in values.items():
         starts[name] = _checked(path, parameters, name, value)
-        xml = _replace_start(xml, name, starts[name])
+        variable, i = parameters[name]
+        xml = _replace_start(xml, variable.name, i, starts[name])
     try:
         replace_members(path, {DESCRIPTION: xml.encode("utf-8"), MEMBER: _to_text(starts)})
     except (zipfile.BadZipFile, zlib.error) as error:
@@ -92,11 +98,11 @@ def _from_text(text: bytes) -> dict[str, str]:
     return {name: value for name, value in pairs}  # noqa: C416, one that is no pair is an error
 
 
-def _checked(path: Path, parameters: Mapping[str, Variable], name: str, value: Any) -> str:
+def _checked(path: Path, parameters: Mapping[str, tuple[Variable, int]], name: str, value: Any) -> str:
     """The text of a new start value."""
     if name not in parameters:
         raise StartValueError(f"{path}: no parameter '{name}'; its parameters are {', '.join(parameters)}")
-    variable = parameters[name]
+    variable, _ = parameters[name]
     try:
         start = variable.number_of(value, f"start value of '{name}'")
     except ArgumentError as error:
@@ -120,13 +126,13 @@ _TYPES: dict[str, Type] = {
 }
 
 
-def _parameters(description: ET.Element) -> dict[str, Variable]:
-    """Parameters by name, in FMI 2.0 and 3.0, without start values."""
+def _parameters(description: ET.Element) -> list[Variable]:
+    """Parameters, in FMI 2.0 and 3.0, without start values."""
     enumerations = {
         definition.get("name"): [(i.get("name", ""), int(i.get("value", ""))) for i in definition.iter("Item")]
         for definition in description.iterfind("TypeDefinitions/*")
     }
-    found = {}
+    found = []
     for variable in description.iterfind("ModelVariables/*"):
         of_fmi2 = [e for e in variable if e.tag in _TYPES] if variable.tag == "ScalarVariable" else [variable]
         if variable.get("causality") != "parameter" or not of_fmi2:
@@ -136,18 +142,26 @@ def _parameters(description: ET.Element) -> dict[str, Variable]:
         texts = [(text.text or "", i) for i, text in enumerate(variable.iterfind("Annotations/*/Texts/Text"))]
         name = variable.get("name", "")
         items = enumerations.get(attributes.get("declaredType"), texts)
-        found[name] = Variable(name, type=_TYPES[attributes.tag], items=tuple(items), **limits)
+        size = tuple(int(d.get("start", "")) for d in variable.iterfind("Dimension")) or None
+        found.append(Variable(name, size=size, type=_TYPES[attributes.tag], items=tuple(items), **limits))
     return found
 
 
-def _replace_start(xml: str, name: str, value: str) -> str:
-    """Change one start attribute and nothing else of the text."""
+def _replace_start(xml: str, name: str, element: int, value: str) -> str:
+    """Change one start value and nothing else of the text: of a scalar, or of an element of an array."""
     named = rf"[^>]*\bname={re.escape(quoteattr(name))}[^>]*"
     fmi2 = rf"<ScalarVariable\b{named}>\s*<(?:Real|Integer|Boolean|Enumeration|String)\b[^>]*\bstart"
     fmi3 = rf"<(?:Float64|Int32|Boolean|Enumeration)\b{named}\bstart"
-    text = rf"<String\b{named}>(?:(?!</String>).)*<Start value"
-    pattern = re.compile(rf'((?:{fmi2}|{fmi3}|{text})=")[^"]*(")', re.DOTALL)
-    changed, count = pattern.subn(lambda m: m[1] + escape(value, {'"': "&quot;"}) + m[2], xml)
+    before = rf"(?:(?!</String>|<Start).)*(?:<Start[^>]*>\s*){{{element}}}"
+    text = rf"<String\b{named}>{before}<Start value"
+    pattern = re.compile(rf'((?:{fmi2}|{fmi3}|{text})=")([^"]*)(")', re.DOTALL)
+
+    def changed(found: re.Match[str]) -> str:
+        values = found[2].split(" ") if found[1].startswith("<") and "<S" not in found[1] else [""]
+        values[element if len(values) > 1 else 0] = escape(value, {'"': "&quot;"})
+        return found[1] + " ".join(values) + found[3]
+
+    new, count = pattern.subn(changed, xml)
     if count != 1:
         raise StartValueError(f"modelDescription.xml: found {count} start values of '{name}' where one was expected")
-    return changed
+    return new

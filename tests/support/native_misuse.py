@@ -227,7 +227,7 @@ CASES = [
         lambda h: h.run_up().call(
             "GetAdjointDerivative", h.vr(["x_E"]), 1, h.vr(["dm"]), 1, (c_double * 2)(), 2, (c_double * 1)(), 1
         ),
-        "all variables are scalars; give one value for each",
+        "2 values for 1 variables, which are all scalars",
         **ONLY_3,
     ),
     Misuse("configuration mode", lambda h: h.call("EnterConfigurationMode"), "no structural parameters", **ONLY_3),
@@ -244,7 +244,7 @@ CASES = [
         lambda h: h.run_up().call(
             "GetDirectionalDerivative", h.vr(["x_E"]), 1, h.vr(["dm"]), 1, (c_double * 2)(), 2, (c_double * 1)(), 1
         ),
-        "one value for each",
+        "2 values for 1 variables, which are all scalars",
         **ONLY_3,
     ),
     Misuse("state to set missing", lambda h: h.restore(c_void_p()), "no FMU state"),

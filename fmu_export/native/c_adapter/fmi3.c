@@ -1,4 +1,4 @@
-/* The face of FMI 3.0: checks the calls, translates them to the core. All variables are scalars. */
+/* The face of FMI 3.0: checks the calls, translates them to the core. */
 #include "fmi3Functions.h"
 
 #include <stdlib.h>
@@ -152,19 +152,41 @@ fmi3Status fmi3Reset(fmi3Instance c) {
 
 /* Values */
 
-static fmi3Status check_arrays(Instance *instance, const void *references, size_t n, const void *values,
-                               size_t n_values, const char *function) {
-    if (n != n_values)
-        return FAIL("%s: %lu values for %lu variables, which are all scalars", function, (unsigned long)n_values,
-                    (unsigned long)n);
-    if (n && (!references || !values)) return FAIL("%s: an array is missing", function);
+/* References of array elements, if there are arrays; whoever gives a variable twice may give half of them twice. */
+enum { MOST_ELEMENTS = ARRAYS ? 2 * N_VALUES + 64 : 1 };
+
+/* Check references and values; the references of elements in `elements` take the place of those of arrays. */
+static fmi3Status check_arrays(Instance *instance, const fmi3ValueReference **references, size_t *n, const void *values,
+                               size_t n_values, fmi3ValueReference elements[], const char *function) {
+    if ((*n && !*references) || (n_values && !values)) return FAIL("%s: an array is missing", function);
+#if ARRAYS
+    size_t total = 0;
+    for (size_t i = 0; i < *n; i++) {
+        unsigned reference = (*references)[i], length = reference < N_VALUES ? model_lengths[reference] : 1;
+        if (!length) return FAIL("no variable has the value reference %u", reference);
+        if (total + length > MOST_ELEMENTS) return FAIL("%s: too many variables at once", function);
+        for (unsigned k = 0; k < length; k++) elements[total++] = reference + k;
+    }
+    *references = elements;
+    *n = total;
+#else
+    (void)elements;
+#endif
+    if (*n != n_values)
+        return FAIL("%s: %lu values for %lu %s", function, (unsigned long)n_values, (unsigned long)*n,
+                    ARRAYS ? "elements of variables" : "variables, which are all scalars");
     return fmi3OK;
 }
+
+/* The same as a statement that returns if they are wrong. */
+#define CHECK_ARRAYS(references, n, values, n_values) \
+    fmi3ValueReference elements_of_##references[MOST_ELEMENTS]; \
+    if (check_arrays(instance, &references, &n, values, n_values, elements_of_##references, __func__)) return fmi3Error
 
 fmi3Status fmi3GetFloat64(fmi3Instance c, const fmi3ValueReference references[], size_t n, fmi3Float64 values[],
                           size_t n_values) {
     CHECK(c, ANY);
-    if (check_arrays(instance, references, n, values, n_values, __func__)) return fmi3Error;
+    CHECK_ARRAYS(references, n, values, n_values);
     if (!ARE_REAL(&instance->core, references, n)) return fmi3Error;
     return (fmi3Status)core_get(&instance->core, references, n, values);
 }
@@ -172,7 +194,7 @@ fmi3Status fmi3GetFloat64(fmi3Instance c, const fmi3ValueReference references[],
 fmi3Status fmi3SetFloat64(fmi3Instance c, const fmi3ValueReference references[], size_t n, const fmi3Float64 values[],
                           size_t n_values) {
     CHECK(c, INSTANTIATED | INITIALIZATION | RUNNING);
-    if (check_arrays(instance, references, n, values, n_values, __func__)) return fmi3Error;
+    CHECK_ARRAYS(references, n, values, n_values);
     if (!ARE_REAL(&instance->core, references, n)) return fmi3Error;
     return (fmi3Status)core_set(&instance->core, references, n, values);
 }
@@ -203,12 +225,12 @@ REFUSE(UInt64)
 #define TYPED(Type, as) \
     fmi3Status fmi3Get##Type(fmi3Instance c, const fmi3ValueReference r[], size_t n, fmi3##Type v[], size_t m) { \
         CHECK(c, ANY); \
-        if (check_arrays(instance, r, n, v, m, __func__)) return fmi3Error; \
+        CHECK_ARRAYS(r, n, v, m); \
         return (fmi3Status)core_get_as(&instance->core, as, r, n, v, __func__); \
     } \
     fmi3Status fmi3Set##Type(fmi3Instance c, const fmi3ValueReference r[], size_t n, const fmi3##Type v[], size_t m) { \
         CHECK(c, INSTANTIATED | INITIALIZATION | RUNNING); \
-        if (check_arrays(instance, r, n, v, m, __func__)) return fmi3Error; \
+        CHECK_ARRAYS(r, n, v, m); \
         return (fmi3Status)core_set_as(&instance->core, as, r, n, v, __func__); \
     }
 
@@ -378,9 +400,8 @@ fmi3Status fmi3GetDirectionalDerivative(fmi3Instance c, const fmi3ValueReference
                                         const fmi3ValueReference knowns[], size_t m, const fmi3Float64 seed[],
                                         size_t n_seed, fmi3Float64 sensitivity[], size_t n_sensitivity) {
     CHECK(c, INITIALIZATION | RUNNING | TERMINATED);
-    if (m != n_seed || n != n_sensitivity)
-        return FAIL("%s: all variables are scalars; give one value for each", __func__);
-    if ((n && (!unknowns || !sensitivity)) || (m && (!knowns || !seed))) return MISSING;
+    CHECK_ARRAYS(unknowns, n, sensitivity, n_sensitivity);
+    CHECK_ARRAYS(knowns, m, seed, n_seed);
     double change[N_VALUES + 1] = {0};
     for (size_t i = 0; i < m; i++) {
         if (knowns[i] >= N_VALUES) return FAIL("no variable has the value reference %u", knowns[i]);
@@ -394,9 +415,8 @@ fmi3Status fmi3GetAdjointDerivative(fmi3Instance c, const fmi3ValueReference unk
                                     const fmi3ValueReference knowns[], size_t m, const fmi3Float64 seed[],
                                     size_t n_seed, fmi3Float64 sensitivity[], size_t n_sensitivity) {
     CHECK(c, INITIALIZATION | RUNNING | TERMINATED);
-    if (n != n_seed || m != n_sensitivity)
-        return FAIL("%s: all variables are scalars; give one value for each", __func__);
-    if ((n && (!unknowns || !seed)) || (m && (!knowns || !sensitivity))) return MISSING;
+    CHECK_ARRAYS(unknowns, n, seed, n_seed);
+    CHECK_ARRAYS(knowns, m, sensitivity, n_sensitivity);
     if (!ARE_REAL(&instance->core, knowns, m) || !ARE_REAL(&instance->core, unknowns, n)) return fmi3Error;
     return (fmi3Status)core_adjoint(&instance->core, unknowns, n, seed, knowns, m, sensitivity);
 }

@@ -135,7 +135,7 @@ def test_model_exchange(tmp_path: Path, flavour: str) -> None:
 
 
 def test_a_composed_model_and_a_control_system_have_outputs_alone_as_outputs() -> None:
-    whole = compose("Whole", "", {"a": MASSES, "b": MASSES}, [("a.power", "b.F")] * 0, DefaultExperiment(1.0, 0.1))
+    whole = compose("Whole", "", {"a": MASSES, "b": MASSES}, [], DefaultExperiment(1.0, 0.1))
     assert whole.outputs.names == ("a.x_2", "a.power", "b.x_2", "b.power")
     assert whole.locals.names[0] == "a.x_1"
     x = np.concatenate([START, np.negative(START)])
