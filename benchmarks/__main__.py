@@ -21,6 +21,7 @@ from benchmarks.coupling import measure_coupling
 from benchmarks.loop import measure_loop, measure_pythonfmu, measure_stepping
 from benchmarks.masters import measure_masters
 from benchmarks.measure import Section
+from benchmarks.packed import measure_packed
 from benchmarks.plant_step import measure_plant_step
 from benchmarks.scaling import measure_chain, measure_program
 from benchmarks.solvers import measure_solvers
@@ -41,6 +42,7 @@ PARTS: dict[str, Callable[[Path], Section | list[Section]]] = {
     "sweeps": measure_sweeps,
     "masters": measure_masters,
     "solvers": lambda _: measure_solvers(),
+    "packed": measure_packed,
 }
 
 
