@@ -226,9 +226,10 @@ show how far the errors go on the way. Each row is one run under one assumption,
 says otherwise: {reached} of {len(readings)} have steady errors as small as the insets show.
 {_best(readings)} That a reading fits does not prove that the authors ran it.</p>
 <p>A bar shows the largest steady error over what its inset can show, on a logarithmic scale from
-{prose(f"1e{_LEAST}")} to {prose(f"1e{_MOST}")}; the line marks 1. Feedforward adds to (38) the torque that the nominal
-robot of (27) needs for the desired motion, the least that its three motors can do it with. Feedforward, torque limits,
-the velocity at the start and the leakage of (37) are parameters of the FMUs, whose defaults are the paper's law.</p>
+{prose(f"10^{_LEAST}")} to {prose(f"10^{_MOST}")}; the line marks 1. Feedforward adds to (38) the torque that the
+nominal robot of (27) needs for the desired motion, the least that its three motors can do it with. Feedforward, torque
+limits, the velocity at the start and the leakage of (37) are parameters of the FMUs, whose defaults are the paper's
+law.</p>
 {table(heads, cells, "Steady errors, axes and torques by assumption", "cards readings")}
 </section>"""
 
@@ -250,12 +251,12 @@ def _best(readings: Sequence[Reading]) -> str:
 def _errors(reading: Reading) -> str:
     """Both errors, the largest ratio to an inset as a bar, and the verdict."""
     numbers = ", ".join(prose(f"{reading.steady[name]:.2e}") for name in ("x", "y"))
-    ratio = f"{number(reading.over_insets, 2)} times"
+    ratio = f"{number(reading.over_insets, 3)} times"
     return f"<span>{numbers}; {ratio}</span>{_scale(reading.over_insets)}{_verdict(reading.reaches_printed, 'reached')}"
 
 
 def _axes(reading: Reading) -> str:
-    share = "" if reading.within_axes else f"<span>{number(100.0 * reading.beyond_axes, 2)} %</span>"
+    share = "" if reading.within_axes else f"<span>{number(100.0 * reading.beyond_axes, 3)} %</span>"
     return share + _verdict(reading.within_axes, "within")
 
 

@@ -35,6 +35,12 @@ LINE_WIDTH = 0.01
 #: The printed axes of Fig. 4 (m): they alone say how long the paper's run may have been.
 PRINTED_X, PRINTED_Y = (0.21, 0.224), (0.275, 0.30)
 
+#: The inset of Fig. 7 where the disturbance sets in (m): the path is to be seen in it.
+PRINTED_INSET_X, PRINTED_INSET_Y = (0.166, 0.174), (0.372, 0.378)
+
+#: The axes of Fig. 7 (m).
+PRINTED_PATH_X, PRINTED_PATH_Y = (0.10, 0.30), (0.26, 0.42)
+
 #: Start angles of active and passive joints as printed in section 6 (rad).
 PRINTED_START = (1.3137, 2.9036, -1.4326, -0.8667, 1.4593, 2.972)
 

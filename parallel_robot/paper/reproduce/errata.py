@@ -31,6 +31,7 @@ ERRATA: tuple[Callable[[Material], Erratum], ...] = (
     gains.corrected_index,
     model.base_1,
     model.fig_4_duration,
+    tracking.path_not_printed,
     tracking.mass_support,
     tracking.turns,
     gains.printed_rho_4,

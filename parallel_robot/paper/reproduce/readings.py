@@ -157,6 +157,10 @@ CONTINUOUS = tuple(
         Assumption("psi(0) = (0.25, 0.25)", start={"controller.psi_start": 0.25}),
         Assumption("psi(0) = (0.25, 0.25), and k = 0.001", start={"controller.psi_start": 0.25, "controller.k": 1e-3}),
         Assumption("mass arrives at rest", mass_at_rest=True),
+        Assumption(
+            "path through the inset of Fig. 7: centre (0.2153, 0.3542) m, phase -1.4085 rad",
+            start={"trajectory.x_c": 0.2153049, "trajectory.y_c": 0.3542115, "trajectory.phase": -1.4085},
+        ),
         Assumption("start with the desired velocity", start=_MOVING),
         Assumption("start with the desired velocity, gains of mu/nu = 0.1", key="0.1", start=_MOVING),
         Assumption("start with the desired velocity, gains of mu/nu = 10", key="10", start=_MOVING),

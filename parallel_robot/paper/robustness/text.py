@@ -181,7 +181,8 @@ def in_markdown(study: Robustness) -> str:
         ),
         "## Sensitivities",
         "The tables give Sobol' indices in % of the variance with 95 % confidence intervals, for each source alone and "
-        "with its interactions.",
+        "with its interactions. A share lies between 0 and 100 %; an interval that goes beyond says how uncertain the "
+        "estimate from so many runs is.",
         *(
             _table(
                 (sensitivity.result, "alone", "with interactions"),
