@@ -168,7 +168,7 @@ static CoreStatus integrate(Core *core, double time, double *length, double next
 #if N_EVENTS > 0
         double to_event = h;
         int found;
-        status = core_find_event(core, now, &to_event, x, u, u_rate, rates, next, &found);
+        status = core_find_event(core, now, &to_event, x, u, u_rate, rates, next, last, &found);
         if (status != CORE_OK) return status;
         if (found) {
             if (!last || to_event < h) *length = done + to_event;

@@ -57,7 +57,7 @@ static CoreStatus core_integrate(Core *core, double time, double *length, double
 #if N_EVENTS > 0
         double to_event = h;
         int found;
-        status = core_find_event(core, time + i * h, &to_event, from, u, rate, k1, next, &found);
+        status = core_find_event(core, time + i * h, &to_event, from, u, rate, k1, next, i + 1 == n, &found);
         if (status != CORE_OK) return status;
         if (found) {
             if (i + 1 < n || to_event < h) *length = i * h + to_event;
@@ -118,7 +118,9 @@ static CoreStatus advance_through_events(Core *core, double time, double step) {
         status = advance(core, from, target - from);
         if (status != CORE_OK) break;
         if (s->time == from + (target - from)) s->time = target; /* it is there, but for rounding */
-        if (s->time >= end - tolerance) break; /* what happens now sees the inputs that are to come */
+        if (s->time >= end - tolerance) s->time = end;
+        core_has_passed_event(core); /* at this very time, to the last bit */
+        if (s->time == end) break; /* what happens now sees the inputs that are to come */
         int states_changed;
         status = core_change(core, &states_changed);
     }
@@ -136,8 +138,7 @@ CoreStatus core_do_step(Core *core, double time, double step) {
     CoreState before;
     memcpy(&before, s, sizeof before);
     CoreStatus status = advance_through_events(core, time, step);
-    if (status == CORE_OK) s->time = time + step;
-    else memcpy(s, &before, sizeof before);
+    if (status != CORE_OK) memcpy(s, &before, sizeof before);
     return status;
 #else
     (void)s;

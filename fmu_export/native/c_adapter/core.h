@@ -254,16 +254,17 @@ CoreStatus core_change(Core *core, int *states_changed);
 /* Time of the next sampling instant, INFINITY if there is none. */
 double core_next_instant(const Core *core);
 
-/* After an integrator's step whether there was an event or a sampling instant. */
+/* Where the states have arrived, whether there is an event or a sampling instant. */
 int core_has_passed_event(Core *core);
 
 CoreStatus core_get_indicators(Core *core, double indicators[]);
 #endif
 #if N_EVENTS > 0
 /* Whether an event happens in an internal step from `x` at `time`, where the inputs are `u` and change at `u_rate` and
- * the state derivatives are `rates`, to `next`: *h and `next` become those of the event. */
+ * the state derivatives are `rates`, to `next`: *h and `next` become those of the event. After the last step of several
+ * core_has_passed_event must be called when time, states and inputs are those of its end, as after an event. */
 CoreStatus core_find_event(Core *core, double time, double *h, const double x[], const double u[],
-                           const double u_rate[], const double rates[], double next[], int *found);
+                           const double u_rate[], const double rates[], double next[], int last, int *found);
 #endif
 
 CoreStatus core_set_time(Core *core, double time);

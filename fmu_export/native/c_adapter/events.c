@@ -268,8 +268,19 @@ static CoreStatus locate(const Step *step, int event, double h, double end, doub
     return status;
 }
 
+/* The indicators where the states have arrived, and events that wait to happen there. */
+static void arrive(Core *core, const double indicators[]) {
+    Discrete *d = &core->state.discrete;
+    for (int i = 0; i < N_EVENTS; i++) {
+        double side = d->side[i], g = side * indicators[i];
+        if (is_armed(i, side) && crosses(side * d->indicator[i], g)) continue;
+        if (g < 0.0 && !is_armed(i, side)) d->side[i] = -side;
+        d->indicator[i] = indicators[i];
+    }
+}
+
 CoreStatus core_find_event(Core *core, double time, double *h, const double x[], const double u[],
-                           const double u_rate[], const double rates[], double next[], int *found) {
+                           const double u_rate[], const double rates[], double next[], int last, int *found) {
     Discrete *d = &core->state.discrete;
     int again = 0;
     const Step step = {core, time, x, u, u_rate, rates, &again};
@@ -291,15 +302,11 @@ CoreStatus core_find_event(Core *core, double time, double *h, const double x[],
         again ? step_again(&step, *h, next, indicators) : CORE_OK; /* the method keeps what it did last */
     if (status != CORE_OK) return status;
     for (int i = 0; i < N_EVENTS; i++) {
-        if (at[i] <= *h && side[i] != d->side[i]) d->side[i] = side[i], d->indicator[i] = side[i] * DBL_MIN;
-        double g = d->side[i] * indicators[i];
-        if (is_armed(i, d->side[i]) && crosses(d->side[i] * d->indicator[i], g)) {
-            d->late[i] = g; /* it happens when all states have arrived */
-        } else {
-            if (g < 0.0 && !is_armed(i, d->side[i])) d->side[i] = -d->side[i];
-            d->indicator[i] = indicators[i];
-        }
+        if (!(at[i] <= *h)) continue;
+        if (side[i] != d->side[i]) d->side[i] = side[i], d->indicator[i] = side[i] * DBL_MIN;
+        d->late[i] = fmin(side[i] * indicators[i], 0.0);
     }
+    if (!*found && !last) arrive(core, indicators);
     return CORE_OK;
 }
 #endif
@@ -373,18 +380,10 @@ int core_has_passed_event(Core *core) {
     CoreState *s = &core->state;
     int passed = core_next_instant(core) <= s->time + equal_instants(s->time);
 #if N_EVENTS > 0
-    Discrete *d = &s->discrete;
     double indicators[N_EVENTS];
     model_indicators(s->time, STATES(core), INPUTS(core), PARAMETERS(core), indicators);
-    for (int i = 0; i < N_EVENTS; i++) {
-        double g = d->side[i] * indicators[i];
-        if (is_armed(i, d->side[i]) && crosses(d->side[i] * d->indicator[i], g)) {
-            passed = 1;
-            continue;
-        }
-        if (g < 0.0 && !is_armed(i, d->side[i])) d->side[i] = -d->side[i];
-        d->indicator[i] = indicators[i];
-    }
+    arrive(core, indicators);
+    for (int i = 0; i < N_EVENTS; i++) passed |= s->discrete.indicator[i] != indicators[i]; /* it waits to happen */
 #endif
     return passed;
 }

@@ -269,15 +269,18 @@ def test_samplers_see_inputs_that_change_linearly(unpacked: Any) -> None:
         np.testing.assert_allclose(host.get(["y", "switched", "when"]), [1.4, 1.0, 0.05], rtol=0, atol=1e-10)
     asked: list[float] = []
 
-    def update() -> None:
-        asked.append(host.get(["u"])[0])
-        host.must(host.set({"u": len(asked), "v": 0.0}))
+    def update(time: float) -> None:
+        asked.append(time)
+        host.must(host.set({"u": 10.0 * time, "v": 4.0 * time}))
 
     with Host(unpacked("Hold", "fmi3"), intermediate_update=update) as host:
-        host.run_up({"u": 0.0, "max_step": 10.0})
+        host.run_up({"max_step": 10.0})
         host.must(host.step(0.0, 0.25))
-        assert asked == [0.0, 1.0, 2.0]  # for 0.1, 0.2 and 0.25 s
-        assert host.get(["y", "u"]) == [2.0, 3.0]
+        np.testing.assert_allclose(asked[:2], [0.1, 0.2])
+        assert asked[-1] == 0.25
+        np.testing.assert_allclose(
+            host.get(["y", "u", "v", "switched", "when"]), [2.0, 2.5, 1.0, 1.0, 0.125], rtol=0, atol=1e-10
+        )
 
 
 @pytest.mark.parametrize("flavour", FLAVOURS)
@@ -307,6 +310,23 @@ def test_directions_of_crossings_without_states(unpacked: Any, flavour: str, ste
         n = math.floor(2.0 * time)
         assert (falls, rises, both) == ((n + 1) // 2, n // 2, n)
         assert last == pytest.approx(n / 2.0, abs=1e-10)
+
+
+@pytest.mark.parametrize("flavour", FLAVOURS)
+def test_rounding_of_times_makes_no_crossings(unpacked: Any, flavour: str) -> None:
+    """The time of an event, added up in different ways, is on different sides of a crossing."""
+    random = np.random.default_rng(3)
+    for _ in range(60):
+        f = random.uniform(0.3, 3.0)
+        with Host(unpacked("Crossings", flavour)) as host:
+            host.run_up({"f": f, "max_step": random.choice([0.01, 0.08 / f])})
+            time = 0.0
+            for h in random.uniform(1e-4, 1.5, 5):
+                host.must(host.step(time, h))
+                time += h
+            n = math.floor(2.0 * f * time)
+            assert host.get(["falls", "rises", "all"]) == [(n + 1) // 2, n // 2, n]
+            assert host.get(["last"])[0] == pytest.approx(n / 2.0 / f, abs=1e-10)
 
 
 @pytest.mark.parametrize("flavour", FLAVOURS)
