@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.interpolate import RegularGridInterpolator, make_interp_spline
 from scipy.linalg import expm
 
 from fmu_export import DefaultExperiment, ModelClass, build_native, compose, discrete, every, parameter, state
@@ -163,6 +164,21 @@ def van_der_pol(times: np.ndarray) -> Values:
     return {"x": x[0], "v": x[1]}
 
 
+def torque_map(times: np.ndarray) -> Values:
+    """With scipy's interpolation."""
+    speeds, throttles, u = np.linspace(0.0, 600.0, 13), [0.0, 0.1, 0.3, 0.6, 1.0], 0.85
+    measured = [[min(180.0, 45e3 / (w + 1.0)) * v - 0.02 * w for v in throttles] for w in speeds]
+    torque = RegularGridInterpolator((speeds, throttles), measured)
+    efficiency = make_interp_spline([0.0, 50.0, 200.0, 400.0, 600.0], [0.6, 0.85, 0.95, 0.93, 0.88], k=1)
+
+    def motion(t: float, w: np.ndarray) -> np.ndarray:
+        return (torque((w[0], u)) - 3e-4 * w**2) / 0.4
+
+    w = solve_ivp(motion, (0.0, times[-1]), [10.0], t_eval=times, max_step=0.01, rtol=1e-11, atol=1e-11).y[0]
+    drive = torque((w, u))
+    return {"speed": w, "drive": drive, "power": drive * w / efficiency(w)}
+
+
 EXAMPLES = [
     Example(
         "bouncing_ball",
@@ -234,6 +250,15 @@ EXAMPLES = [
         solution=heat,
         tolerance=1e-11,
         tolerance_me=1e-7,
+    ),
+    Example(
+        "torque_map",
+        stop=6.0,
+        step=0.1,
+        start={"inertia": 0.4, "drag": 3e-4, "speed_start": 10.0, "throttle": 0.85, "max_step": 1e-3},
+        solution=torque_map,
+        tolerance=1e-7,
+        tolerance_me=1e-6,
     ),
     Example("robertson", stop=40.0, step=40.0, solution=robertson, tolerance=1e-6, tolerance_me=1e-6),
     Example(
