@@ -48,7 +48,7 @@ KINDS = {
 Kind = Literal["parameter", "input", "state", "discrete", "output", "local"]
 
 
-@dataclass(eq=False)
+@dataclass(frozen=True, eq=False)
 class Declaration:
     """A variable of a `ModelClass`; `name` is that of the class attribute, `options` are those of its `Variable`."""
 
@@ -58,7 +58,7 @@ class Declaration:
     name: str = field(default="", init=False)
 
     def __set_name__(self, owner: type, name: str) -> None:
-        self.name = self.name or name
+        object.__setattr__(self, "name", self.name or name)  # the one that the class gives it
 
     def __get__(self, instance: Any, owner: type) -> Any:
         """On the class the declaration; in a method the value, which the instance has, if it is known there."""
