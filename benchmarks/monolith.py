@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from fmu_export.native.c_source import c_function
+from fmu_export.native.elementary import declarations, elementary_sources
 from fmu_export.native.runge_kutta import runge_kutta_source
 from fmu_export.native.toolchain import compile_library, host_target
 from fmu_export.trace.trace import trace
@@ -104,11 +105,12 @@ def sources(kind: str) -> dict[str, bytes]:
         traced = trace(model)
         functions = [c_function(getattr(traced, f), arguments, name) for f, arguments in _ARGUMENTS.items()]
         functions += [runge_kutta_source(traced.rates, name)] if model.states else []
-        files[f"{name}.c"] = ("#include <math.h>\n" + "".join(functions)).encode()
+        head = "#include <math.h>\n" + declarations(getattr(traced, f) for f in _ARGUMENTS)
+        files[f"{name}.c"] = (head + "".join(functions)).encode()
         prototypes += [re.search(r"^void .*", f, re.M)[0] + ";\n" for f in functions]
     at_point = f"#define AT_POINT(model, t, x, u, p, y, n) {_AT_POINT[kind]}\n"
     files["loop.c"] = (_HEAD + at_point + "".join(prototypes) + _LOOP).encode()
-    return files
+    return files | elementary_sources(*files.values())
 
 
 class Monolith:

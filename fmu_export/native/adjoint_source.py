@@ -6,6 +6,7 @@ from functools import cache
 
 from fmu_export.errors import needs
 from fmu_export.native.c_source import HEADER, c_function
+from fmu_export.native.elementary import declarations
 from fmu_export.native.expressions import Tables
 from fmu_export.trace.operations import helpers
 from fmu_export.trace.trace import TracedModel
@@ -32,7 +33,9 @@ def adjoint_source(traced: TracedModel) -> bytes:
     parts = [c_function(f, names, tables=tables) for f, names in functions]
     head = HEADER + '#include <math.h>\n#include "model.h"\n' + '#include "table.h"\n' * bool(traced.tables) + "\n"
     prototypes = "".join(f"{part.partition(chr(10))[0]};\n" for part in parts) + "\n"
-    before = "".join(helper.c + "\n" for helper in helpers(f for f, _ in functions)) + tables.source()
+    traced_functions = [f for f, _ in functions]
+    before = declarations(traced_functions) + "".join(helper.c + "\n" for helper in helpers(traced_functions))
+    before += tables.source()
     return (head + prototypes + before + "\n".join(parts)).encode()
 
 

@@ -20,6 +20,7 @@ from fmu_export.modelling.model import Solver
 from fmu_export.modelling.model_class import AnyModel, flat_model
 from fmu_export.native.adjoint_source import adjoint_source
 from fmu_export.native.c_source import model_sources
+from fmu_export.native.elementary import licences
 from fmu_export.native.toolchain import Target, ToolchainError, compile_library, host_target
 from fmu_export.package import description_fmi2, description_fmi3
 from fmu_export.package.archive import write_archive
@@ -182,6 +183,7 @@ def build_native(
             **data,
             **binaries,
             **licence_members(metadata),
+            **licences(code),
         }
         if sources:
             members |= {f"sources/{name}": source for name, source in code.items()}
@@ -209,8 +211,8 @@ def _hybrid_interfaces(flavour: str) -> dict[str, dict[str, str]]:
 
 
 def _model_sources(traced: TracedModel, interface: Interface, flavour: str, guid: str) -> dict[str, bytes]:
-    sources = model_sources(traced, interface, guid)
-    return sources | {"model_adjoint.c": adjoint_source(traced)} if flavour == "fmi3" else sources
+    more = {"model_adjoint.c": adjoint_source(traced)} if flavour == "fmi3" else {}
+    return model_sources(traced, interface, guid, more)
 
 
 def _adapter_sources(

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 
 from fmu_export.errors import needs
 from fmu_export.native import type_tables
+from fmu_export.native.elementary import declarations, elementary_sources
 from fmu_export.native.expressions import SCALARS, Tables, c_string, literal
 from fmu_export.native.hybrid_source import hybrid_calls, hybrid_prototypes, hybrid_sizes, hybrid_tables
 from fmu_export.native.implicit import ImplicitParts, implicit_parts
@@ -48,8 +49,10 @@ _SHORTER = 0.6
 HEADER = "/* Generated from the model by tracing; do not edit. */\n"
 
 
-def model_sources(traced: TracedModel, interface: Interface, guid: str) -> dict[str, bytes]:
-    """`model.h` and `model.c` of a model.
+def model_sources(
+    traced: TracedModel, interface: Interface, guid: str, more: Mapping[str, bytes] | None = None
+) -> dict[str, bytes]:
+    """`model.h`, `model.c` and the elementary functions of a model.
 
     Parameters
     ----------
@@ -57,15 +60,16 @@ def model_sources(traced: TracedModel, interface: Interface, guid: str) -> dict[
         The model's expression graphs and its flat variables.
     guid : str
         Fingerprint that the importer has to give back.
+    more : mapping of str to bytes, optional
+        Further C files with equations of the model, by name.
     """
     equations = _equations(traced)
     head = HEADER + '#include <math.h>\n#include "model.h"\n' + '#include "table.h"\n' * bool(traced.tables) + "\n"
     tables = _tables(traced, interface) + type_tables.definitions(interface) + _solver_tables(equations.implicit)
     tables += _hybrid_tables(traced) + _lookup_tables(traced)
-    return {
-        "model.h": _header(traced, interface, guid, equations).encode(),
-        "model.c": (head + tables + equations.source).encode(),
-    }
+    sources = {"model.c": (head + tables + equations.source).encode(), **(more or {})}
+    header = _header(traced, interface, guid, equations).encode()
+    return {"model.h": header, **sources, **elementary_sources(*sources.values())}
 
 
 @dataclass(frozen=True)
@@ -90,7 +94,7 @@ def _equations(traced: TracedModel) -> _Equations:
     if traced.model.states and solver == "rk4":
         parts.append(runge_kutta_source(traced.rates))
     parts += hybrid_calls(traced)
-    before = "".join(helper.c + "\n" for helper in helpers(functions)) + tables.source()
+    before = declarations(functions) + "".join(helper.c + "\n" for helper in helpers(functions)) + tables.source()
     return _Equations(functions, implicit, "\n".join([before, *parts] if before else parts))
 
 

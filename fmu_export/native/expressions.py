@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 
+from fmu_export.native.elementary import FUNCTIONS, PREFIX
 from fmu_export.trace.operations import template
 
 #: Arguments that are numbers; all others are arrays.
@@ -27,7 +28,8 @@ def operand(value: float) -> str:
 
 def applied(operation: int, operands: Sequence[str], function: str) -> str:
     """An operation as C, to be put in parentheses inside another."""
-    return template(operation, function, len(operands)).format(*operands)
+    text = template(operation, function, len(operands)).format(*operands)
+    return PREFIX + text if operation in FUNCTIONS else text
 
 
 def without_parentheses(text: str) -> str:

@@ -15,7 +15,7 @@ from typing import TypeVar
 
 from fmu_export.errors import needs
 from fmu_export.native.expressions import SCALARS, Tables, applied, operand, without_parentheses
-from fmu_export.trace.graph import Graph
+from fmu_export.trace.graph import SINES, Graph
 
 with needs("export"):
     import casadi as ca
@@ -105,7 +105,9 @@ class _Writer:
         self.sums, self.partial = _sums(graph)
         direct = set(graph.results.values())
         self.stored = {total for total in self.sums if graph.uses[total] > 1 or total not in direct}
+        self.stored |= graph.angles
         self.slots: dict[int, int] = {}
+        self.n_slots = 0
         self.lines: list[str] = []
         self._find_trees()
 
@@ -120,7 +122,7 @@ class _Writer:
     def _reference(self, position: int) -> _Tree:
         """A node as an operand of another: its expression, or where its value is stored."""
         tree = self.trees[position]
-        if position in self.stored:
+        if position in self.stored and not self.graph.nodes[position].is_leaf:
             return _Tree(self._shape(_STORE), (position,), tree.level + 1)
         return tree
 
@@ -130,6 +132,9 @@ class _Writer:
                 self.trees[position] = _Tree(self._shape(_CONSTANT), (position,), 0)
             elif node.operation == ca.OP_INPUT:
                 self.trees[position] = _Tree(self._shape(self.arguments[node.operands[0]]), (position,), 0)
+            elif node.operation in SINES:
+                level = self.trees[node.operands[0]].level + 1
+                self.trees[position] = _Tree(self._shape(_STORE), (position,), level)
             elif position in self.sums:
                 level = max(self._reference(term).level for _, term in self.sums[position])
                 self.trees[position] = _Tree(self._shape("sum", position), (), level)
@@ -159,23 +164,42 @@ class _Writer:
         for rows in _blocks([_Item("y", i, -1, (zero,)) for i in zeros]):
             self._write_loop(rows)
         for level in sorted(jobs):
-            groups: dict[tuple[object, ...], list[_Item]] = defaultdict(list)
-            for array, target, position in jobs[level]:
-                item = _Item(array, target, position, self._pieces(array, position))
-                groups[item.kind].append(item)
-            for group in groups.values():
-                blocks = _blocks(self._targeted(sorted(group, key=lambda item: item.places)))
-                if len(blocks) > _FEW_BLOCKS:  # borders of a grid lie between each other, but look alike
-                    blocks = min(blocks, _blocks(self._targeted(_by_gaps(group))), key=len)
-                for rows in blocks:
-                    for item in (item for row in rows for item in row if item.array == _STORE):
-                        self.slots[item.position] = item.target
-                    self._write_loop(rows)
-        return ([f"double {_STORE}[{len(self.slots)}];"] if self.slots else []) + self.lines
+            angles = [job for job in jobs[level] if job[0] == _STORE and job[2] in self.graph.angles]
+            if angles:
+                self._write_jobs(angles)
+                self._write_sines([position for _, _, position in angles])
+            self._write_jobs([job for job in jobs[level] if job not in set(angles)])
+        return ([f"double {_STORE}[{self.n_slots}];"] if self.n_slots else []) + self.lines
+
+    def _write_jobs(self, jobs: list[tuple[str, int, int]]) -> None:
+        """Values that do not depend on each other: array, target and node of each."""
+        groups: dict[tuple[object, ...], list[_Item]] = defaultdict(list)
+        for array, target, position in jobs:
+            item = _Item(array, target, position, self._pieces(array, position))
+            groups[item.kind].append(item)
+        for group in groups.values():
+            blocks = _blocks(self._targeted(sorted(group, key=lambda item: item.places)))
+            if len(blocks) > _FEW_BLOCKS:  # borders of a grid lie between each other, but look alike
+                blocks = min(blocks, _blocks(self._targeted(_by_gaps(group))), key=len)
+            for rows in blocks:
+                for item in (item for row in rows for item in row if item.array == _STORE):
+                    self.slots[item.position] = item.target
+                    self.n_slots += 1
+                self._write_loop(rows)
+
+    def _write_sines(self, angles: list[int]) -> None:
+        """Sines and cosines of angles that stand one after the other in the store."""
+        n, first = len(angles), self.n_slots - len(angles)
+        for k, operation in enumerate(SINES, 1):
+            for angle in angles:
+                if (position := self.graph.sines.get((operation, angle))) is not None:
+                    self.slots[position] = self.slots[angle] + k * n
+        self.n_slots += 2 * n
+        self.lines.append(f"sines({n}, {_STORE} + {first}, {_STORE} + {first + n}, {_STORE} + {first + 2 * n});")
 
     def _targeted(self, items: list[_Item]) -> list[_Item]:
         """Items in their order; those whose value is stored go into the next free slots."""
-        free = len(self.slots)
+        free = self.n_slots
         return [replace(item, target=free + k) if item.array == _STORE else item for k, item in enumerate(items)]
 
     def _pieces(self, array: str, position: int) -> tuple[_Piece, ...]:
@@ -199,12 +223,10 @@ class _Writer:
         places, constants = [], []
         for leaf in tree.leaves:
             node = self.graph.nodes[leaf]
-            if leaf in self.slots:
-                places.append(self.slots[leaf])
-            elif node.operation == ca.OP_CONST:
+            if node.operation == ca.OP_CONST:
                 constants.append(node.value)
             else:
-                places.append(node.operands[1])
+                places.append(node.operands[1] if node.is_leaf else self.slots[leaf])
         return tuple(places), tuple(constants)
 
     # C

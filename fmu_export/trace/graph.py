@@ -11,6 +11,10 @@ with needs("export"):
     import casadi as ca
 
 
+#: Operations that are computed for many angles at once, sine and cosine together.
+SINES = (ca.OP_SIN, ca.OP_COS)
+
+
 @dataclass(frozen=True)
 class Node:
     """A constant, an element of an argument, or an operation.
@@ -92,7 +96,10 @@ class Graph:
         for position in self.results.values():
             self.uses[position] += 1
 
+        #: Node of each sine and cosine by operation and angle.
+        self.sines = {(n.operation, n.operands[0]): k for k, n in enumerate(self.nodes) if n.operation in SINES}
+
     @property
-    def operations(self) -> set[int]:
-        """What is computed in it."""
-        return {node.operation for node in self.nodes if not node.is_leaf}
+    def angles(self) -> set[int]:
+        """Nodes of which a sine or cosine is taken."""
+        return {angle for _, angle in self.sines}

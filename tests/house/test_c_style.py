@@ -21,6 +21,8 @@ def unformatted(*files: Path) -> list[str]:
 
 def test_c_is_formatted() -> None:
     files = [p for folder in ("cosim", "fmu_export", "interop") for p in sorted((CHECKOUT / folder).rglob("*.[ch]"))]
+    ours = {"libm.h", "acosh_domain.c"}  # the other elementary functions are musl's, as they are
+    files = [p for p in files if p.parent.name != "libm" or p.name in ours]
     assert len(files) > 5
     assert unformatted(*files) == []
 

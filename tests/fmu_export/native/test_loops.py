@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from fmu_export.native.c_source import c_function
+from fmu_export.native.elementary import declarations, elementary_sources
 from fmu_export.native.expressions import Tables
 from fmu_export.native.loops import loop_statements
 from fmu_export.native.toolchain import compile_library, host_target
@@ -113,9 +114,11 @@ def random_points(f: ca.Function) -> list[list[np.ndarray]]:
 
 
 def compare(f: ca.Function, names: tuple[str, ...], points: list[list[np.ndarray]], folder: Path) -> None:
-    source = "#include <math.h>\n" + "".join(h.c + "\n" for h in helpers([f])) + statements_in_c(f, names)
+    head = "#include <math.h>\n" + declarations([f]) + "".join(h.c + "\n" for h in helpers([f]))
+    source = (head + statements_in_c(f, names)).encode()
+    sources = {"both.c": source, **elementary_sources(source)}
     path = folder / f"both{host_target().suffix}"
-    path.write_bytes(compile_library({"both.c": source.encode()}, "both"))
+    path.write_bytes(compile_library(sources, "both"))
     library = ctypes.CDLL(str(path))
     for arguments in points:
         found = []

@@ -62,14 +62,14 @@ class Sources(NamedTuple):
     folder: Path
     host: Path
     resources: Path
-    adapter: tuple[str, ...]
+    others: tuple[str, ...]
 
     def build(self, compiler: str, program: str, options: list[str], model_options: list[str]) -> Path:
         """Compile the host; the model, which needs the most time, has options of its own."""
         common = [compiler, "-std=c99", *options, "-I."]
         for command in (
             [*common, *model_options, "-c", "model.c", "-o", f"{program}.o"],
-            [*common, "-O0", *self.adapter, str(self.host), f"{program}.o", "-o", program, "-lm"],
+            [*common, "-O0", *self.others, str(self.host), f"{program}.o", "-o", program, "-lm"],
         ):
             done = run(command, self.folder)
             assert done.returncode == 0, done.stderr
@@ -95,15 +95,16 @@ def compiler() -> str:
 def write_sources(folder: Path, model: Model, flavour: str) -> Sources:
     traced = trace(model)
     interface = interface_of(traced)
-    adapter = _adapter_sources(flavour, model.solver, hybrid=not model.is_continuous)
-    for name, content in (adapter | _model_sources(traced, interface, flavour, "{the guid}")).items():
+    sources = _adapter_sources(flavour, model.solver, hybrid=not model.is_continuous)
+    sources |= _model_sources(traced, interface, flavour, "{the guid}")
+    for name, content in sources.items():
         (folder / name).write_bytes(content)
     resources = folder / "resources"
     for name in FOLDERS:
         (resources / name).mkdir(parents=True)
         (resources / name / "start_values.txt").write_bytes(start_values_text(interface))
     host = SUPPORT / f"native_host_{flavour}.c"
-    return Sources(folder, host, resources, tuple(name for name in adapter if name.endswith(".c")))
+    return Sources(folder, host, resources, tuple({n for n in sources if n.endswith(".c")} - {"model.c"}))
 
 
 @pytest.fixture

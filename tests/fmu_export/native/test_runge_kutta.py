@@ -13,6 +13,7 @@ from fmu_export.modelling.functions import rk4_step
 from fmu_export.modelling.model import DefaultExperiment, Model
 from fmu_export.modelling.variables import Layout, Variable
 from fmu_export.native.c_source import c_function
+from fmu_export.native.elementary import declarations, elementary_sources
 from fmu_export.native.runge_kutta import runge_kutta_source
 from fmu_export.native.toolchain import compile_library, host_target
 from fmu_export.trace.trace import trace
@@ -36,10 +37,12 @@ POLYNOMIAL = Model(
 def c_step(model: Model, folder: Path):
     traced = trace(model)
     rates = c_function(traced.rates, ("t", "x", "u", "p"))
-    source = "#include <math.h>\n" + rates + "#ifdef _WIN32\n__declspec(dllexport)\n#else\n"
+    source = (
+        "#include <math.h>\n" + declarations([traced.rates]) + rates + "#ifdef _WIN32\n__declspec(dllexport)\n#else\n"
+    )
     source += '__attribute__((visibility("default")))\n#endif\n' + runge_kutta_source(traced.rates)
     path = folder / f"step{host_target().suffix}"
-    path.write_bytes(compile_library({"step.c": source.encode()}, "step"))
+    path.write_bytes(compile_library({"step.c": source.encode(), **elementary_sources(source.encode())}, "step"))
     function = ctypes.CDLL(str(path)).model_linear_step
 
     def call(t, x, u, p, h, u_rate, k1):
