@@ -34,6 +34,7 @@ _ARGUMENTS = {
     "initial_state_direction": ("p", "dp"),
     "direction": ("t", "x", "u", "p", "dx", "du", "dp"),
     "jacobian": ("t", "x", "u", "p"),
+    "rates_direction": ("t", "x", "u", "p", "dx"),
     "time_derivative": ("t", "x", "u", "p", "u_rate"),
 }
 

@@ -43,7 +43,20 @@ static void leave_out_infinite(double v[], int n) {
 }
 
 void method_prepare(Core *core, double time, const double x[], const double u[]) {
+#if N_COLOURS > 0
+    double dx[N_X], change[N_X];
+    for (int colour = 0; colour < N_COLOURS; colour++) {
+        for (int i = 0; i < N_X; i++) dx[i] = model_colours[i] == colour;
+        model_rates_direction(time, x, u, PARAMETERS(core), dx, change);
+        for (int i = 0, k = 0; i < N_X; i++)
+            for (; k < N_JACOBIAN && model_jacobian_places[k] < model_factor_rows[i + 1]; k++) {
+                int column = model_pivots[model_factor_columns[model_jacobian_places[k]]];
+                if (model_colours[column] == colour) core->jacobian[k] = change[model_pivots[i]];
+            }
+    }
+#else
     model_jacobian(time, x, u, PARAMETERS(core), core->jacobian);
+#endif
     leave_out_infinite(core->jacobian, N_JACOBIAN);
 }
 

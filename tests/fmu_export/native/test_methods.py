@@ -8,6 +8,7 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Callable, Sequence
 from ctypes import c_double, c_int
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from fmu_export.modelling.model import Model, Solver
+from fmu_export.native import implicit
 from fmu_export.native.backend import _adapter_sources
 from fmu_export.native.c_source import model_sources
 from fmu_export.native.implicit import implicit_parts
@@ -40,7 +42,7 @@ class Method:
         adapter = {n: s for n, s in _adapter_sources("fmi2", of.solver).items() if not n.startswith("fmi2")}
         sources = adapter | model_sources(traced, interface, "{}")
         sources["method_steps.c"] = (SUPPORT / "method_steps.c").read_bytes()
-        library = folder / f"method{host_target().suffix}"
+        library = folder / f"{of.name}{host_target().suffix}"
         library.write_bytes(compile_library(sources, "method", strict=True))
         self._library = ctypes.CDLL(str(library))
         self._library.method_steps.restype = c_double
@@ -146,6 +148,25 @@ def test_the_plate_fills(compiled: Compile) -> None:
     parts = implicit_parts(trace(diffusion("rodas4")))
     assert parts.sizes["N_JACOBIAN"] == 5 * 200 - 2 * (10 + 20)
     assert 1.5 * parts.sizes["N_JACOBIAN"] < parts.sizes["N_FACTORS"] < 6000
+
+
+@pytest.mark.parametrize("of", [smooth("rodas4"), robertson(), diffusion("rodas4")], ids=lambda m: m.name)
+def test_a_jacobian_by_directions_is_the_one_that_is_written_out(
+    compiled: Compile, of: Model, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    n = len(of.states)
+    x, u = np.random.default_rng(6).uniform(0.1, 1.0, n), of.inputs.starts
+    written = compiled(of).steps(3, 0.0, 1e-3, x, u)[0]
+    monkeypatch.setattr(implicit, "MOST_WRITTEN", 0)
+    other = replace(of, name=f"{of.name}ByDirections")
+    parts = implicit_parts(trace(other))
+    colours = np.array(parts.colours)
+    pattern = np.array(trace(other).derivatives.jac_sparsity(0, 1).get_triplet())
+    for row in range(n):
+        seen = colours[pattern[1][pattern[0] == row]]
+        assert len(set(seen)) == len(seen)
+    assert colours.max() + 1 <= 7
+    np.testing.assert_allclose(compiled(other).steps(3, 0.0, 1e-3, x, u)[0], written, rtol=1e-12, atol=1e-15)
 
 
 def test_the_derivative_by_the_time_has_that_of_the_inputs() -> None:
