@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -19,14 +19,14 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from fmu_export.errors import DocumentationError
+from fmu_export.errors import ArgumentError, DocumentationError
 from fmu_export.modelling.functions import rk4_step
 from fmu_export.modelling.model import Model
 from fmu_export.modelling.names import check_text
 from fmu_export.modelling.variables import Array, Layout
 from fmu_export.package.archive import write_archive
 from fmu_export.package.description_common import to_bytes
-from fmu_export.package.interface import Interface
+from fmu_export.package.interface import Interface, text_of
 
 FOLDER = "extra/org.fmi-standard.fmi-ls-ref"
 
@@ -110,6 +110,8 @@ def reference_members(
     asked_for = reference is not None
     reference = FROM_START_VALUES if reference is None else reference
     here = f"{model.name}: reference"
+    if texts := [v.name for v in model.inputs.variables if v.type == "string" and v.name in reference.inputs]:
+        raise DocumentationError(f"{here}: input '{texts[0]}' is a string, which stimuli don't hold; leave it out")
     try:
         u = _values(f"{here}: input", model.inputs, reference.inputs)
         p = _values(f"{here}: parameter", model.parameters, reference.parameters)
@@ -131,6 +133,13 @@ def _values(here: str, layout: Layout, given: Mapping[str, float | Sequence[floa
         if variable is None:
             known = ", ".join(v.name for v in layout.variables) or "none"
             raise DocumentationError(f"{here} '{name}': the model has no such one; it has {known}")
+        if variable.type != "real":
+            try:
+                for element, number in zip(variable.names, replace(variable, start=value).starts, strict=True):
+                    found[places[element]] = number
+            except ArgumentError as error:
+                raise DocumentationError(f"{here} '{name}': {error}") from None
+            continue
         numbers = (
             np.broadcast_to(np.asarray(value, dtype=float), (len(variable.names),)) if _fits(value, variable) else None
         )
@@ -192,7 +201,7 @@ def _run(
     elif archive is None:
         return None
     else:
-        run = _by_fmu(here, model, reference, grid, archive)
+        run = _by_fmu(here, model, interface, reference, (u, p), grid, archive)
     if not np.isfinite(run.outputs).all():
         raise DocumentationError(f"{here}: the results are not finite; choose other inputs or an earlier end")
     return run
@@ -228,21 +237,29 @@ def _by_numpy(
 
 
 def _by_fmu(
-    here: str, model: Model, reference: Reference, grid: tuple[float, float, int], archive: Mapping[str, bytes]
+    here: str,
+    model: Model,
+    interface: Interface,
+    reference: Reference,
+    values_of: tuple[Array, Array],
+    grid: tuple[float, float, int],
+    archive: Mapping[str, bytes],
 ) -> _Run:
     """The run by the FMU itself."""
     from fmpy import simulate_fmu  # takes a while to import
 
     start, step, rows = grid
-    starts = {
-        name: float(value)
-        for layout, given in ((model.inputs, reference.inputs), (model.parameters, reference.parameters))
-        for variable in layout.variables
-        if variable.name in given
-        for name, value in zip(
-            variable.names, np.broadcast_to(given[variable.name], (len(variable.names),)).tolist(), strict=True
-        )
-    }
+    starts: dict[str, Any] = {}
+    layouts, given_of = (model.inputs, model.parameters), (reference.inputs, reference.parameters)
+    for layout, values, given in zip(layouts, values_of, given_of, strict=True):
+        for v in (v for v in layout.variables if v.name in given and v.type != "string"):
+            first = layout.names.index(v.names[0])
+            own = values[first : first + v.n_elements]
+            if interface.arrays:
+                starts[v.name] = own.reshape(v.shape)
+            else:
+                starts |= dict(zip(v.names, own.tolist(), strict=True))
+    shown = [v for v in model.outputs.variables if v.type != "string"]
     with TemporaryDirectory(prefix="reference-", ignore_cleanup_errors=True) as folder:
         path = Path(folder) / f"{model.name}.fmu"
         write_archive(path, dict(archive))
@@ -256,12 +273,19 @@ def _by_fmu(
                 stop_time=start + rows * step,
                 output_interval=step,
                 start_values=starts,
-                output=list(model.outputs.names),
+                output=[v.name for v in shown] if interface.arrays else [name for v in shown for name in v.names],
                 logger=_keeping(said),
             )
         except Exception as error:  # FMPy raises bare exceptions
             raise DocumentationError(f"{here}: {said[-1] if said else error}") from error
-    columns = [np.asarray(found[name], dtype=float) for name in model.outputs.names]
+    rows_found = len(found)
+    columns = [
+        np.asarray(found[name], dtype=float).reshape(rows_found, -1)
+        if v.type != "string"
+        else np.zeros((rows_found, v.n_elements))  # which FMPy does not record
+        for v in model.outputs.variables
+        for name in ((v.name,) if interface.arrays or v.type == "string" else v.names)
+    ]
     return _Run(np.asarray(found["time"]), np.column_stack([np.empty((len(found), 0)), *columns]))
 
 
@@ -299,7 +323,10 @@ def _members(
         files["inputs.csv"] = _csv(names, np.array([start, stop]), np.array([row, row]))
         ET.SubElement(experiment, "Stimuli", source="inputs.csv")
     if run is not None:
-        files["results.csv"] = _csv(model.outputs.names, run.time, run.outputs)
+        # importers don't record strings as results
+        shown = [v.type != "string" for v in model.outputs.variables for _ in v.names]
+        names = [name for name, is_shown in zip(model.outputs.names, shown, strict=True) if is_shown]
+        files["results.csv"] = _csv(names, run.time, run.outputs[:, np.array(shown, dtype=bool)])
         ET.SubElement(experiment, "References", source="results.csv")
         related.append(("text/csv", "results.csv", "result", "Results of the experiment"))
     files["experiments.exp"] = to_bytes(experiments)
@@ -326,7 +353,11 @@ def _parameter_set(layout: Layout, given: Mapping[str, float | Sequence[float]])
     for variable in layout.variables:
         for name in variable.names if variable.name in given else ():
             parameter = ET.SubElement(parameters, f"{{{_SSV}}}Parameter", name=name)
-            ET.SubElement(parameter, f"{{{_SSV}}}Real", value=repr(float(values[layout.names.index(name)])))
+            value = float(values[layout.names.index(name)])
+            text = text_of(variable.type, value, variable.items)
+            if variable.type == "enumeration":  # by its name
+                text = next(item for item, number in variable.items if number == value)
+            ET.SubElement(parameter, f"{{{_SSV}}}{variable.type.capitalize()}", value=text)
     return to_bytes(root)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import zipfile
 from collections.abc import Callable, Sequence
 from ctypes import c_bool, c_char_p, c_int32, c_int64
@@ -15,9 +16,12 @@ import pytest
 from fmpy.validation import validate_fmu
 
 from cosim import System, simulate
+from cosim.commands import validate
 from fmu_export import ArgumentError, CompositionError, build_native, build_pythonfmu, compose, write_start_values
-from fmu_export.modelling.model import DefaultExperiment, Model
+from fmu_export.errors import DocumentationError
+from fmu_export.modelling.model import DefaultExperiment, Model, Sampled
 from fmu_export.modelling.variables import Layout, Variable
+from fmu_export.package.references import Reference
 from fmu_export.package.start_values import StartValueError
 from tests.support.native_fmus import ERROR, FLAVOURS, OK, Host, Refused, unpack
 
@@ -343,3 +347,33 @@ def test_sources_of_models_of_reals_have_no_types(tmp_path: Path) -> None:
     with zipfile.ZipFile(build_native(LAG, tmp_path, "fmi2")) as archive:
         assert b"model_types" not in archive.read("sources/model.c") + archive.read("sources/model.h")
         assert fromstring(archive.read("modelDescription.xml")).find("TypeDefinitions") is None
+
+
+@BOTH
+def test_they_run_as_the_reference_says_that_they_bring_along(tmp_path: Path, flavour: str) -> None:
+    inputs = {"on": True, "level": 4, "kind": "high"}
+    reference = Reference(inputs, {"speed": "fast", "label": TEXTS[2], "n": 5, "flag": False})
+    fmu = build_native(TYPED, tmp_path, flavour, reference=reference)  # type: ignore[arg-type]
+    assert validate.run(argparse.Namespace(fmu=[fmu], run_references=True, build=False)) == 0
+    with pytest.raises(DocumentationError, match=r"Typed: reference: parameter 'speed': .* is 'warp'; it must be"):
+        build_native(TYPED, tmp_path, flavour, reference=Reference({}, {"speed": "warp"}))  # type: ignore[arg-type]
+    with pytest.raises(DocumentationError, match="input 'text' is a string, which stimuli don't hold"):
+        build_native(TYPED, tmp_path, flavour, reference=Reference({"text": "plain"}))  # type: ignore[arg-type]
+
+
+def test_a_model_with_events_and_arrays_brings_its_reference(tmp_path: Path) -> None:
+    hybrid = Model(
+        name="Counters",
+        parameters=Layout([Variable("gain", size=(2, 2), start=1.0)]),
+        outputs=Layout([Variable("count", type="integer", size=2), Variable("label", type="string", items=("a", "b"))]),
+        discrete=Layout([Variable("count", type="integer", size=2)]),
+        sampled=[Sampled("tick", lambda t, x, z, u, p: z + np.array([1.0, 2.0]), 0.02)],
+        output_values=lambda t, x, z, u, p: np.concatenate([z, np.minimum(z[:1], 1.0)]),
+    )
+    for arrays in (False, True):
+        fmu = build_native(hybrid, tmp_path, "fmi3", arrays=arrays)
+        assert validate.run(argparse.Namespace(fmu=[fmu], run_references=True, build=False)) == 0
+        with zipfile.ZipFile(fmu) as archive:
+            rows = archive.read("extra/org.fmi-standard.fmi-ls-ref/results.csv").decode().splitlines()
+        assert rows[0] == '"time","count[1]","count[2]"'
+        assert rows[5] == "0.04,3,6"
