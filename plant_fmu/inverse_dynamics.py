@@ -10,8 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from plant_fmu.dynamics import coriolis_matrix, mass_matrix, solve_positive_definite
+from plant_fmu.dynamics import coriolis_matrix, mass_matrix
 from plant_fmu.kinematics import Directions, velocity_jacobian_rates, velocity_jacobians
+from plant_fmu.symmetric import solve_positive_definite
 
 Array = Any
 

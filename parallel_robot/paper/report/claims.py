@@ -131,8 +131,9 @@ def theorem_section(checks: Sequence[TheoremCheck], runs: Runs) -> str:
         "time violated",
         "corrected: max of V′ + λ|Z|² − h",
         "|Z| at start, largest, steady",
-        "bound at all times",
-        "bound in the end (63)",
+        "bound at all times, d",
+        "bound in the end (63), and T (64) to twice that: computed, in the run (s)",
+        "largest V over its envelope (74): printed, corrected",
     )
     names = dict(zip((c.key for c in runs.controllers), controller_names(runs), strict=True))
     cells = [
@@ -143,7 +144,8 @@ def theorem_section(checks: Sequence[TheoremCheck], runs: Runs) -> str:
             _sign(t.excess_corrected),
             f"{number(t.Z_start)}, {number(t.Z_max)}, {number(t.Z_steady)}",
             number(t.d_chi),
-            number(t.chi_min),
+            f"{number(t.chi_min)}; {number(t.T_chi, 3)}, {number(t.below_from, 3)}",
+            f"{number(t.envelope_printed, 3)}, {number(t.envelope_corrected, 3)}",
         )
         for t in checks
     ]

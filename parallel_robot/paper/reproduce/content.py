@@ -386,6 +386,12 @@ class TheoremCheck:
         Radii (62), (63), as printed.
     d_chi : float
         Bound of |Z| at all times for this start, max(|Z(0)|, Gamma) sqrt(lambda_2/lambda_1).
+    T_chi : float
+        Time (s) by (64) after which |Z| stays below twice chi_min.
+    below_from : float
+        Time (s) from which it does.
+    envelope_printed, envelope_corrected : float
+        Largest V over its envelope (74) along the run, with either h.
     """
 
     controller: str
@@ -403,6 +409,10 @@ class TheoremCheck:
     Gamma: float
     chi_min: float
     d_chi: float
+    T_chi: float
+    below_from: float
+    envelope_printed: float
+    envelope_corrected: float
 
 
 @dataclass(frozen=True)

@@ -186,6 +186,20 @@ class Constants:
         """sqrt(lambda_2/lambda_1) of (63)."""
         return float(np.sqrt(self.lambda_2 / self.lambda_1))
 
+    def time_to(self, radius: float, start: float) -> float:
+        """T of (64) in s: after it |Z| stays below a radius larger than chi_min, from |Z(0)| = start."""
+        inner = radius / self.stretch
+        if start <= inner:
+            return 0.0
+        return (self.lambda_2 * start**2 - self.lambda_1 * self.Gamma**2) / (self.rate * inner**2 - self.h)
+
+    def envelope(self, time: np.ndarray, V_start: float, *, corrected: bool = False) -> np.ndarray:
+        """Right side of (74) at times (n,) in s, for V(0), with h as printed or corrected: (n,)."""
+        decay = 2.0 * self.rate / (2.0 * self.lambda_2)  # 2 lambda_3 beta / k
+        end = (self.h_corrected if corrected else self.h) / decay
+        values: np.ndarray = (V_start - end) * np.exp(-decay * time) + end
+        return values
+
 
 def constants(
     alpha: float, beta: float, psi_bar: np.ndarray, k: float = 12.0, lambda_3: float = 1.0, lambda_M_min: float = 1.0
@@ -202,6 +216,8 @@ def check(m: Motion, controller: Controller, steady_after: float) -> TheoremChec
     lambda_M_min = float(np.linalg.eigvalsh(m.M)[:, 0].min())
     c = constants(controller.alpha, m.beta, psi_bar, m.k, min(*m.S.tolist(), 1.0), lambda_M_min)
     Z = m.Z(psi_bar)
+    V = m.V(psi_bar)
+    below = np.less(Z, 2.0 * c.Gamma * c.stretch)
     excess = np.gradient(m.V(psi_bar), m.time, edge_order=2) + c.rate * Z**2
     return TheoremCheck(
         controller=controller.key,
@@ -219,6 +235,10 @@ def check(m: Motion, controller: Controller, steady_after: float) -> TheoremChec
         Gamma=c.Gamma,
         chi_min=c.Gamma * c.stretch,
         d_chi=max(float(Z[0]), c.Gamma) * c.stretch,
+        T_chi=c.time_to(2.0 * c.Gamma * c.stretch, float(Z[0])),
+        below_from=0.0 if below.all() else float(m.time[np.flatnonzero(~below)[-1]]),
+        envelope_printed=float((V / c.envelope(m.time, float(V[0]))).max()),
+        envelope_corrected=float((V / c.envelope(m.time, float(V[0]), corrected=True)).max()),
     )
 
 

@@ -168,6 +168,29 @@ def test_V_falls_as_printed_by_its_integral(material: Material) -> None:
         assert found.share_violated == 0.0
 
 
+def test_V_stays_below_its_envelope(material: Material) -> None:
+    """(74) solves phi' = -2 lambda_3 beta/k phi + h with phi(0) = V(0), and V starts on it."""
+    for found in some(material.theorem1):
+        assert 1.0 - 1e-9 <= found.envelope_printed <= 1.0 + 1e-9
+        assert found.envelope_corrected <= 1.0 + 1e-9
+        assert found.below_from <= found.T_chi == 0.0
+    c = constants(1.36, 1.66, np.array([0.25, 0.25]))
+    t, h = 0.7, 1e-5
+    slope = (c.envelope(np.array([t + h]), 3.0) - c.envelope(np.array([t - h]), 3.0))[0] / (2 * h)
+    assert slope == pytest.approx(-2 * 1.66 / 12 * c.envelope(np.array([t]), 3.0)[0] + c.h, rel=1e-6)
+    assert c.envelope(np.array([0.0]), 3.0)[0] == pytest.approx(3.0)
+
+
+def test_time_to_a_radius_bounds_the_slowest_decay() -> None:
+    """|Z|^2 = V/lambda_1, the most by (45), of a V on its envelope from lambda_2 |Z(0)|^2 is below it after T."""
+    c = constants(1.36, 1.66, np.array([0.25, 0.25]), lambda_M_min=0.06)
+    start, radius = 40.0, 2.0 * c.Gamma * c.stretch
+    T = c.time_to(radius, start)
+    assert T > 0.0
+    assert np.sqrt(c.envelope(np.array([T]), c.lambda_2 * start**2)[0] / c.lambda_1) <= radius * (1 + 1e-9)
+    assert c.time_to(radius, 0.1) == 0.0
+
+
 def test_radii_hold_and_are_far_off(material: Material) -> None:
     for found in some(material.theorem1):
         assert found.Z_max <= found.d_chi

@@ -113,7 +113,9 @@ def content(results, tmp_path_factory: pytest.TempPathFactory) -> Reproduction:
         disturbed_from=ONSET,
         info={"flavour": DEFAULT_FLAVOUR, "step_size": 1e-3, "extrapolation": {"mode": "auto", "hold": []}},
     )
-    check = TheoremCheck("10", "disturbed", (0.25, 0.25), 1.6, 2.0, 3.0, 0.5, -1.0, 0.1, 1.0, 2.0, 0.5, 3.0, 4.0, 5.0)
+    check = TheoremCheck(
+        "10", "disturbed", (0.25, 0.25), 1.6, 2.0, 3.0, 0.5, -1.0, 0.1, 1.0, 2.0, 0.5, 3.0, 4.0, 5.0, 0.0, 0.0, 1.0, 1.0
+    )
     verdicts = ("holds", "holds in part", "does not hold", "cannot be judged", "does not hold")
     return Reproduction(
         runs=runs,
