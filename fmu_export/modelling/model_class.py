@@ -12,7 +12,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar, NoReturn, TypeAlias
 
 from fmu_export.errors import ArgumentError
-from fmu_export.modelling.declarations import declared_variables, marked_methods, meant
+from fmu_export.modelling.declarations import MARK, Declaration, declared_variables, marked_methods, meant
 from fmu_export.modelling.flattening import Settings, flatten
 from fmu_export.modelling.model import DEFAULT_EXPERIMENT, Model, Solver
 
@@ -28,7 +28,35 @@ class _FlatModel:
         return lambda: vars(owner._instance)["_model"]
 
 
-class ModelClass:
+class _Body(dict[str, Any]):
+    """The body of a class while it runs, in which a variable or a marked method has its name alone."""
+
+    def __init__(self, owner: str) -> None:
+        super().__init__()
+        self.owner = owner
+
+    def __setitem__(self, name: str, value: Any) -> None:
+        before = self.get(name)
+        if isinstance(before, Declaration) or hasattr(before, MARK):
+            raise ArgumentError(f"{self.owner}: '{name}' stands in the class twice; give one another name")
+        super().__setitem__(name, value)
+
+
+class _ModelMeta(type):
+    """Makes the bodies of classes."""
+
+    @classmethod
+    def __prepare__(cls, name: str, bases: tuple[type, ...], /, **_: Any) -> _Body:
+        return _Body(name)
+
+
+if TYPE_CHECKING:  # a metaclass would have them accept any keyword of a class
+    _Base = object
+else:
+    _Base = _ModelMeta("_Base", (), {})
+
+
+class ModelClass(_Base):
     """Base of models that are written as classes.
 
     Class attributes made by `parameter`, `input`, `state`, `discrete` and `output` are its variables. Methods give the
@@ -97,12 +125,16 @@ class ModelClass:
         inherited = getattr(cls, "_settings", None)
         before = inherited.experiment if inherited else DEFAULT_EXPERIMENT
         times = {"start_time": start_time, "stop_time": stop_time, "step_size": step_size}
+        try:
+            experiment = replace(before, **{k: v for k, v in times.items() if v is not None})
+        except ArgumentError as error:
+            raise ArgumentError(f"{cls.__name__}: {error}") from None
         own_text = vars(cls).get("__doc__")
         text = inspect.cleandoc(own_text).partition("\n")[0] if own_text else ""
         cls._settings = Settings(
             name=name or cls.__name__,
             description=description or text or (inherited.description if inherited else ""),
-            experiment=replace(before, **{k: float(v) for k, v in times.items() if v is not None}),
+            experiment=experiment,
             solver=solver or (inherited.solver if inherited else "rk4"),
         )
         declared_variables(cls)

@@ -374,6 +374,38 @@ def test_what_does_not_fit_is_refused_in_one_line(wrong: Any, message: str) -> N
     assert "\n" not in str(caught.value)
 
 
+def test_names_stand_in_a_class_once() -> None:
+    """Python would let the last one win, and events vanish."""
+    for body in (
+        "k = parameter(1.0)\n    k = parameter(2.0)",
+        "k = parameter(1.0)\n    def k(m): ...",
+        "@when(lambda m: m.t)\n    def k(m): ...\n    @when(lambda m: -m.t)\n    def k(m): ...",
+    ):
+        with pytest.raises(ArgumentError, match="Twice: 'k' stands in the class twice"):
+            exec(f"class Twice(ModelClass):\n    {body}")
+
+    class Fine(ModelClass):
+        n = 3
+        n = n + 1
+
+        def helper(m): ...
+
+        def helper(m):  # noqa: F811
+            return m.n
+
+    assert Fine().helper() == 4
+
+
+def test_times_of_a_class_are_numbers() -> None:
+    for times, message in (
+        ({"stop_time": "3"}, "Timed: default experiment: stop_time is '3', which is no finite number"),
+        ({"step_size": 0.0}, "Timed: default experiment: step_size 0.0 is not positive"),
+        ({"start_time": 5}, "Timed: default experiment: stop_time 1.0 is not after start_time 5.0"),
+    ):
+        with pytest.raises(ArgumentError, match=re.escape(message)):
+            type("Timed", (ModelClass,), {}, **times)  # type: ignore[call-overload]
+
+
 def test_a_name_that_only_a_branch_has_is_refused_while_tracing() -> None:
     calls = []
 
