@@ -6,12 +6,16 @@ import argparse
 import dataclasses
 import math
 import time as clock
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from cosim.regression.comparison import compare_signals
 from cosim.regression.tolerances import ToleranceError, Tolerances
 from cosim.results.results import Results
+
+#: So many signals that the reference lacks are named.
+_MOST_NAMED = 5
 
 
 def register(subparsers: Any) -> None:
@@ -53,7 +57,8 @@ def run(args: argparse.Namespace) -> int:
     for finding in comparison.findings:
         print(finding)
     if not comparison.findings:
-        print(f"{args.result}: all {len(reference.names)} signals agree with {args.reference}")
+        agreement = f"{args.result}: all {len(reference.names)} signals agree with {args.reference}"
+        print(agreement + _further(result.names, reference.names))
     if args.report is not None:
         from cosim.regression.outcome import Outcome
         from cosim.regression.page import part, write_page
@@ -64,6 +69,15 @@ def run(args: argparse.Namespace) -> int:
         )
         write_page([part(outcome)], args.report)
     return int(bool(comparison.findings))
+
+
+def _further(names: Sequence[str], known: Sequence[str]) -> str:
+    """What is said of signals that nothing is compared with."""
+    further = [name for name in names if name not in known]
+    if not further:
+        return ""
+    more = f" and {len(further) - _MOST_NAMED} more" if len(further) > _MOST_NAMED else ""
+    return f", which lacks {', '.join(further[:_MOST_NAMED])}{more}"
 
 
 def _with_options(tolerances: Tolerances, args: argparse.Namespace) -> Tolerances:

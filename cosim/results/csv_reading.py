@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -56,7 +57,7 @@ def read_csv(path: str | PathLike[str]) -> Table:
     header_line = text.partition("\n")[0].rstrip("\r")
     separator = _separator(path, header_line)
     try:
-        reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator, skipinitialspace=True)
+        reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator, skipinitialspace=True, strict=True)
         header, *rows = [_Row(before + reader.line_num, cells) for cells in reader if any(map(str.strip, cells))]
     except csv.Error as error:
         raise ResultsError(f"{path}: can't be read as CSV: {error}") from error
@@ -80,6 +81,7 @@ def _text(path: str | PathLike[str]) -> tuple[str, int]:
         content = Path(path).read_bytes()
         wide = content[:2] in (b"\xff\xfe", b"\xfe\xff")  # spreadsheets write "Unicode text" so
         text = content.decode("utf-16" if wide else "utf-8-sig")
+        text = text if "\n" in text else text.replace("\r", "\n")  # as old Macs end lines
     except UnicodeDecodeError as error:
         raise ResultsError(f"{path}: can't be read as CSV: {error}; save it as UTF-8") from error
     except OSError as error:
@@ -163,6 +165,8 @@ def _columns(path: str | PathLike[str], lines: Sequence[int], cells: Sequence[Se
     columns = []
     for i, (column, found) in enumerate(zip(cells, numbers, strict=True)):
         values = found
+        if values is not None:
+            _refuse_overflow(path, lines, values, column)
         if i in with_commas:
             pointed = [cell.replace(",", ".") for cell in column]
             values = _numbers(pointed)
@@ -189,6 +193,13 @@ def _numbers(cells: Sequence[str]) -> np.ndarray | None:
         return None
     # Python takes underscores and digits of other scripts too
     return values if all(cell.isascii() and "_" not in cell for cell in cells) else None
+
+
+def _refuse_overflow(path: str | PathLike[str], lines: Sequence[int], values: np.ndarray, cells: Sequence[str]) -> None:
+    """Refuse a number that is infinite only because no real number here is as large."""
+    for line, value, cell in zip(lines, values.tolist(), cells, strict=True) if np.isinf(values).any() else ():
+        if math.isinf(value) and "inf" not in cell.lower():
+            raise ResultsError(f"{path}: line {line}: {cell.strip()!r} is larger than any number that can be kept")
 
 
 def _exact(values: np.ndarray, cells: Sequence[str]) -> np.ndarray:

@@ -16,7 +16,6 @@ from typing import Any, Literal
 from cosim.errors import MissingExtra, needs
 from cosim.ssp.errors import SSPError
 from cosim.system.read import Findings
-from cosim.xml_elements import local_name
 
 with needs("ssp"):
     import xmlschema
@@ -104,7 +103,11 @@ def parse(data: bytes, kind: DocumentKind, where: str, findings: Findings | None
     if findings is not None:
         data = _with_namespaces(data, where, findings)
     # a later version in the same namespace: the root element tells
-    later = re.search(rb"<[^?!][^>]*\sversion\s*=\s*[\"']2[.]", data[:65536]) is not None
+    said = re.search(rb"<[^?!][^>]*\sversion\s*=\s*[\"']([^\"']*)", data[:65536])
+    version = b"" if said is None else said[1].strip()
+    if re.match(rb"[03-9]|[12]\d", version):
+        raise SSPError(f"{where}: is of version {version.decode(errors='replace')} of SSP; 1.0 and 2.0 can be read")
+    later = version.startswith(b"2.")
     decoded, refused, notes = _decoded(data, kind, 2 if later else 1, where, findings)
     if refused and findings is not None and not later:
         as_later = _decoded(data, kind, 2, where, findings)
@@ -118,8 +121,7 @@ def parse(data: bytes, kind: DocumentKind, where: str, findings: Findings | None
     for text, sort in notes:
         assert findings is not None
         findings.note(text, sort)
-    if not isinstance(decoded, DataElement) or local_name(decoded) != _ROOTS[kind]:
-        raise SSPError(f"{where}: is no {_ROOTS[kind]} of SSP, by its root element; check the file")
+    assert isinstance(decoded, DataElement)
     return decoded
 
 
@@ -164,7 +166,9 @@ def _with_namespaces(data: bytes, where: str, findings: Findings) -> bytes:
 
 def _check_namespace(tag: str, kind: DocumentKind, where: str) -> None:
     namespace, _, name = tag.rpartition("}")
-    if name == _ROOTS[kind] and namespace[1:] != NAMESPACES[kind]:
+    if name != _ROOTS[kind]:
+        raise SSPError(f"{where}: is a {name}, not a {_ROOTS[kind]} of SSP; check what names it")
+    if namespace[1:] != NAMESPACES[kind]:
         what = f"the namespace '{namespace[1:]}'" if namespace else "no namespace"
         raise SSPError(
             f"{where}: its root element has {what}, as in drafts of SSP, and not '{NAMESPACES[kind]}', that of SSP 1.0 "

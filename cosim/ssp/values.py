@@ -222,11 +222,14 @@ def set_values(
         {**(definitions.units if definitions else {}), **document.definitions.units, **own.units},
         {**document.definitions.enumerations, **own.enumerations},
     )
-    found = []
+    found: dict[str, Value] = {}
     for parameter in children(parameter_set, "Parameters", "Parameter"):
         with document.findings.collecting():
-            found.append(_value(parameter, prefix, known, here, document))
-    return found
+            value = _value(parameter, prefix, known, here, document)
+            if value.name in found:
+                document.findings.note(f"{here}: parameter '{value.name}' is there twice; the last one holds", here)
+            found[value.name] = value
+    return list(found.values())
 
 
 def transformation_of(element: DataElement) -> DataElement | None:

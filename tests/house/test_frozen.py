@@ -25,6 +25,7 @@ CHANGING = {
     "cosim.sweep.batch.Rows",
     "cosim.system.read.Findings",
     "cosim.system.system.System",
+    "fmu_export.modelling.declarations.Declaration",
 }
 
 

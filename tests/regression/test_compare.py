@@ -490,3 +490,12 @@ def test_texts_units_and_flat_arrays_are_compared(files, capsys):
     shown = capsys.readouterr().out
     assert "'mode' is text in the reference, a number in the result" in shown
     assert "'M[1]' has the unit 'mm' in the result, 'm' in the reference" in shown
+
+
+def test_the_command_names_signals_that_the_reference_lacks(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path("ref.csv").write_text("time,a\n0,0\n1,1\n")
+    Path("more.csv").write_text("time,b1,a,b2,b3,b4,b5,b6,b7\n0,1,0,1,1,1,1,1,true\n1,1,1,1,1,1,1,1,false\n")
+    assert main(["compare", "more.csv", "ref.csv"]) == 0
+    said = "more.csv: all 1 signals agree with ref.csv, which lacks b1, b2, b3, b4, b5 and 2 more\n"
+    assert capsys.readouterr().out == said

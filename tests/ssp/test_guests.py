@@ -107,6 +107,28 @@ def test_sources_of_all_spellings(fmus: dict[str, Path], tmp_path: Path, source:
     assert_equal_runs(found.system, loop_by_hand(fmus))
 
 
+def test_files_of_another_kind_or_version_are_called_so(fmus: dict[str, Path], tmp_path: Path) -> None:
+    bound = elements(component("gain", "gain", bindings=bindings(binding(more=' source="resources/p.ssv"'))))
+    given = {"gain": fmus["gain"]}
+    for text, what in (
+        (description(""), r"p\.ssv: is a SystemStructureDescription, not a ParameterSet of SSP; check what names it"),
+        ("<html/>", r"p\.ssv: is a html, not a ParameterSet of SSP"),
+        (parameter_set("K Real 2", version="3.0"), r"p\.ssv: is of version 3\.0 of SSP; 1\.0 and 2\.0 can be read"),
+    ):
+        with pytest.raises(SSPError, match=what):
+            read(archive(tmp_path / "s.ssp", description(bound), given, p_ssv=text))
+    for version in ("3.0", "10.0", "0.9"):
+        with pytest.raises(SSPError, match=rf"is of version {re.escape(version)} of SSP; 1\.0 and 2\.0 can be read"):
+            read(archive(tmp_path / "v.ssp", description(bound, version=version), given))
+
+
+def test_a_parameter_that_is_there_twice_is_noted(fmus: dict[str, Path], tmp_path: Path) -> None:
+    twice = elements(component("gain", "gain", bindings=bindings(binding("K Real 2", "K Real 3"))))
+    found = read(archive(tmp_path / "twice.ssp", description(twice), {"gain": fmus["gain"]}))
+    assert found.system.components["gain"].start == {"K": 3.0}
+    assert [note.rpartition(": ")[2] for note in found.notes] == ["parameter 'K' is there twice; the last one holds"]
+
+
 def test_an_ssp_without_components(tmp_path: Path) -> None:
     path = archive(tmp_path / "none.ssp", description(elements()))
     with pytest.raises(
@@ -314,7 +336,7 @@ def test_what_leaves_doubt_is_refused_all_at_once(fmus: dict[str, Path], tmp_pat
 
 
 def test_another_file_under_the_name(fmus: dict[str, Path], tmp_path: Path) -> None:
-    with pytest.raises(SSPError, match=r"violates the SSP schema|is no SystemStructureDescription"):
+    with pytest.raises(SSPError, match=r"is a ParameterSet, not a SystemStructureDescription of SSP"):
         read(archive(tmp_path / "p.ssp", parameter_set("K Real 1.0"), fmus))
 
 
