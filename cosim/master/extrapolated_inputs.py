@@ -66,13 +66,13 @@ def extrapolated_inputs(
     moving: set[tuple[str, str]] = set()
     held: list[str] = []
     added = {(d.component, e.name) for d in system.drives if d.added for e in d.targets}
-    for component, element, every in _fed(system):
+    for component, element, every, jumps in _fed(system):
         name = f"{component}.{element.name}"
         disturbed = (component, element.name) in added
         obstacle = "a sampled signal is added to it" if disturbed else _obstacle(system, component, element, every)
         if component in refusing:
             obstacle = "its FMU refuses derivatives of inputs"
-        if extrapolation.degree == 0 or (obstacle and not algorithm.demanded):
+        if extrapolation.degree == 0 or ((obstacle or jumps) and not algorithm.demanded):
             held.append(name)
         elif obstacle:
             raise SetupError(
@@ -80,7 +80,7 @@ def extrapolated_inputs(
             )
         else:
             moving.add((component, element.name))
-    variables = {(c, e.variable.name) for c, e, _ in _fed(system) if (c, e.name) in moving}
+    variables = {(c, e.variable.name) for c, e, *_ in _fed(system) if (c, e.name) in moving}
     elements = {
         component: tuple(e for e in port.all_elements() if (component, e.variable.name) in variables)
         for component, port in system.ports.items()
@@ -90,13 +90,18 @@ def extrapolated_inputs(
     )
 
 
-def _fed(system: ResolvedSystem) -> Iterable[tuple[str, Element, int]]:
-    """Every fed input, with the number of communication steps between two values of what feeds it; 1 for a signal."""
+def _fed(system: ResolvedSystem) -> Iterable[tuple[str, Element, int, bool]]:
+    """Every fed input, with the number of communication steps between two values of what feeds it; 1 for a signal.
+
+    And whether that is an FMU's output that keeps its value from event to event, which a slope would miss.
+    """
     for link in system.links:
-        yield link.target_component, link.target, system.components[link.source_component].every
+        source = system.components[link.source_component]
+        jumps = source.function is None and link.source.variable.variability == "discrete"
+        yield link.target_component, link.target, source.every, jumps
     for drive in system.drives:
         for element in drive.targets if not drive.added else ():
-            yield drive.component, element, 1
+            yield drive.component, element, 1, False
 
 
 def _obstacle(system: ResolvedSystem, component: str, element: Element, every: int) -> str | None:

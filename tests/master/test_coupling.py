@@ -177,6 +177,24 @@ def test_discrete_inputs_are_held(fmus: Path, tmp_path: Path, flavour: str) -> N
         Simulation(system, extrapolation="linear")
 
 
+@pytest.mark.parametrize("flavour", NATIVE)
+def test_what_a_discrete_output_feeds_is_held_unless_linear_is_demanded(
+    fmus: Path, tmp_path: Path, flavour: str
+) -> None:
+    """A slope between its values would be that of no signal."""
+    fmu = fmus / flavour / "Integrator.fmu"
+    with zipfile.ZipFile(fmu) as archive:
+        text = archive.read("modelDescription.xml").decode()
+    (line,) = [line for line in text.splitlines() if 'name="x"' in line]
+    other = line.replace('variability="continuous"', 'variability="discrete"')
+    system = System()
+    system.add("d", redescribed(fmu, tmp_path / "other.fmu", {line: other}))
+    system.add("i", fmu)
+    system.connect("d.x", "i.u")
+    assert coupled(system, "auto") == {"mode": "auto", "linear": [], "hold": ["i.u"]}
+    assert coupled(system, "linear") == {"mode": "linear", "linear": ["i.u"], "hold": []}
+
+
 def test_an_input_that_nothing_feeds_is_neither_linear_nor_held(fmus: Path) -> None:
     system = System()
     system.add("i", fmus / "fmi2" / "Integrator.fmu", start={"u": 1.0})

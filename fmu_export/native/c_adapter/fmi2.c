@@ -307,7 +307,7 @@ fmi2Status fmi2NewDiscreteStates(fmi2Component c, fmi2EventInfo *info) {
 #if HYBRID
     int states_changed;
     CoreStatus status = core_change(&instance->core, &states_changed);
-    if (status != CORE_OK) return (fmi2Status)status;
+    if (status != CORE_OK) return fmi2Error; /* there is no shorter step that could help */
     info->valuesOfContinuousStatesChanged = states_changed;
     info->nextEventTime = core_next_instant(&instance->core);
     info->nextEventTimeDefined = N_SAMPLED > 0;

@@ -447,7 +447,7 @@ fmi3Status fmi3UpdateDiscreteStates(fmi3Instance c, fmi3Boolean *again, fmi3Bool
 #if HYBRID
     int states_changed;
     CoreStatus status = core_change(&instance->core, &states_changed);
-    if (status != CORE_OK) return (fmi3Status)status;
+    if (status != CORE_OK) return fmi3Error; /* there is no shorter step that could help */
     *values_changed = states_changed != 0;
     *next_event_defined = N_SAMPLED > 0;
     *next_event = core_next_instant(&instance->core);

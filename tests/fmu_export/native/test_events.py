@@ -16,10 +16,32 @@ import numpy as np
 import pytest
 from fmpy.validation import validate_fmu
 
+from cosim import System, simulate
+from fmu_export.modelling.model import Model, Sampled
+from fmu_export.modelling.variables import Variable
 from fmu_export.native.backend import build_native
 from tests.support.compilation import shared_compilation
-from tests.support.hybrid_models import BALL, HYBRID, THERMOSTAT
+from tests.support.hybrid_models import BALL, HYBRID, SAMPLED_PI, THERMOSTAT
 from tests.support.native_fmus import DISCARD, ERROR, FLAVOURS, OK, Host, require_compiler, unpack
+
+#: A lag, and a sampled PI controller for it.
+LAG = Model(
+    name="Lag",
+    inputs=[Variable("u")],
+    outputs=[Variable("x")],
+    states=["x"],
+    initial_state=lambda p: np.zeros(1),
+    derivatives=lambda t, x, u, p: u - x,
+)
+CONTROLLER = Model(
+    name="Controller",
+    parameters=[v for v in SAMPLED_PI.parameters.variables if v.name not in ("period", "offset")],
+    inputs=[Variable("reference", start=1.0), Variable("x")],
+    outputs=[Variable("control")],
+    discrete=SAMPLED_PI.discrete,
+    output_values=lambda t, x, z, u, p: z[1:],
+    sampled=[Sampled("controller", lambda t, x, z, u, p: SAMPLED_PI.sampled[0].update(t, u[1:], z, u, p), 0.1)],
+)
 
 BOUNCE = math.sqrt(2.0 / 9.81)
 
@@ -482,6 +504,21 @@ def test_a_tunable_parameter_of_an_event_has_effect_between_steps(unpacked: Any,
         assert host.get(["on", "switched"]) == [1.0, 1.0]
         host.must(host.step(1.0, 1.0))
         assert host.get(["on"]) == [1.0]
+
+
+@pytest.mark.parametrize("flavour", FLAVOURS)
+@pytest.mark.parametrize("step", [0.1, 0.05, 0.025])
+def test_a_sampled_controller_and_its_plant_as_two_fmus(fmus: Any, flavour: str, step: float) -> None:
+    """Exact, since the controller's output is that of its input at the same instant, and held after it."""
+    system = System()
+    system.add("controller", fmus(CONTROLLER, flavour))
+    system.add("plant", fmus(LAG, flavour))
+    system.connect("plant.x", "controller.x")
+    system.connect("controller.control", "plant.u")
+    results = simulate(system, 3.0, step)
+    exact = np.array([sampled_pi(t) for t in results["time"]])
+    np.testing.assert_allclose(results["plant.x"], exact[:, 0], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(results["controller.control"], exact[:, 1], rtol=0, atol=1e-12)
 
 
 def by_fmpy(fmu: Path, names: list[str], stop: float, interval: float, **start: float) -> np.ndarray:
