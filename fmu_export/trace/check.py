@@ -302,7 +302,7 @@ class _Check:
                     self.failure = f" ({f.name}: {error})"
                     return None
                 for name, before, after in zip("xup", (x, u, p), arguments[1:], strict=True):
-                    if not np.array_equal(before, after, equal_nan=True):
+                    if before.tobytes() != after.tobytes():
                         raise TraceError(
                             f"{self.model.name}: {self.named(f)} changes its argument {name}; change {name}.copy()"
                         )

@@ -13,7 +13,7 @@ from zipfile import ZipFile
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from fmu_export.errors import TraceError
@@ -24,6 +24,8 @@ from fmu_export.trace.check import ROUNDING, Program
 from fmu_export.trace.straight_line import python_source
 from fmu_export.trace.trace import trace
 from tests.support.idioms import IDIOMS, Idiom, composed
+from tests.support.more_idioms import MORE_IDIOMS
+from tests.support.random_programs import programs
 
 START = (0.3, -1.2, 2.5, 0.7)
 
@@ -57,28 +59,30 @@ def within(found: np.ndarray, expected: np.ndarray, bound: np.ndarray) -> bool:
 def agrees(function, traced) -> bool:
     """Whether trace and generated Python give numpy's values, where these are finite, at points of its own."""
     namespace: dict = {}
-    exec(python_source([(traced.outputs, ("t", "x", "u", "p"))]), namespace)
-    program = Program(traced.outputs)
+    exec(python_source([(traced.outputs, ("t", "x", "u", "p"))], traced.tables), namespace)
+    program = Program(traced.outputs, traced.tables)
     rng = np.random.default_rng(5)
+    places = [rng.uniform(-3.0, 3.0, 4) if k % 2 else rng.integers(-6, 7, 4) / 2.0 for k in range(1, 60)]
+    x, t = np.array([START, *places]), np.arange(60) / 7.0
+    points = t, np.zeros((60, 0)), x, np.zeros((60, 0))
+    by_trace, bounds = program(points)[0].T, None
     compared = 0
     for k in range(60):
-        x = rng.uniform(-3.0, 3.0, 4) if k % 2 else rng.integers(-6, 7, 4) / 2.0
-        x, t = np.array(START) if k == 0 else x, float(k) / 7.0
         with np.errstate(all="ignore"), warnings.catch_warnings():
             warnings.simplefilter("ignore")
             try:
-                expected = np.asarray(function(x.copy(), t), dtype=float).ravel()
+                expected = np.asarray(function(x[k].copy(), float(t[k])), dtype=float).ravel()
             except (ArithmeticError, ValueError):
                 continue
-        point = np.array([t]), np.zeros((1, 0)), x[None], np.zeros((1, 0))
-        found = [program(point)[0][:, 0]]
+        found = [by_trace[k]]
         with suppress(ArithmeticError, ValueError):  # math raises an error where numpy gives NaN or infinity
-            found.append(np.array(namespace["outputs"](t, [], x.tolist(), [])))
+            found.append(np.array(namespace["outputs"](float(t[k]), [], x[k].tolist(), [])))
         finite = np.isfinite(expected)
         compared += int(finite.any())
         bound = (1e-10 * np.abs(expected) + 1e-13)[finite]
         if not all(within(f[finite], expected[finite], bound) for f in found):  # where terms cancel, rounding may count
-            bound += ROUNDING * program.rounding(point)[finite, 0]
+            bounds = program.rounding(points) if bounds is None else bounds
+            bound += ROUNDING * bounds[finite, k]
         if not all(within(f[finite], expected[finite], bound) for f in found):
             return False
     assert compared
@@ -95,11 +99,8 @@ def test_each_idiom_is_equal_or_refused(idiom: Idiom) -> None:
         assert "\n" not in str(caught.value)
 
 
-MORE = (Path(__file__).parents[2] / "support" / "more_idioms.txt").read_text(encoding="utf-8").splitlines()
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("code", MORE)
+@pytest.mark.parametrize("code", MORE_IDIOMS)
 def test_each_of_many_more_idioms_is_equal_or_refused(code: str) -> None:
     idiom = Idiom("further", code.replace("\\n", "\n"), "equal")
     with warnings.catch_warnings():
@@ -121,12 +122,37 @@ def test_idioms_after_each_other_are_equal_or_refused(examples: int) -> None:
     composed_are()
 
 
-def is_equal_or_refused(idiom: Idiom) -> None:
+@pytest.mark.parametrize(
+    "examples", [pytest.param(60, id="60 examples"), pytest.param(2500, id="2500 examples", marks=pytest.mark.slow)]
+)
+def test_random_programs_are_equal_or_refused(examples: int) -> None:
+    built = 0
+
+    @settings(
+        max_examples=examples, deadline=None, derandomize=True, database=None, suppress_health_check=list(HealthCheck)
+    )
+    @given(programs())
+    def programs_are(program: Idiom) -> None:
+        nonlocal built
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            built += is_equal_or_refused(program)
+
+    programs_are()
+    assert built > examples / 3
+
+
+def is_equal_or_refused(idiom: Idiom) -> bool:
+    """Whether it is equal."""
     try:
         traced = trace(model_of(idiom))
-    except TraceError:
-        return
-    assert agrees(idiom.function, traced)
+    except TraceError as error:
+        found = str(error)
+    else:
+        assert agrees(idiom.function, traced)
+        return True
+    assert "\n" not in found
+    return False
 
 
 def test_an_fmu_that_was_not_checked_says_so(tmp_path: Path) -> None:

@@ -1,3 +1,6 @@
+r"""Idioms of numpy beyond the table, which a slow test runs; a line each, with `\n` for the end of a line."""
+
+MORE_IDIOMS = r"""
 x[(x > 0) & (x < 1)].sum()
 x[np.abs(x) > 0.5].mean() * x
 (x[x > 0] ** 2).sum()
@@ -670,3 +673,4 @@ d = np.where(x > 0, 1, 0)\nd[0] = 0.5\nreturn d
 d = np.full(4, 1)\nd[0] = x[0]\nreturn d
 d = np.full(4, 1)\nd = d * x\nreturn d
 d = np.ones(4, dtype=int)\nd[1] = x[1] * 10\nreturn d
+""".strip().splitlines()
