@@ -183,8 +183,7 @@ static int extrapolate(const Loop *loop, const Operation *op, int64_t point, dou
                                           in->derivatives);
 }
 
-/* Values of n inputs some time after a communication point: a Taylor series. */
-static void evaluate(const Extrapolated *in, double since, int32_t n) {
+void loop_evaluate(const Extrapolated *in, double since, int32_t n) {
     const double *restrict last = in->history;
     double *restrict now = in->buffer;
     if (in->degree == 1) {
@@ -207,14 +206,14 @@ EXPORT void intermediate_update(void *environment, double time, bool set_request
     if (!set_requested || !op) return;
     do {
         Extrapolated *in = op->data;
-        evaluate(in, time - in->time, op->n);
+        loop_evaluate(in, time - in->time, op->n);
         int status = ((Exchange3 *)op->function)(op->instance, op->references, (size_t)op->n_references, in->buffer,
                                                  (size_t)op->n);
         if (status > 1 && !in->refused) in->refused = status;
     } while (op++->more);
 }
 
-static int do_step(const Operation *op, double time, double step) {
+int loop_do_step(const Operation *op, double time, double step) {
     if (op->version < 3) return ((Step2 *)op->function)(op->instance, time, step, 1);
     bool event = false, terminate = false, early = false;
     double last_time = time;
@@ -255,7 +254,7 @@ static int perform(const Loop *loop, const Operation *op, int64_t point, double 
                     return DOES_NOT_FIT;
             return 0;
         case STEP:
-            return do_step(op, time, op->every * loop->step_size);
+            return loop_do_step(op, time, op->every * loop->step_size);
         case CALL:
             return ((Called *)op->function)(time);
     }

@@ -111,6 +111,12 @@ void loop_convert(int32_t type, void *buffer, double *slots, int64_t n, bool to_
 /* Carry a value to a slot of another type; false where that can't hold it exactly. */
 bool loop_carry(const Conversion *conversion, const double *source, double *target);
 
+/* Values of n inputs some time after a communication point, into their buffer: a Taylor series. */
+void loop_evaluate(const Extrapolated *in, double since, int32_t n);
+
+/* A STEP operation of this length; the status, or one of those beyond FMI's. */
+int loop_do_step(const Operation *op, double time, double step);
+
 /* Perform operations with these codes, or NULL, once, at a communication point; false, with the reason in `loop`, when one
  * fails. */
 EXPORT bool loop_perform(Loop *loop, const Operation operations[], const uint32_t codes[], int64_t n, int64_t point);

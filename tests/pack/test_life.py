@@ -309,7 +309,9 @@ def test_a_failed_component_is_named_and_a_reset_helps(
         with pytest.raises(FMICallException) as failed:
             run_and_read(instance, references["p.y"])
         assert failed.value.status == (2 if status == 2 else 3) or failed.value.function == "fmi2GetReal"
-        assert f"component 'p': {function} returned {name}" in said.texts[-1]
+        repeated = (where, status) == (0, 2)
+        expected = "component 'p' did not finish the step" if repeated else f"component 'p': {function} returned {name}"
+        assert expected in said.texts[-1]
         with pytest.raises(FMICallException):
             instance.doStep(0.3, 0.1)
         assert "reset the instance" in said.texts[-1]
@@ -328,6 +330,48 @@ def test_an_end_of_the_simulation_is_handed_on(tmp_path: Path) -> None:
     whole = System()
     whole.add("w", pack(system, tmp_path / "W.fmu", 0.1).path)
     assert simulate(whole, 1.0, 0.1).info["ended_by"]["time"] == pytest.approx(alone["time"], abs=0.11)
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+@pytest.mark.parametrize(
+    ("quirk", "start"),
+    [
+        (Quirk.NONE, {"longest": 0.03}),
+        (Quirk.COMPUTES_IN_PART, {"longest": 0.03}),
+        (Quirk.IS_ASYNCHRONOUS, {}),
+        (Quirk.NEEDS_TOLERANCE, {}),
+        (Quirk.NEEDS_STOP_TIME, {}),
+        (Quirk.REFUSES_TO_OVERSHOOT, {}),
+    ],
+)
+def test_steps_are_finished_as_unpacked(
+    fmus: Path, tmp_path: Path, quirk: Quirk, start: dict[str, float], version: int
+) -> None:
+    """Discarded steps are repeated in shorter ones; other FMUs need what they don't say."""
+    system = System()
+    system.add("i", fmus / "Integrator.fmu", start={"u": 1.0})
+    system.add("q", quirky(tmp_path, quirk), start=start)
+    system.add("j", fmus / "Integrator.fmu")
+    system.connect("i.x", "q.u")
+    system.connect("q.y", "j.u")
+    expected = simulate(system, 0.3, 0.1)
+    packed = pack(system, tmp_path / "W.fmu", 0.1, fmi=version)
+    found = run_in_fmpy(packed.path, 0.3, 0.1, packed.outputs)
+    assert np.array_equal(found, columns(expected, packed.outputs))
+    assert found[-1, packed.outputs.index("q.y")] > 0.0
+
+
+def test_a_step_that_no_component_can_make_is_said(tmp_path: Path) -> None:
+    system = System()
+    system.add("q", quirky(tmp_path), start={"longest": 1e-6})
+    packed = pack(system, tmp_path / "W.fmu", 0.1)
+    said = Said()
+    with instance_of(packed.path, logger=said) as (instance, _):
+        initialized(instance)
+        with pytest.raises(FMICallException) as failed:
+            instance.doStep(0.0, 0.1)
+    assert failed.value.status == 2
+    assert said.texts[-1].startswith("2 component 'q' did not finish the step of 0.1 s from t = 0 s on, nor steps of")
 
 
 def test_outputs_that_are_not_finite_are_named(fmus: Path, tmp_path: Path) -> None:

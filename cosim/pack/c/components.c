@@ -68,7 +68,7 @@ static void take(void *environment, const char *name, int status, const char *ca
     Component *component = speaker(environment, name);
     if (!text) text = "";
     if (!component) {
-        if (current) current->forward(current->environment, current->name, (Status)status, category, text);
+        if (current) packed_tell(current, (Status)status, category, text);
         return;
     }
     Packed *packed = component->packed;
@@ -78,7 +78,7 @@ static void take(void *environment, const char *name, int status, const char *ca
     char *whole = malloc(length);
     if (!whole) return;
     snprintf(whole, length, "%s: %s", component->name, text);
-    packed->forward(packed->environment, packed->name, (Status)status, category, whole);
+    packed_tell(packed, (Status)status, category, whole);
     free(whole);
 }
 

@@ -30,6 +30,36 @@ void *keep(Packed *packed, size_t size) {
     return found;
 }
 
+static char *copy_of(const char *text) {
+    char *copy = text ? malloc(strlen(text) + 1) : NULL;
+    return copy ? strcpy(copy, text) : NULL;
+}
+
+void packed_tell(Packed *packed, Status status, const char *category, const char *text) {
+    HeldMessage *more =
+        packed->holds_messages ? realloc(packed->held, (size_t)(packed->n_held + 1) * sizeof *more) : NULL;
+    if (!more) {
+        packed->forward(packed->environment, packed->name, status, category, text);
+        return;
+    }
+    packed->held = more;
+    packed->held[packed->n_held++] = (HeldMessage){status, copy_of(category), copy_of(text)};
+}
+
+/* Pass the messages on that were held back, or forget them. */
+static void release_messages(Packed *packed, bool pass_on) {
+    packed->holds_messages = false;
+    for (int32_t i = 0; i < packed->n_held; i++) {
+        HeldMessage *message = &packed->held[i];
+        if (pass_on && message->text) packed_tell(packed, message->status, message->category, message->text);
+        free(message->category);
+        free(message->text);
+    }
+    free(packed->held);
+    packed->held = NULL;
+    packed->n_held = 0;
+}
+
 Status packed_fail(Packed *packed, Status status, const char *format, ...) {
     static const char *const categories[] = {"logAll", "logStatusWarning", "logStatusDiscard", "logStatusError"};
     char message[2048];
@@ -37,7 +67,7 @@ Status packed_fail(Packed *packed, Status status, const char *format, ...) {
     va_start(arguments, format);
     vsnprintf(message, sizeof message, format, arguments);
     va_end(arguments);
-    packed->forward(packed->environment, packed->name, status, categories[status], message);
+    packed_tell(packed, status, categories[status], message);
     return status;
 }
 
@@ -224,6 +254,36 @@ Status packed_reset(Packed *packed) {
 
 /* Initialisation */
 
+/* Relative tolerance that a component is told which fails when it is told none. */
+static const double assumed_tolerance = 1e-6;
+
+/* The stop time that components are told; where the last step ends later for rounding (0.2 + 0.1 > 0.3), its end. */
+static double told_stop(double start, double stop, double step) {
+    double n = floor((stop - start) / step + 0.5);
+    return n >= 1.0 && fabs(start + n * step - stop) <= same * step ? fmax(stop, start + (n - 1.0) * step + step)
+                                                                    : stop;
+}
+
+/* Tell a component of the run and set its start values. */
+static Status set_up(Packed *packed, Component *component) {
+    Status status = OK;
+    for (int32_t pass = STRUCTURAL; status == OK && pass <= BEFORE_INITIALIZATION; pass++) {
+        bool configuring = false;
+        if (pass == BEFORE_INITIALIZATION) status = component_set_up(component);
+        for (int32_t k = 0; status == OK && k < packed->n_starts; k++) {
+            Start *own = &packed->starts[k];
+            if (own->component != component || own->when != pass || !(own->given || own->set)) continue;
+            if (pass == STRUCTURAL && !configuring) {
+                status = component_configure(component, true);
+                configuring = true;
+            }
+            if (status == OK) status = pass_start(packed, own, true);
+        }
+        if (configuring && status == OK) status = component_configure(component, false);
+    }
+    return status;
+}
+
 Status packed_enter_initialization(Packed *packed, bool has_tolerance, double tolerance, double start, bool has_stop,
                                    double stop) {
     Progress *now = &packed->now;
@@ -232,25 +292,24 @@ Status packed_enter_initialization(Packed *packed, bool has_tolerance, double to
     now->has_tolerance = has_tolerance;
     now->tolerance = tolerance;
     now->has_stop = has_stop;
-    now->stop = stop;
+    now->stop = has_stop ? told_stop(start, stop, now->max_step) : stop;
     now->phase = FAILED;
     Status status = OK;
     for (int32_t i = 0; status == OK && i < packed->n_components; i++) {
         Component *component = &packed->components[i];
-        for (int32_t pass = STRUCTURAL; pass <= BEFORE_INITIALIZATION; pass++) {
-            bool configuring = false;
-            if (pass == BEFORE_INITIALIZATION && status == OK) status = component_set_up(component);
-            for (int32_t k = 0; status == OK && k < packed->n_starts; k++) {
-                Start *own = &packed->starts[k];
-                if (own->component != component || own->when != pass || !(own->given || own->set)) continue;
-                if (pass == STRUCTURAL && !configuring) {
-                    status = component_configure(component, true);
-                    configuring = true;
-                }
-                if (status == OK) status = pass_start(packed, own, true);
-            }
-            if (configuring && status == OK) status = component_configure(component, false);
-        }
+        packed->holds_messages = !now->has_tolerance && !component->has_tolerance;
+        status = set_up(packed, component);
+        if (status == OK) status = component_enter_initialization(component);
+        bool again = status != OK && packed->holds_messages && !component->broken;
+        release_messages(packed, !again);
+        if (!again) continue;
+        /* some need a tolerance without saying so */
+        component->has_tolerance = true;
+        component->tolerance = assumed_tolerance;
+        component_free(component);
+        component_unload(component);
+        if (!component_load(component) || !component_instantiate(component) || !bind(packed)) return FAILURE;
+        status = set_up(packed, component);
         if (status == OK) status = component_enter_initialization(component);
     }
     if (status != OK) return FAILURE;
@@ -258,12 +317,7 @@ Status packed_enter_initialization(Packed *packed, bool has_tolerance, double to
     return OK;
 }
 
-typedef int Ended(void *, int, int *); /* fmi2GetBooleanStatus */
-
-enum { TERMINATED_STATUS = 3 };
-
-/* A component ends the simulation: that is no failure, but the others may stand at another time. */
-static Status ends(Component *component, double time) {
+Status component_ends(Component *component, double time) {
     Packed *packed = component->packed;
     packed->now.wants_to_end = true;
     if (packed->logging)
@@ -296,19 +350,8 @@ static Status loop_failed(Packed *packed, const Operation operations[], int32_t 
                                        time, packed->value_names[targets[i]]);
             }
             return FAILURE;
-        case WANTS_TO_END:
-            return ends(component, time);
-        case RETURNED_EARLY:
-            return packed_fail(packed, DISCARD, "t = %.9g s: component '%s' returned early from %s, at %.9g s", time,
-                               component->name, function, *(const double *)operation->data);
         default:
             break;
-    }
-    if (loop->status == DISCARD && operation->kind == STEP && component->version == 2 && !component->said[0]) {
-        Ended *ended = (Ended *)component_function(component, "fmi2GetBooleanStatus");
-        int terminated = 0;
-        if (ended && ended(component->instance, TERMINATED_STATUS, &terminated) == OK && terminated)
-            return ends(component, time);
     }
     Status status = component_failed(component, (Status)loop->status, function);
     if (operation->kind == EXTRAPOLATE)
@@ -475,9 +518,14 @@ static bool step_internally(Packed *packed, int n, double step, double before) {
             sample(packed, now->point, now->point + 1, now->point, asks ? asked : NULL);
             follow_step(packed, before, step);
         }
-        done = loop_run(&packed->loop, now->point, now->point + chunk, now->exchanged);
+        int64_t from = now->point, end = from + chunk;
+        done = loop_run(&packed->loop, from, end, now->exchanged);
+        while (!done && packed->loop.failed_at_step && finish_step(packed)) { /* the others go on from there */
+            from = packed->loop.point + 1;
+            done = loop_run(&packed->loop, from, end, false);
+        }
         packed->loop.per_second = 1.0 / step;
-        int64_t reached = done ? now->point + chunk : packed->loop.point;
+        int64_t reached = done ? end : packed->loop.point;
         for (int32_t c = 0; c < packed->n_columns; c++) { /* where linear inputs have arrived */
             if (asks) packed->inputs[c] = asked[c];
             else if (packed->columns[c].is_real && packed->rates[c] != 0.0)
@@ -493,7 +541,7 @@ static bool step_internally(Packed *packed, int n, double step, double before) {
 
 Status packed_do_step(Packed *packed, double time, double step) {
     Progress *now = &packed->now;
-    now->discarded = now->wants_to_end = false;
+    now->discarded = now->wants_to_end = now->said = false;
     if (!isfinite(time) || !(step > 0.0 && isfinite(time + step)))
         return packed_fail(packed, FAILURE, "communication step %g s at %g s is not positive and finite", step, time);
     double exact = step / now->max_step;
@@ -514,9 +562,11 @@ Status packed_do_step(Packed *packed, double time, double step) {
     packed->warned = false;
     if (!step_internally(packed, n, h, before)) {
         if (now->phase == FAILED) return FAILURE; /* it has been said */
-        Status status = packed->loop.failed_at_step
-                            ? loop_failed(packed, packed->at_step, packed->n_at_start + packed->n_at_point)
-                            : loop_failed(packed, packed->at_point, packed->n_at_start);
+        Status status = DISCARD;
+        if (now->said || now->wants_to_end) status = now->discarded ? DISCARD : FAILURE;
+        else if (packed->loop.failed_at_step)
+            status = loop_failed(packed, packed->at_step, packed->n_at_start + packed->n_at_point);
+        else status = loop_failed(packed, packed->at_point, packed->n_at_start);
         now->phase = FAILED;
         now->discarded = status == DISCARD;
         return status;

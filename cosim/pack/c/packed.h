@@ -130,12 +130,18 @@ typedef struct {
     bool stale;     /* inputs have been set since */
     bool begun;     /* a step has been made, so that the grid of the points is known */
     bool has_stop, has_tolerance;
-    bool wants_to_end, discarded;
+    bool wants_to_end, discarded, said; /* the last step failed, and why has been said */
     double reached; /* time of the last point that the whole system has reached */
 } Progress;
 
 /* What the importer is told. */
 typedef void Forward(void *environment, const char *name, Status status, const char *category, const char *text);
+
+/* A message that is held back until it is known whether it matters. */
+typedef struct {
+    Status status;
+    char *category, *text;
+} HeldMessage;
 
 /* FMI 3.0: asks the importer for the inputs at a time inside a step. */
 typedef void AskForInputs(void *environment, double time);
@@ -149,6 +155,9 @@ typedef struct Packed {
     bool logging;
     Progress now;
     bool warned, within_step;
+    bool holds_messages; /* of an attempt that may be repeated */
+    HeldMessage *held;
+    int32_t n_held;
 
     Component *components;
     Start *starts;
@@ -193,12 +202,16 @@ Packed *packed_new(const char *name, const char *token, const char *resources, F
 void packed_free(Packed *packed);
 Status packed_reset(Packed *packed);
 bool packed_allowed(Packed *packed, int phases, const char *function);
+/* Pass a message on, or hold it back. */
+void packed_tell(Packed *packed, Status status, const char *category, const char *text);
 Status packed_fail(Packed *packed, Status status, const char *format, ...);
 Status packed_enter_initialization(Packed *packed, bool has_tolerance, double tolerance, double start, bool has_stop,
                                    double stop);
 Status packed_exit_initialization(Packed *packed);
 Status packed_terminate(Packed *packed);
 Status packed_do_step(Packed *packed, double time, double step);
+/* A component ends the simulation: that is no failure, but the others may stand at another time. */
+Status component_ends(Component *component, double time);
 /* Fails for a component; its last message is a part of the text. */
 Status component_failed(Component *component, Status status, const char *function);
 void *keep(Packed *packed, size_t size);
@@ -216,6 +229,9 @@ Status pass_start(Packed *packed, const Start *start, bool set);
 /* For the loop, as functions of FMI 3.0 whatever the component's version is. */
 int text_get(void *call, const uint32_t references[], size_t n_references, double slots[], size_t n);
 int text_set(void *call, const uint32_t references[], size_t n_references, const double slots[], size_t n);
+
+/* unfinished.c: finish the step in which the loop got stuck at a component; false, as the loop, where that can't be. */
+bool finish_step(Packed *packed);
 
 /* samples.c */
 void sample(Packed *packed, int64_t first, int64_t end, int64_t now, const double next_inputs[]);
