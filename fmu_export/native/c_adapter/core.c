@@ -166,6 +166,9 @@ static int are_all(unsigned first, unsigned number, const unsigned references[],
 CoreStatus core_start_at(Core *core, double time) {
     if (!isfinite(time)) return core_fail(core, CORE_ERROR, "start time %g is not a finite number", time);
     core->state.time = time;
+#if ADAPTIVE
+    core->state.tolerance = 0.0; /* an importer that has one says it next */
+#endif
     core->state.valid = 0;
     return CORE_OK;
 }

@@ -21,6 +21,7 @@ from scipy.linalg import expm
 
 from fmu_export import ArgumentError, CompositionError, build_pythonfmu, compose
 from fmu_export.modelling.model import DefaultExperiment, Model, Requirement, Solver
+from fmu_export.modelling.variables import Variable
 from tests.support.built_fmus import Built
 from tests.support.native_fmus import DISCARD, ERROR, FLAVOURS, OK, Host
 from tests.support.stiff_models import diffusion, model, robertson, smooth, van_der_pol
@@ -124,6 +125,48 @@ def test_linear_inputs_are_integrated_as_such(built: Built, solver: Solver) -> N
         host.must(host.step(0.0, 5.0))
         np.testing.assert_allclose(host.get(of.states), expected, rtol=1e-6)
         assert host.get(["u"]) == [pytest.approx(2.5)]
+
+
+@ADAPTIVE
+def test_linear_systems_of_all_kinds_are_right(built: Built, solver: Solver) -> None:
+    """Random ones of five states, damped and oscillating, dense and sparse, some with time constants down to 1e-7 s."""
+    n = 5
+    of = Model(
+        name="Linear",
+        parameters=[Variable("A", size=(n, n)), Variable("x_0", size=n)],
+        inputs=[Variable("u", size=n)],
+        outputs=[Variable("x", size=n)],
+        states=["x"],
+        initial_state=lambda p: p[n * n :],
+        derivatives=lambda t, x, u, p: np.reshape(p[: n * n], (n, n)) @ x + u,
+        solver=solver,
+    )
+    tried = 0
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        speed = 10.0 ** rng.uniform(0.0, 7.0 if solver == "rodas4" else 2.5)
+        vectors = rng.standard_normal((n, n))
+        modes = np.diag(-(speed ** rng.uniform(0.0, 1.0, n)))
+        modes[0, 1], modes[1, 0] = (w := rng.uniform(0.0, 30.0)), -w
+        matrix = vectors @ modes @ np.linalg.inv(vectors)
+        if seed % 4 == 0:
+            matrix[rng.random((n, n)) < 0.5] = 0.0
+        start, u, step = rng.standard_normal(n), (seed % 2) * rng.standard_normal(n), 10.0 ** rng.uniform(-2.0, 1.0)
+        if np.linalg.eigvals(matrix).real.max() * step > 5.0:
+            continue  # it grows beyond all measure
+        tried += 1
+        with built.host(of) as host:
+            host.must(host.set({f"A[{i + 1},{j + 1}]": matrix[i, j] for i in range(n) for j in range(n)}))
+            host.must(host.set({f"{name}[{i + 1}]": v[i] for name, v in (("x_0", start), ("u", u)) for i in range(n)}))
+            host.run_up()
+            for k in range(3):
+                host.must(host.step(k * step, step))
+            found = host.get([f"x[{i + 1}]" for i in range(n)])
+        whole = expm(3.0 * step * np.block([[matrix, np.eye(n)], [np.zeros((n, 2 * n))]]))
+        expected = whole[:n, :n] @ start + whole[:n, n:] @ u
+        size = max(np.abs(expected).max(), np.abs(start).max())
+        np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-6 * size, err_msg=f"seed {seed}")
+    assert tried > 20
 
 
 def test_heat_in_a_plate_is_right(built: Built) -> None:
@@ -279,6 +322,21 @@ def test_a_tolerance_out_of_range_is_said(built: Built, flavour: str) -> None:
         with built.host(of, flavour) as host:
             assert host.enter(tolerance=wrong) == ERROR
             assert "is not positive" in host.messages[-1]
+
+
+def test_a_tolerance_is_that_of_one_run(built: Built) -> None:
+    """Who sets up again without one, and who resets, has the parameter again."""
+    of = smooth("dopri5")
+    found = []
+    for again in (lambda h: h.call("SetupExperiment", 0, 0.0, 0.0, 0, 0.0), lambda h: h.call("Reset"), None):
+        with built.host(of) as host:
+            if again:
+                host.must(host.call("SetupExperiment", 1, 0.1, 0.0, 0, 0.0))
+                host.must(again(host))
+            host.run_up()
+            host.must(host.step(0.0, 10.0))
+            found.append(host.get(of.states))
+    assert found[0] == found[1] == found[2]
 
 
 def test_a_fixed_step_takes_any_tolerance(built: Built) -> None:
