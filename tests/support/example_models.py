@@ -29,7 +29,7 @@ class Example:
 
     `tolerance` and `tolerance_me` bound the differences of values in co-simulation and in model exchange, relative to
     the largest value of a variable. `inputs` are functions of time that change at communication points only. Model
-    exchange ends at `stop_me`, if there is one.
+    exchange ends at `stop_me`, if there is one, and asks for values `rows_me` times in a step.
     """
 
     module: str
@@ -41,6 +41,7 @@ class Example:
     start: Mapping[str, Any] = field(default_factory=dict)
     inputs: Mapping[str, Callable[[float], float]] = field(default_factory=dict)
     stop_me: float | None = None
+    rows_me: int = 1
 
     @cached_property
     def expected(self) -> Values:
@@ -100,11 +101,12 @@ def by_fmpy(fmu: Path, example: Example, shapes: Mapping[str, tuple[int, ...]], 
         columns = [example.times, *(np.vectorize(f, otypes=[float])(example.times) for f in example.inputs.values())]
         signals = np.rec.fromarrays(columns, names=["time", *example.inputs])
     outputs = [n for name, shape in shapes.items() for n in elements(name, shape)]
+    rows = example.rows_me if kind == "ModelExchange" else 1
     table = fmpy.simulate_fmu(
         str(fmu),
         stop_time=example.stop,
         step_size=example.step,
-        output_interval=example.step,
+        output_interval=example.step / rows,
         start_values=start,
         input=signals,
         output=outputs,
@@ -112,6 +114,7 @@ def by_fmpy(fmu: Path, example: Example, shapes: Mapping[str, tuple[int, ...]], 
         relative_tolerance=1e-10 if kind == "ModelExchange" else None,
         record_events=False,
     )
+    table = table[::rows]
     np.testing.assert_allclose(table["time"], example.times, atol=1e-9)
     return _together({n: table[n] for n in outputs}, shapes)
 
