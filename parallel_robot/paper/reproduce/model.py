@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 
 from cosim.results.results import Results
 from parallel_robot.paper.reproduce.content import PRINTED_START, PRINTED_X, PRINTED_Y, Erratum, Measured
 from parallel_robot.paper.reproduce.material import Material, measure
+from parallel_robot.workspace import transmission_map
 from plant_fmu.dynamics import closed_chain, coriolis_matrix, mass_matrix
 from plant_fmu.kinematics import chain_ends, constraint_bias, constraint_matrix, loop_closure, velocity_jacobians
 from plant_fmu.model import PARAMETERS
@@ -92,6 +95,34 @@ def energy_balance(material: Material) -> Measured:
     work = np.concatenate([[0.0], np.cumsum(0.5 * (power[1:] + power[:-1]) * np.diff(r.time))])
     energy = r["plant.kinetic_energy"]
     return Measured({"open loop": float(np.abs(energy - work).max() / energy.max())})
+
+
+@cache
+def _transmission() -> dict[tuple[int, ...], np.ndarray]:
+    found = transmission_map(81)
+    return {driven: values[np.isfinite(values)] for driven, values in found.values.items()}
+
+
+@measure
+def least_transmission(material: Material) -> Measured:  # noqa: ARG001
+    """Smallest singular value of the directions in which three motors push the end effector, over the workspace."""
+    found = _transmission()
+    pairs = max(float(values.min()) for driven, values in found.items() if len(driven) == 2)
+    return Measured({"three motors": float(found[1, 2, 3].min())}, note=f"at most {pairs:.2g} with any two motors")
+
+
+@measure
+def transmission_gain(material: Material) -> Measured:  # noqa: ARG001
+    """The same with three motors over that with two, in the median over the workspace."""
+    found = _transmission()
+    three = found[1, 2, 3]
+    return Measured(
+        {
+            f"motors {' and '.join(map(str, driven))}": float(np.median(three) / np.median(values))
+            for driven, values in found.items()
+            if len(driven) == 2
+        }
+    )
 
 
 def ends(results: Results) -> tuple[np.ndarray, np.ndarray]:

@@ -449,11 +449,38 @@ def better_in_all(o: Oracle) -> Verdict:
     return outcome(met for key in o.proposed for met in every(key))
 
 
+def pairs_of_directions(o: Oracle) -> tuple[np.ndarray, np.ndarray]:
+    """Over points of the workspace: sines between the passive links (n, 3), and sums of their products (n,).
+
+    The squares of the singular values of unit vectors add up to their number, and multiply to the sum of squared sines.
+    """
+    found = []
+    for x, y in np.random.default_rng(4).uniform([0.0, 0.0], [0.45, 0.5], (3000, 2)):
+        if (np.hypot(x - P.x_A, y - P.y_A) < 2 * P.l).all():
+            b = inverse_kinematics(x, y, P.l, P.x_A, P.y_A)[3:]
+            found.append([np.sin(b[i] - b[j]) ** 2 for i, j in ((0, 1), (0, 2), (1, 2))])
+    squares = np.array(found)
+    smallest = [(n - np.sqrt(n**2 - 4 * s)) / 2 for n, s in ((3, squares.sum(axis=1)), (2, squares))]
+    return np.sqrt(smallest[0]), np.sqrt(smallest[1])
+
+
+def no_singularities(o: Oracle) -> Verdict:
+    three, _ = pairs_of_directions(o)
+    return outcome([three.min() > 0.2])
+
+
+def force_transmission(o: Oracle) -> Verdict:
+    three, two = pairs_of_directions(o)
+    return outcome(np.median(three) > 1.1 * np.median(two, axis=0))
+
+
 INDEPENDENT: dict[str, Callable[[Oracle], Verdict]] = {
     "closure-force": closure_force,
     "active-joint-space": active_joint_space,
     "ends-coincide": ends_coincide,
     "model-effective": model_effective,
+    "no-singularities": no_singularities,
+    "force-transmission": force_transmission,
     "bound-exists": bound_exists,
     "estimate-near-quarter": estimate_near_quarter,
     "adaptation-constant": lambda o: outcome(2 * beta * 2 <= 12 for beta in BETA_PRINTED.values()),
