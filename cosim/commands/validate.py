@@ -10,9 +10,9 @@ from typing import Any
 
 from fmpy.validation import validate_fmu
 
-from cosim.errors import CosimError
+from cosim.errors import CosimError, SetupError
 from cosim.file_kinds import FMU, NPZ, SSP, WORKBOOK, kind_of, not_read
-from cosim.fmi.fmu_file import readable_by_fmpy
+from cosim.fmi.fmu_file import read_fmu, readable_by_fmpy
 
 
 def register(subparsers: Any) -> None:
@@ -42,14 +42,23 @@ def _problems(path: Path) -> list[str]:
         return [not_read(path, "an FMU", "").removeprefix(f"{path}: ")]
     try:
         with readable_by_fmpy(path) as readable:
-            return list(validate_fmu(str(readable)))
+            problems = list(validate_fmu(str(readable)))
+        return [_why_not_readable(path) or problem for problem in problems[:1]] + problems[1:]
     except zipfile.BadZipFile:
         return [not_read(path, "an FMU", "not an FMU (not a zip archive)", FMU).removeprefix(f"{path}: ")]
 
 
+def _why_not_readable(path: Path) -> str:
+    """Why no FMU can be read from a file, empty where one can; fmpy says only what stopped it."""
+    try:
+        read_fmu(path, f"{path}")
+    except SetupError as error:
+        return str(error).removeprefix(f"{path}: ")
+    return ""
+
+
 def _run_references(path: Path, *, build: bool) -> bool:
     """Run the cases that an FMU brings along, one line each; whether anything was found."""
-    from cosim.fmi.fmu_file import read_fmu
     from cosim.regression.outcome import check
     from cosim.regression.run import interfaces_of
     from cosim.regression.shipped import shipped_cases

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import io
 import math
+import re
 import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -60,6 +61,8 @@ class LoadedFMU:
         SetupError
             There is none.
         """
+        if wrong := next((i for i in self._identifiers if not re.fullmatch(r"[^/\\\0]+", i or "")), None):
+            raise SetupError(f"{self.path}: its model identifier {wrong!r} is no name of a library; export it again")
         names = [name for identifier in self._identifiers for name in self._library_names(identifier)]
         if not set(names).isdisjoint(self.files) or (build and has_sources(self.files)):
             return
@@ -153,6 +156,7 @@ def read_fmu(path: Path, here: str) -> LoadedFMU:
     """
     if not path.is_file():
         raise SetupError(f"{here}: there is no such FMU file; check the path, or build the FMU")
+    xml = b"<none/>"
     try:
         data = path.read_bytes()
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
@@ -175,7 +179,12 @@ def read_fmu(path: Path, here: str) -> LoadedFMU:
         why = "not an FMU (not a zip archive)"
         raise SetupError(f"{here}: {not_read(path, 'an FMU', why, FMU).removeprefix(f'{path}: ')}") from None
     except Exception as error:  # fmpy raises bare exceptions here
-        why = f"not a readable FMU: {' '.join(str(error).split())}"
+        what = " ".join(str(error).split())
+        if isinstance(
+            error, (AttributeError, LookupError, TypeError)
+        ):  # it has met something that it does not look for
+            what = f"its modelDescription.xml is not as the standard has it: {_fault_of(xml) or repr(error)}"
+        why = f"not a readable FMU: {what}"
         raise SetupError(f"{here}: {not_read(path, 'an FMU', why, FMU).removeprefix(f'{path}: ')}") from error
     version = str(description.fmiVersion)
     if version.startswith("3.0-"):
@@ -188,6 +197,10 @@ def read_fmu(path: Path, here: str) -> LoadedFMU:
             f"{here}: is a connection to a tool, which would have to run beside (CoSimulation_Tool); export it as a "
             "stand-alone FMU (CoSimulation_StandAlone)"
         )
+    for name in ("startTime", "stopTime", "stepSize"):
+        text = getattr(description.defaultExperiment, name, None)
+        if text is not None and not _is_number(text):
+            raise SetupError(f"{here}: its default experiment has {name}={text!r}, which is no number; export it again")
     return LoadedFMU(
         path,
         hashlib.sha256(data).hexdigest(),
@@ -195,6 +208,27 @@ def read_fmu(path: Path, here: str) -> LoadedFMU:
         tuple(info.filename for info in files),
         _says_reset_is_complete(root),
     )
+
+
+def _fault_of(xml: bytes) -> str:
+    """What is wrong with a model description that fmpy stumbles over, where that is known."""
+    root = ElementTree.fromstring(xml)
+    if not root.get("fmiVersion"):
+        return "it has no fmiVersion"
+    n = len(root.findall("ModelVariables/*"))
+    for unknown in root.iterfind("ModelStructure/*/Unknown"):
+        index = unknown.get("index", "")
+        if not (index.isdecimal() and 1 <= int(index) <= n):
+            return f"its ModelStructure refers to variable '{index}' of {n}"
+    return ""
+
+
+def _is_number(text: object) -> bool:
+    try:
+        float(str(text))
+    except ValueError:
+        return False
+    return True
 
 
 def _with_description(data: bytes, root: ElementTree.Element, suffix: str = ".xml") -> bytes:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 
 from cosim.errors import needs
-from cosim.results.names import grouped
 from cosim.results.plotting import MOST_PANELS, draw
 from cosim.results.results import Results
 
@@ -26,14 +26,14 @@ def write_plot(results: Results, title: str, folder: Path) -> list[Path]:
     Returns
     -------
     list of Path
-        The file that was written; none where nothing was recorded.
+        The file that was written; none where nothing was recorded that can be drawn.
 
     Raises
     ------
     OSError
         The file can't be written.
     """
-    groups = grouped(results.names)
+    groups = results.drawable()
     chosen = dict(list(groups.items())[:MOST_PANELS])
     if not chosen:
         return []
@@ -43,5 +43,7 @@ def write_plot(results: Results, title: str, folder: Path) -> list[Path]:
     figure.suptitle(title, fontsize=10, parse_math=False)
     draw(results.time, results.panels(chosen), figure)
     path = folder / "results.png"
-    figure.savefig(path)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph .* missing from font")  # a name in letters that the font lacks
+        figure.savefig(path)
     return [path]

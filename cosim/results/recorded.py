@@ -136,7 +136,7 @@ class Recorded(ABC):
         texts = [name for name, kind in self.types.items() if kind in ("string", "binary")]
         chosen = {name: self._find(name) for name in names}
         if not chosen:
-            chosen = {n: found for n, found in grouped(self.names).items() if self.names[found[0]] not in texts}
+            chosen = dict(self.drawable())
         for name, found in chosen.items():
             if self.names[found if isinstance(found, int) else found[0]] in texts:
                 raise ResultsError(f"'{name}' is text and can't be drawn; results['{name}'] has its values")
@@ -152,6 +152,11 @@ class Recorded(ABC):
             )
         every = max(1, len(self.time) // MOST_POINTS)
         return draw(self.time[::every], self.panels(chosen, every))
+
+    def drawable(self) -> dict[str, list[int]]:
+        """Scalars and vectors that can be drawn, all but texts -> positions of their elements."""
+        texts = [name for name, kind in self.types.items() if kind in ("string", "binary")]
+        return {name: found for name, found in grouped(self.names).items() if self.names[found[0]] not in texts}
 
     def panels(self, chosen: Mapping[str, int | list[int]], every: int = 1) -> list[Panel]:
         """Values to draw of variables, whose elements are at these positions: every N-th row."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from pathlib import Path
 
@@ -9,6 +10,8 @@ import numpy as np
 import pytest
 
 from cosim.__main__ import main
+from cosim.results.columns import TypedColumn
+from cosim.results.plot_file import write_plot
 from cosim.results.results import Results
 from tests.support.small_fmus import TANK, build, compiled, redescribed
 
@@ -129,6 +132,39 @@ def test_continuous_inputs_are_linear_between_rows_and_others_held(fmu: str) -> 
     assert found[f"{fmu}.b"].tolist() == [0.0] * 4 + [1.0] * 4 + [0.0]
     assert summary(fmu)["driven"] == ["u", "n", "b"]
     assert summary(fmu)["inputs_kept"] == [f"{fmu}.e"]
+
+
+@pytest.mark.usefixtures("here")
+@pytest.mark.parametrize(
+    ("before", "after", "message"),
+    [
+        (' stepSize="', ' stepSize="fast', "default experiment has stepSize='fast"),
+        (
+            'modelIdentifier="Tank"',
+            'modelIdentifier="../Tank"',
+            "its model identifier '../Tank' is no name of a library",
+        ),
+        ('fmiVersion="2.0"', "", "its modelDescription.xml is not as the standard has it: it has no fmiVersion"),
+        ('<Unknown index="', '<Unknown index="99', "the standard has it: its ModelStructure refers to variable '99"),
+    ],
+)
+def test_what_is_wrong_with_a_description_is_named(
+    capsys: pytest.CaptureFixture[str], before: str, after: str, message: str
+) -> None:
+    redescribed(Path("Tank.fmu"), Path("odd.fmu"), {before: after})
+    assert main(["run", "odd.fmu"]) == 1
+    assert message in error_line(capsys)
+    if "standard" in message:
+        assert main(["validate", "odd.fmu"]) == 1
+        assert message in capsys.readouterr().out.splitlines()[0]
+
+
+def test_texts_are_left_out_of_the_plot(tmp_path: Path) -> None:
+    found = Results(
+        np.arange(3.0), ["s", "x"], np.zeros((3, 2)), {}, {"s": TypedColumn("string", np.array(list("abc")))}
+    )
+    assert write_plot(found, "t", tmp_path) == [tmp_path / "results.png"]
+    assert write_plot(dataclasses.replace(found, names=["s"], values=found.values[:, :1]), "t", tmp_path) == []
 
 
 @pytest.mark.usefixtures("here")
