@@ -130,6 +130,8 @@ class FmiType:
         if self.is_text:
             if not isinstance(value, str if self.kind == "string" else (bytes, bytearray, memoryview)):
                 raise wrong
+            if isinstance(value, str) and not _can_be_passed(value):
+                raise ArgumentError(f"{value!r} has a character that no FMU can be told, NUL or a lone surrogate")
             return value if isinstance(value, str) else bytes(value)
         if not isinstance(value, (int, float)) or (self.kind == "real" and isinstance(value, bool)):
             raise wrong
@@ -157,6 +159,11 @@ class FmiType:
         values = np.empty(numbers.size, dtype=object)
         values[:] = [texts[number] for number in numbers.ravel().tolist()]
         return values.reshape(numbers.shape)
+
+
+def _can_be_passed(text: str) -> bool:
+    """Whether a C string, of UTF-8, can hold a text."""
+    return "\0" not in text and not any("\ud800" <= c <= "\udfff" for c in text)
 
 
 def _integers() -> Iterable[FmiType]:

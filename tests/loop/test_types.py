@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from pyarrow import parquet
 
-from cosim import Results, Simulation, SimulationError, System, simulate
+from cosim import Results, SetupError, Simulation, SimulationError, System, simulate
 from cosim.results.stored import StoredResults, TableWriter
 from tests.support.small_fmus import compiled
 
@@ -184,3 +184,16 @@ def test_files_have_each_type_and_long_runs_give_the_same(types: Path, tmp_path:
     assert '"käse"' in (tmp_path / "r.csv").read_text(encoding="utf-8")
     assert "b.String_out" in repr(r).replace("String_out", "b.String_out")
     assert "käse" in r._repr_html_()
+
+
+@pytest.mark.parametrize("text", ["a\0b", "\0", "\udc80"])
+def test_texts_that_c_would_cut_or_can_not_have_are_refused(types: Path, text: str) -> None:
+    system = System()
+    system.add("a", types, start={"String": text})
+    with pytest.raises(SetupError, match=r"start value of 'a\.String': .* has a character that no FMU can be told"):
+        Simulation(system)
+    system = System()
+    system.add("a", types)
+    system.drive("a.String", lambda t: "good" if t < 1.0 else text)
+    with pytest.raises(SimulationError, match=r"a failed at t = 1 s: the signal that feeds 'a\.String' gives .*String"):
+        simulate(system, 2.0, 1.0)
