@@ -119,8 +119,8 @@ static Status get(Packed *packed, const fmi2ValueReference vr[], size_t n, Varia
         const char *text = NULL;
         status = packed_get(packed, vr[i], type, &slot, &text);
         if (status != OK) break;
-        if (type == FLOAT64) ((fmi2Real *)values)[i] = slot;
-        else if (type == STRING) ((fmi2String *)values)[i] = text;
+        if (type == TYPE_FLOAT64) ((fmi2Real *)values)[i] = slot;
+        else if (type == TYPE_STRING) ((fmi2String *)values)[i] = text;
         else ((fmi2Integer *)values)[i] = (fmi2Integer)integer_of(slot);
     }
     return status;
@@ -131,9 +131,9 @@ static Status set(Packed *packed, const fmi2ValueReference vr[], size_t n, Varia
     for (size_t i = 0; status == OK && i < n; i++) {
         double slot = 0.0;
         const char *text = NULL;
-        if (type == FLOAT64) slot = ((const fmi2Real *)values)[i];
-        else if (type == STRING) text = ((const fmi2String *)values)[i];
-        else if (type == BOOLEAN) slot = slot_of(((const fmi2Boolean *)values)[i] != fmi2False);
+        if (type == TYPE_FLOAT64) slot = ((const fmi2Real *)values)[i];
+        else if (type == TYPE_STRING) text = ((const fmi2String *)values)[i];
+        else if (type == TYPE_BOOLEAN) slot = slot_of(((const fmi2Boolean *)values)[i] != fmi2False);
         else slot = slot_of(((const fmi2Integer *)values)[i]);
         status = packed_set(packed, vr[i], type, slot, text);
     }
@@ -153,10 +153,10 @@ static Status set(Packed *packed, const fmi2ValueReference vr[], size_t n, Varia
         WITHIN(set(packed, vr, n, type, value)); \
     }
 
-VALUES(Real, FLOAT64)
-VALUES(Integer, INT32)
-VALUES(Boolean, BOOLEAN)
-VALUES(String, STRING)
+VALUES(Real, TYPE_FLOAT64)
+VALUES(Integer, TYPE_INT32)
+VALUES(Boolean, TYPE_BOOLEAN)
+VALUES(String, TYPE_STRING)
 
 EXPORTED fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference vr[], size_t n,
                                                 const fmi2Integer order[], const fmi2Real value[]) {

@@ -163,18 +163,18 @@ EXPORTED fmi3Status fmi3Reset(fmi3Instance c) {
     VALUES(Type, type, slot_of((int64_t)values[i]) COMMA NULL, ((void)text, (fmi3##Type)integer_of(slot)))
 #define COMMA ,
 
-REALS(Float64, FLOAT64)
-REALS(Float32, FLOAT32)
-INTEGERS(Int8, INT8)
-INTEGERS(UInt8, UINT8)
-INTEGERS(Int16, INT16)
-INTEGERS(UInt16, UINT16)
-INTEGERS(Int32, INT32)
-INTEGERS(UInt32, UINT32)
-INTEGERS(Int64, INT64)
-INTEGERS(UInt64, UINT64)
-VALUES(Boolean, BOOLEAN, slot_of(values[i] ? 1 : 0) COMMA NULL, ((void)text, integer_of(slot) != 0))
-VALUES(String, STRING, 0.0 COMMA values[i], text)
+REALS(Float64, TYPE_FLOAT64)
+REALS(Float32, TYPE_FLOAT32)
+INTEGERS(Int8, TYPE_INT8)
+INTEGERS(UInt8, TYPE_UINT8)
+INTEGERS(Int16, TYPE_INT16)
+INTEGERS(UInt16, TYPE_UINT16)
+INTEGERS(Int32, TYPE_INT32)
+INTEGERS(UInt32, TYPE_UINT32)
+INTEGERS(Int64, TYPE_INT64)
+INTEGERS(UInt64, TYPE_UINT64)
+VALUES(Boolean, TYPE_BOOLEAN, slot_of(values[i] ? 1 : 0) COMMA NULL, ((void)text, integer_of(slot) != 0))
+VALUES(String, TYPE_STRING, 0.0 COMMA values[i], text)
 
 EXPORTED fmi3Status fmi3GetBinary(fmi3Instance c, const fmi3ValueReference r[], size_t n, size_t sizes[],
                                   fmi3Binary v[], size_t m) {

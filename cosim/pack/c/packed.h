@@ -25,18 +25,18 @@ typedef enum {
 
 /* Types of the variables of the packed FMU; FMI 2.0 has four of them. */
 typedef enum {
-    FLOAT64, /* Real */
-    FLOAT32,
-    INT8,
-    UINT8,
-    INT16,
-    UINT16,
-    INT32, /* Integer */
-    UINT32,
-    INT64, /* FMI 3.0: also Enumeration */
-    UINT64,
-    BOOLEAN,
-    STRING
+    TYPE_FLOAT64, /* Real */
+    TYPE_FLOAT32,
+    TYPE_INT8,
+    TYPE_UINT8,
+    TYPE_INT16,
+    TYPE_UINT16,
+    TYPE_INT32, /* Integer */
+    TYPE_UINT32,
+    TYPE_INT64, /* FMI 3.0: also Enumeration */
+    TYPE_UINT64,
+    TYPE_BOOLEAN,
+    TYPE_STRING
 } VariableType;
 
 struct Packed;

@@ -154,11 +154,11 @@ Status packed_get(Packed *packed, uint32_t reference, VariableType type, double 
             *slot = packed->now.max_step;
             break;
     }
-    if (type == STRING) *text = text_of(packed, *slot);
+    if (type == TYPE_STRING) *text = text_of(packed, *slot);
     return OK;
 }
 
-static bool is_real(VariableType type) { return type == FLOAT64 || type == FLOAT32; }
+static bool is_real(VariableType type) { return type == TYPE_FLOAT64 || type == TYPE_FLOAT32; }
 
 static Status set_start(Packed *packed, const Variable *variable, double slot) {
     Start *start = &packed->starts[variable->where];
@@ -183,10 +183,10 @@ static Status set_start(Packed *packed, const Variable *variable, double slot) {
 Status packed_set(Packed *packed, uint32_t reference, VariableType type, double slot, const char *text) {
     const Variable *variable = variable_of(packed, reference, type);
     if (!variable) return FAILURE;
-    if (type == STRING) slot = slot_of(text_number(packed, text));
+    if (type == TYPE_STRING) slot = slot_of(text_number(packed, text));
     else if (is_real(type) && !isfinite(slot))
         return packed_fail(packed, FAILURE, "'%s' can't be %g; set a finite number", variable->name, slot);
-    else if (!is_real(type) && type != UINT64) {
+    else if (!is_real(type) && type != TYPE_UINT64) {
         double value = (double)integer_of(slot);
         if (value < variable->smallest || value > variable->largest)
             return packed_fail(packed, FAILURE, "'%s' can't be %.17g; it must be between %.17g and %.17g",
