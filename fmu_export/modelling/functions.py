@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -30,6 +31,11 @@ def saturate(v: Array, limit: Array) -> Array:
     inside = (v < limit) * (-limit < v)
     # a value inside comes out as it went in; the other terms are then 0
     return v * inside + limit * (limit <= v) - limit * (v <= -limit)
+
+
+def numeric(function: Callable[..., Any]) -> Callable[..., np.ndarray]:
+    """A function of a model that always returns an array of floats, and no list, as an author may."""
+    return lambda *arguments: np.asarray(function(*arguments), dtype=float)
 
 
 def rk4_step(

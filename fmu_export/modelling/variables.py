@@ -92,6 +92,8 @@ class Variable:
         self._set("size", _size(here, self.size))
         if self.size is not None and self.name.endswith("]"):
             raise ArgumentError(f"{here}: an array's name has no index of its own; its elements get them")
+        if not isinstance(self.tunable, bool | np.bool):
+            raise ArgumentError(f"{here}: tunable is {self.tunable!r}; it must be True or False")
         self._check_type(here)
         self._set("min", _limit(here, "min", self.min, -math.inf))
         self._set("max", _limit(here, "max", self.max, math.inf))
@@ -201,7 +203,7 @@ def _elements(shape: tuple[int, ...], what: str = "element") -> str:
 def _size(here: str, size: Any) -> int | tuple[int, ...] | None:
     if size is None:
         return None
-    sizes = tuple(size) if isinstance(size, list | tuple) else (size,)
+    sizes = tuple(size) if isinstance(size, list | tuple | np.ndarray) and np.ndim(size) == 1 else (size,)
     whole = all(isinstance(n, int | np.integer) and not isinstance(n, bool) and n >= 1 for n in sizes)
     if not sizes or not whole:
         raise ArgumentError(

@@ -131,7 +131,7 @@ def build_native(
     Raises
     ------
     ArgumentError
-        Arrays are asked for in FMI 2.0.
+        The flavour is none of the two, or arrays are asked for in FMI 2.0.
     DocumentationError
         A figure of the page is missing, an equation can't be typeset, or the reference run can't be made or is not
         finite.
@@ -143,6 +143,8 @@ def build_native(
         The file can't be written; an older one is unchanged.
     """
     model = flat_model(model)
+    if flavour not in _FACES:
+        raise ArgumentError(f"{model.name}: flavour is {flavour!r}; it must be 'fmi2' or 'fmi3'")
     if arrays and flavour == "fmi2":
         raise ArgumentError(f"{model.name}: FMI 2.0 has no arrays; build the fmi3 flavour, or leave out arrays=True")
     with Progress(f"{model.name}, {flavour}") as progress:

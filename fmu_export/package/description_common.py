@@ -116,7 +116,7 @@ def add_texts(parent: ET.Element, v: ScalarVariable) -> None:
     """Add the texts that a string can be, which FMI can't declare."""
     texts = ET.SubElement(parent, "Texts")
     for text, _ in v.items:
-        ET.SubElement(texts, "Text").text = text
+        ET.SubElement(texts, "Text", value=text)
 
 
 def to_bytes(root: ET.Element) -> bytes:

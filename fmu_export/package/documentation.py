@@ -13,7 +13,7 @@ from io import BytesIO
 import numpy as np
 
 from fmu_export.errors import DocumentationError, needs
-from fmu_export.modelling.functions import rk4_step
+from fmu_export.modelling.functions import numeric, rk4_step
 from fmu_export.modelling.hybrid import HybridRun
 from fmu_export.modelling.model import Model
 from fmu_export.modelling.variables import Array, Layout
@@ -159,7 +159,7 @@ def reference_run(model: Model) -> ReferenceRun:
 
 
 def _continuous_run(model: Model, time: Array, inputs: Array, p: Array) -> list[Array]:
-    x = model.initial_state(p)
+    x = numeric(model.initial_state)(p)
     n_y = len(model.outputs)  # locals follow them
     outputs = [model.output_values(time[0], x, inputs[0], p)[:n_y]]
     advance = _advance(model)
@@ -184,11 +184,12 @@ def _advance(model: Model) -> Callable[[float, Array, Array, Array], Array]:
     if not model.states:
         return lambda t, x, u, p: x
     if model.solver == "rk4":
+        derivatives = numeric(model.derivatives)
 
         def runge_kutta(t: float, x: Array, u: Array, p: Array) -> Array:
             h = _ROW / _SUBSTEPS
             for i in range(_SUBSTEPS):
-                x = rk4_step(model.derivatives, t + i * h, x, u, p, h)
+                x = rk4_step(derivatives, t + i * h, x, u, p, h)
             return x
 
         return runge_kutta

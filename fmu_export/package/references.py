@@ -20,7 +20,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from fmu_export.errors import ArgumentError, DocumentationError
-from fmu_export.modelling.functions import rk4_step
+from fmu_export.modelling.functions import numeric, rk4_step
 from fmu_export.modelling.model import Model
 from fmu_export.modelling.names import check_text
 from fmu_export.modelling.variables import Array, Layout
@@ -216,6 +216,8 @@ def _by_numpy(
     inputs, parameters = np.array(u), np.array(p)
     n_y = len(model.outputs)  # locals follow them
 
+    derivatives = numeric(model.derivatives)
+
     def holds(time: float, x: Array, at: str) -> None:
         for requirement in model.requirements:
             if requirement.at == at and not requirement.margin(time, x, inputs, parameters) > 0.0:
@@ -223,14 +225,14 @@ def _by_numpy(
 
     with np.errstate(all="ignore"):
         holds(start, np.empty(0), "start")
-        x = model.initial_state(parameters)
+        x = numeric(model.initial_state)(parameters)
         times, outputs = [start], [model.output_values(start, x, inputs, parameters)[:n_y]]
         h = step / internal
         for row in range(1, rows + 1):
             for i in range(internal if model.states else 0):
                 time = times[-1] + i * h
                 holds(time, x, "step")
-                x = rk4_step(model.derivatives, time, x, inputs, parameters, h)
+                x = rk4_step(derivatives, time, x, inputs, parameters, h)
             times.append(start + row * step)
             outputs.append(model.output_values(times[-1], x, inputs, parameters)[:n_y])
     return _Run(np.array(times), np.array(outputs, dtype=float).reshape(rows + 1, n_y))

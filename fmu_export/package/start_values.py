@@ -139,7 +139,7 @@ def _parameters(description: ET.Element) -> list[Variable]:
             continue
         attributes = of_fmi2[0]
         limits: dict[str, Any] = {n: float(attributes.get(n, "")) for n in ("min", "max") if n in attributes.attrib}
-        texts = [(text.text or "", i) for i, text in enumerate(variable.iterfind("Annotations/*/Texts/Text"))]
+        texts = [(text.get("value", ""), i) for i, text in enumerate(variable.iterfind("Annotations/*/Texts/Text"))]
         name = variable.get("name", "")
         items = enumerations.get(attributes.get("declaredType"), texts)
         size = tuple(int(d.get("start", "")) for d in variable.iterfind("Dimension")) or None

@@ -285,7 +285,7 @@ def _fed_inputs(components: Mapping[str, Model], connections: Iterable[tuple[str
         here = f"connection {source} -> {target}"
         for end, kind, known in ((source, "output", outputs), (target, "input", inputs)):
             if end not in known:
-                raise CompositionError(f"{here}: there is no {kind} '{end}'; known are {', '.join(known)}")
+                raise CompositionError(f"{here}: there is no {kind} '{end}'; known are {', '.join(known) or 'none'}")
         ends = outputs[source], inputs[target]
         if ends[0].size != ends[1].size:
             raise CompositionError(f"{here}: the sizes differ: {ends[0].size} and {ends[1].size}")

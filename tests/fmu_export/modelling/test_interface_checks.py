@@ -53,6 +53,7 @@ def test_lists_arrays_and_tuples_are_taken_alike() -> None:
         assert v.starts == (1.0, 2.0)
         assert all(type(s) is float for s in v.starts)
     assert hash(Variable("v", size=2, start=[1, 2])) == hash(Variable("v", size=2, start=(1.0, 2.0)))
+    assert Variable("v", size=np.array([2, 3])).size == Variable("v", size=[2, 3]).size == (2, 3)
     hash(made)  # traces are kept by their models
 
 
@@ -150,6 +151,7 @@ def test_names_that_the_exporter_adds_are_its_own() -> None:
         ),
         ({"size": -1}, "variable 'k': size is -1; give the number"),
         ({"size": 2.0}, "variable 'k': size is 2.0; give the number"),
+        ({"tunable": "yes"}, "variable 'k': tunable is 'yes'; it must be True or False"),
         ({"size": True}, "variable 'k': size is True; give the number"),
         ({"unit": "wibble"}, "variable 'k': unit 'wibble': 'wibble' is not defined"),
         ({"unit": "K", "display_unit": "bar"}, "variable 'k': the units differ: K and bar"),

@@ -14,7 +14,7 @@ import pytest
 from fmpy.validation import validate_fmu
 
 from cosim import System, simulate
-from fmu_export import build_pythonfmu, compose
+from fmu_export import ArgumentError, build_pythonfmu, compose
 from fmu_export.modelling.model import DefaultExperiment, Model, Requirement
 from fmu_export.modelling.variables import Layout, Variable
 from fmu_export.native.backend import build_native
@@ -96,3 +96,18 @@ def test_values_in_other_units_are_converted_in_a_composed_model() -> None:
     )
     for name, value in SEEN.items():
         assert values[f"meter.{name}"] == pytest.approx(value, rel=1e-15), name
+
+
+def test_functions_may_return_lists_and_a_flavour_is_one_of_two(tmp_path: Path) -> None:
+    model = Model(
+        name="Lists",
+        outputs=Layout([Variable("x"), Variable("v")]),
+        states=("x", "v"),
+        initial_state=lambda p: [1.0, 0.0],
+        derivatives=lambda t, x, u, p: [x[1], -x[0]],
+    )
+    fmu = build_native(model, tmp_path, "fmi2", page="# A pendulum\n")
+    result = fmpy.simulate_fmu(str(fmu), stop_time=1.0, output=["x"], fmi_type="CoSimulation")
+    assert result["x"][-1] == pytest.approx(math.cos(1.0), rel=1e-10)
+    with pytest.raises(ArgumentError, match="Lists: flavour is 'fmi4'; it must be 'fmi2' or 'fmi3'"):
+        build_native(model, tmp_path, "fmi4")  # type: ignore[arg-type]
