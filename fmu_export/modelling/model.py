@@ -391,6 +391,12 @@ class Model:
         names = [*(e.name for e in self.events), *(s.name for s in self.sampled)]
         if twice := sorted({name for name in names if names.count(name) > 1}):
             raise ArgumentError(f"{self.name}: names of events and sampled are not unique: {', '.join(twice)}")
+        known = {*self.parameters.names, *self.inputs.names, *self.computed.names}
+        for event in self.events:
+            if f"{event.name}.indicator" in known:
+                raise ArgumentError(
+                    f"{self.name}: variable '{event.name}.indicator' has the name of the indicator of that event"
+                )
 
     @property
     def is_continuous(self) -> bool:

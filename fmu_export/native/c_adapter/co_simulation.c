@@ -99,7 +99,7 @@ static CoreStatus advance(Core *core, double time, double length) {
 /* The communication step in pieces that end where something happens. */
 static CoreStatus advance_through_events(Core *core, double time, double step) {
     CoreState *s = &core->state;
-    double end = time + step, tolerance = 1e-12 * (1.0 + fabs(end));
+    double end = time + step, tolerance = core_instant(end);
     if (N_SAMPLED > 0 && fabs(time - s->time) > 1e-9 * (1.0 + fabs(time)))
         return core_fail(
             core, CORE_ERROR,
@@ -119,7 +119,7 @@ static CoreStatus advance_through_events(Core *core, double time, double step) {
         if (status != CORE_OK) break;
         if (s->time == from + (target - from)) s->time = target; /* it is there, but for rounding */
         if (s->time >= end - tolerance) s->time = end;
-        core_has_passed_event(core); /* at this very time, to the last bit */
+        core_arrive(core); /* at this very time, to the last bit */
         if (s->time == end) break; /* what happens now sees the inputs that are to come */
         int states_changed;
         status = core_change(core, &states_changed);

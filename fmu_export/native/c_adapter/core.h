@@ -251,18 +251,21 @@ void core_unsettle(Core *core);
 /* The same at any other instant. */
 CoreStatus core_change(Core *core, int *states_changed);
 
+/* Times that differ by less are one instant. */
+static inline double core_instant(double time) { return 1e-12 * (1.0 + (time < 0.0 ? -time : time)); }
+
 /* Time of the next sampling instant, INFINITY if there is none. */
 double core_next_instant(const Core *core);
 
-/* Where the states have arrived, whether there is an event or a sampling instant. */
-int core_has_passed_event(Core *core);
+/* Note on which side of zero the indicators are where the states have arrived; whether something is to happen here. */
+int core_arrive(Core *core);
 
 CoreStatus core_get_indicators(Core *core, double indicators[]);
 #endif
 #if N_EVENTS > 0
 /* Whether an event happens in an internal step from `x` at `time`, where the inputs are `u` and change at `u_rate` and
  * the state derivatives are `rates`, to `next`: *h and `next` become those of the event. After the last step of several
- * core_has_passed_event must be called when time, states and inputs are those of its end, as after an event. */
+ * core_arrive must be called when time, states and inputs are those of its end, as after an event. */
 CoreStatus core_find_event(Core *core, double time, double *h, const double x[], const double u[],
                            const double u_rate[], const double rates[], double next[], int last, int *found);
 #endif

@@ -12,10 +12,8 @@
 enum { MOST_ROUNDS = 20, MOST_AT_ONCE = 20 };
 #define AT_ONCE 1e-10
 
-/* Times that differ by less are equal: of sampling instants, and of the ends between which an event is located. */
-static double equal_instants(double time) { return 1e-12 * (1.0 + fabs(time)); }
-
 #if N_EVENTS > 0
+/* How near to each other the ends are between which an event is located. */
 static double located(double time) { return 1e-12 + 4.0 * DBL_EPSILON * fabs(time); }
 #endif
 
@@ -31,7 +29,7 @@ static CoreStatus start_sampling(Core *core) {
     double times[2 * N_SAMPLED], time = core->state.time;
     model_instants(PARAMETERS(core), times);
     for (int i = 0; i < N_SAMPLED; i++) {
-        double period = times[2 * i], count = ceil((time - equal_instants(time) - times[2 * i + 1]) / period);
+        double period = times[2 * i], count = ceil((time - core_instant(time) - times[2 * i + 1]) / period);
         if (!(period > 0.0))
             return core_fail(core, CORE_ERROR, "the period of '%s' is %.17g s; it must be positive",
                              model_sampled_names[i], period);
@@ -51,7 +49,7 @@ static CoreStatus sample(Core *core) {
     memcpy(next, z, sizeof next);
     for (int i = 0; i < N_SAMPLED; i++) {
         double now = instant(core, times, i);
-        if (now > s->time + equal_instants(s->time)) continue;
+        if (now > s->time + core_instant(s->time)) continue;
         if (now < s->time - 1e-9 * (1.0 + fabs(s->time)))
             return core_fail(core, CORE_ERROR,
                              "'%s' samples at %.17g s, which is over at %.17g s; stop at each instant",
@@ -115,6 +113,14 @@ static int is_before(const Core *core, int event, double side, double now) {
     return change != 0.0;
 }
 
+static CoreStatus check_indicators(Core *core, double time, const double indicators[]) {
+    for (int i = 0; i < N_EVENTS; i++)
+        if (!isfinite(indicators[i]))
+            return core_fail(core, CORE_DISCARD, "t = %.9g s: the indicator of '%s' is not finite", time,
+                             model_event_names[i]);
+    return CORE_OK;
+}
+
 /* On which side of zero the indicators begin: what is there already has not crossed. */
 static void start_indicators(Core *core) {
     Discrete *d = &core->state.discrete;
@@ -153,6 +159,8 @@ static CoreStatus react(Core *core) {
     Discrete *d = &s->discrete;
     double indicators[N_EVENTS];
     model_indicators(s->time, STATES(core), INPUTS(core), PARAMETERS(core), indicators);
+    CoreStatus status = check_indicators(core, s->time, indicators);
+    if (status != CORE_OK) return status;
     int last = -1, changed = 1;
     for (int round = 0; changed; round++) {
         if (round > MOST_ROUNDS)
@@ -162,9 +170,11 @@ static CoreStatus react(Core *core) {
         for (int i = 0; i < N_EVENTS; i++) {
             double side = d->side[i], g = side * indicators[i];
             if (is_armed(i, side) && crosses(side * d->indicator[i], g)) {
-                CoreStatus status = happen(core, i);
+                status = happen(core, i);
                 if (status != CORE_OK) return status;
                 model_indicators(s->time, STATES(core), INPUTS(core), PARAMETERS(core), indicators);
+                status = check_indicators(core, s->time, indicators);
+                if (status != CORE_OK) return status;
                 g = side * indicators[i];
                 if (g < d->late[i] || (g <= 0.0 && !is_before(core, i, side, indicators[i]))) d->side[i] = -side;
                 last = i, changed = 1;
@@ -269,7 +279,7 @@ static CoreStatus locate(const Step *step, int event, double h, double end, doub
 }
 
 /* The indicators where the states have arrived, and events that wait to happen there. */
-static void arrive(Core *core, const double indicators[]) {
+static void note_sides(Core *core, const double indicators[]) {
     Discrete *d = &core->state.discrete;
     for (int i = 0; i < N_EVENTS; i++) {
         double side = d->side[i], g = side * indicators[i];
@@ -287,26 +297,27 @@ CoreStatus core_find_event(Core *core, double time, double *h, const double x[],
     double middle[N_X + 1], indicators[N_EVENTS], middle_indicators[N_EVENTS], at[N_EVENTS], side[N_EVENTS];
     double first = INFINITY;
     indicators_in(&step, *h, next, indicators);
+    CoreStatus status = check_indicators(core, time + *h, indicators);
+    if (status != CORE_OK) return status;
     for (int i = 0; i < N_X; i++) middle[i] = 0.75 * x[i] + 0.25 * (next[i] + *h * rates[i]); /* a parabola */
     indicators_in(&step, 0.5 * *h, middle, middle_indicators);
     for (int i = 0; i < N_EVENTS; i++) {
         side[i] = d->side[i];
-        CoreStatus status = locate(&step, i, *h, indicators[i], middle_indicators[i], &side[i], &at[i]);
+        status = locate(&step, i, *h, indicators[i], middle_indicators[i], &side[i], &at[i]);
         if (status != CORE_OK) return status;
         first = fmin(first, at[i]);
     }
     *found = first <= *h;
     if (first < *h - located(time))
         *h = first; /* nearer to its end there may be a sampling instant, which comes first */
-    CoreStatus status =
-        again ? step_again(&step, *h, next, indicators) : CORE_OK; /* the method keeps what it did last */
+    if (again) status = step_again(&step, *h, next, indicators); /* the method keeps what it did last */
     if (status != CORE_OK) return status;
     for (int i = 0; i < N_EVENTS; i++) {
         if (!(at[i] <= *h)) continue;
         if (side[i] != d->side[i]) d->side[i] = side[i], d->indicator[i] = side[i] * DBL_MIN;
         d->late[i] = fmin(side[i] * indicators[i], 0.0);
     }
-    if (!*found && !last) arrive(core, indicators);
+    if (!*found && !last) note_sides(core, indicators);
     return CORE_OK;
 }
 #endif
@@ -376,13 +387,13 @@ void core_unsettle(Core *core) {
     s->valid = 0;
 }
 
-int core_has_passed_event(Core *core) {
+int core_arrive(Core *core) {
     CoreState *s = &core->state;
-    int passed = core_next_instant(core) <= s->time + equal_instants(s->time);
+    int passed = core_next_instant(core) <= s->time + core_instant(s->time);
 #if N_EVENTS > 0
     double indicators[N_EVENTS];
     model_indicators(s->time, STATES(core), INPUTS(core), PARAMETERS(core), indicators);
-    arrive(core, indicators);
+    note_sides(core, indicators);
     for (int i = 0; i < N_EVENTS; i++) passed |= s->discrete.indicator[i] != indicators[i]; /* it waits to happen */
 #endif
     return passed;

@@ -328,7 +328,7 @@ fmi2Status fmi2CompletedIntegratorStep(fmi2Component c, fmi2Boolean no_state_bef
     if (!enter_event_mode || !terminate) return MISSING;
     *enter_event_mode = *terminate = fmi2False;
 #if HYBRID
-    *enter_event_mode = core_has_passed_event(&instance->core);
+    *enter_event_mode = core_arrive(&instance->core);
 #endif
     return fmi2OK;
 }

@@ -468,7 +468,7 @@ fmi3Status fmi3CompletedIntegratorStep(fmi3Instance c, fmi3Boolean no_state_befo
     if (!enter_event_mode || !terminate) return MISSING;
     *enter_event_mode = *terminate = fmi3False;
 #if HYBRID
-    *enter_event_mode = core_has_passed_event(&instance->core) != 0;
+    *enter_event_mode = core_arrive(&instance->core) != 0;
 #endif
     return fmi3OK;
 }

@@ -34,6 +34,7 @@ def nothing(*arguments: Any) -> Any:
         (lambda: Sampled("s", 0.1, nothing), "sampled 's': update is no function"),  # type: ignore[arg-type]
         (lambda: replace(BALL, events=[nothing]), "give a tuple of Events"),  # type: ignore[list-item]
         (lambda: replace(BALL, events=2 * BALL.events), "not unique: bounce"),
+        (lambda: replace(BALL, inputs=[Variable("bounce.indicator")]), "of the indicator of that event"),
         (lambda: replace(BALL, discrete=[Variable("z")], events=()), "nothing changes the discrete states z"),
         (lambda: replace(BALL, discrete=[Variable("h")]), "'h': a state has this name too"),
         (lambda: replace(BALL, discrete=[Variable("g")]), "not unique: g"),

@@ -17,7 +17,7 @@ import pytest
 from fmpy.validation import validate_fmu
 
 from cosim import System, simulate
-from fmu_export.modelling.model import Model, Sampled
+from fmu_export.modelling.model import Event, Model, Sampled
 from fmu_export.modelling.variables import Variable
 from fmu_export.native.backend import build_native
 from tests.support.compilation import shared_compilation
@@ -479,6 +479,32 @@ def test_samplers_refuse_periods_and_times_that_make_no_sense(unpacked: Any, fla
         host.run_up({"period": 1e-9})
         assert host.step(0.0, 1.0) == DISCARD
         assert "make it shorter" in host.messages[-1]
+
+
+@pytest.mark.parametrize("flavour", FLAVOURS)
+def test_what_is_not_finite_is_refused_by_name(unpacked: Any, flavour: str) -> None:
+    lost = Model(
+        name="Lost",
+        inputs=[Variable("u", start=1.0), Variable("v", start=1.0), Variable("w", start=1.0)],
+        outputs=[Variable("z")],
+        discrete=[Variable("z")],
+        output_values=lambda t, x, z, u, p: z,
+        events=[Event("root", lambda t, x, z, u, p: np.sqrt(u[0]) - 0.5, lambda t, x, z, u, p: (x, z + 1.0 / u[1]))],
+        sampled=[Sampled("look", lambda t, x, z, u, p: np.log(u[2:]), 0.1)],
+    )
+    for inputs, said in (
+        ({"u": -1.0}, "the indicator of 'root' is not finite"),
+        ({"u": 0.01, "v": 0.0}, "'root' makes states that are not finite"),
+        ({"w": 0.0}, "'look' makes discrete states that are not finite"),
+    ):
+        with Host(unpacked(lost, flavour)) as host:
+            host.run_up()
+            host.must(host.step(0.0, 0.1))
+            host.must(host.set(inputs))
+            assert host.step(0.1, 0.1) == DISCARD
+            assert said in host.messages[-1]
+            host.must(host.set({"u": 1.0, "v": 1.0, "w": 1.0}))
+            host.must(host.step(0.1, 0.1))
 
 
 @pytest.mark.parametrize("flavour", FLAVOURS)
