@@ -176,7 +176,7 @@ def _run(args: argparse.Namespace, unpacked: Path) -> int:
     if summary.interrupted:
         print("cosim: interrupted; the same command goes on where it stopped", file=sys.stderr)
         return 130
-    return 0
+    return int(summary.failed == summary.points)  # not a single run has been one
 
 
 def _read(args: argparse.Namespace, steps: Levels | None, unpacked: Path) -> _System:

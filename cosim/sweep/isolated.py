@@ -20,6 +20,9 @@ from cosim.sweep.batch import Batch, Row, Rows
 from cosim.sweep.errors import WorkerTrouble
 from cosim.sweep.worker import Timer, names_of, rows_of, study_of
 
+#: Beginning of the line that an FMU leaves which ends its process.
+_LINE = "cosim: "
+
 #: A point may end this many processes before it counts as failed: something else may have ended one.
 _MOST_DEATHS = 2
 
@@ -39,7 +42,7 @@ def run_isolated(batch: Batch) -> Rows:
         found, taken, end = _in_a_child(batch.after(len(rows)))
         rows += found
         seconds += taken
-        if end and len(rows) < len(batch.indices):
+        if len(rows) < len(batch.indices):  # it died, whatever its exit code says
             deaths = 1 if found else deaths + 1
             if deaths == _MOST_DEATHS:
                 rows.append(Row(batch.indices[len(rows)], None, f"ended the process, {_MOST_DEATHS} times: {end}"))
@@ -48,7 +51,7 @@ def run_isolated(batch: Batch) -> Rows:
 
 
 def _in_a_child(batch: Batch) -> tuple[list[Row], float, str]:
-    """Rows, what they took (s), and how the child died, empty if it did not."""
+    """Rows, what they took (s), and how the child ended."""
     with folder_for_fmus() as name:
         folder = Path(name)
         (folder / "task").write_bytes(pickle.dumps((batch, stock.all_paths())))
@@ -65,7 +68,9 @@ def _in_a_child(batch: Batch) -> tuple[list[Row], float, str]:
             why = " ".join([_death(done.returncode), *last])
             raise WorkerTrouble(f"{gethostname()}: a child process could not start: {why}")
         rows = [item for item in items if isinstance(item, Row)]
-        return rows, sum(item for item in items if isinstance(item, float)), _death(done.returncode)
+        said = [line for line in done.stderr.decode(errors="replace").splitlines() if line.startswith(_LINE)]
+        end = ": ".join([_death(done.returncode), *(line.removeprefix(_LINE) for line in said[-1:])])
+        return rows, sum(item for item in items if isinstance(item, float)), end
 
 
 def _items(path: Path) -> list[object]:
@@ -83,7 +88,7 @@ def _items(path: Path) -> list[object]:
 
 def _death(code: int) -> str:
     if code >= 0:
-        return f"exit code {code}" if code else ""
+        return f"exit code {code}"
     try:
         return signal.Signals(-code).name
     except ValueError:

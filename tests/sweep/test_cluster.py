@@ -165,9 +165,9 @@ def test_a_deadly_point_is_a_row_and_the_others_have_theirs(counter, tmp_path):
     table = read(tmp_path / "out")
     assert table["y"].to_pylist() == [float(i) if i != 5 else None for i in range(12)]
     errors = table["error"].to_pylist()
-    assert errors.pop(5) == "ended the process, 2 times: SIGSEGV"
+    assert errors.pop(5).startswith("ended the process, 2 times: SIGSEGV: component 'counter' (")
     assert errors == [None] * 11
-    assert summary.first_error == "point 5: ended the process, 2 times: SIGSEGV"
+    assert summary.first_error.startswith("point 5: ended the process, 2 times: SIGSEGV: component 'counter' (")
     assert (summary.done, summary.failed, summary.workers) == (12, 1, 2)
 
 

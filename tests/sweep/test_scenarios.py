@@ -19,6 +19,7 @@ from cosim.sweep import SweepError, read
 from cosim.sweep.points import parse_factor
 from cosim.sweep.scenarios import ScenarioStudy, check, scenario_study
 from tests.support.c_fmus import sources_of_tank
+from tests.support.quirks import quirky
 from tests.support.scripts import scripted, slave
 from tests.support.small_fmus import build, compiled
 from tests.support.ssp_files import archive, component, description, elements
@@ -378,3 +379,14 @@ def test_c_sources_are_compiled_where_asked(
     assert "or compile its C sources: --build" in capsys.readouterr().err
     assert main(["sweep", "s.ssp", *options, "--build"]) == 0, capsys.readouterr().err
     assert read(Path("o"))["end"].to_pylist() == [1.0, 2.0]
+
+
+def test_a_sweep_of_which_every_run_fails_is_no_success(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    archive(Path("s.ssp"), description(elements(component("q", "q"))), {"q": quirky(tmp_path)})
+    options = ["--metric", "end=final:q.y", "--workers", "1", "--step", "0.5"]
+    assert main(["sweep", "s.ssp", "--vary", "q.internal=0.3,0.4", *options, "--out", "none"]) == 1
+    assert "failed    2; the first: point 0: q failed at t = 0 s: fmi2DoStep did not finish" in capsys.readouterr().out
+    assert main(["sweep", "s.ssp", "--vary", "q.internal=0.3,0.5", *options, "--out", "some"]) == 0

@@ -6,6 +6,7 @@ import errno
 import os
 import pickle
 import platform
+import re
 import subprocess
 import sys
 import tempfile
@@ -16,12 +17,15 @@ import pytest
 
 from cosim.loop.binding import LoopLibraryError
 from cosim.master.simulation import Simulation
+from cosim.scenario import Scenario, ScenarioComponent
 from cosim.sweep import isolated, stock, worker
 from cosim.sweep.batch import Batch, Rows
 from cosim.sweep.errors import WorkerTrouble
 from cosim.sweep.isolated import run_isolated
+from cosim.sweep.scenarios import scenario_study
 from cosim.sweep.worker import run_batch
 from cosim.versions import versions
+from tests.support.c_fmus import ender
 from tests.support.sweep_study import CounterStudy, build_counter, sha256
 
 OWN = versions()["closed-chain-cosim"]
@@ -154,8 +158,23 @@ def test_a_deadly_point_is_found_and_the_others_have_their_rows(study):
     assert rows.indices == [100, 101, 102, 103]
     assert rows.metrics["y"] == [1.0, None, 3.0, None]
     assert [rows.errors[0], rows.errors[2]] == [None, None]
-    assert rows.errors[1] == "ended the process, 2 times: SIGSEGV"
+    assert re.match(r"ended the process, 2 times: SIGSEGV: component 'counter' \(.*\) crashed in fmi2", rows.errors[1])
     assert "over the limit" in rows.errors[3]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the FMU is in C for Linux")
+@pytest.mark.parametrize(("how", "code"), [("EXIT_0", "70: component 'm' ("), ("END_0", "0")])
+def test_a_point_that_ends_its_process_as_if_all_was_well_is_an_error(tmp_path, monkeypatch, how, code):
+    fmu = ender(tmp_path / "f.fmu", "STEPPING", how)
+    made, files = scenario_study({"s": Scenario("s", "s", {"m": ScenarioComponent(fmu)}, 1.0, 0.1)})
+    monkeypatch.setattr(stock, "_paths", {})
+    monkeypatch.setattr(worker, "_studies", {})
+    for sha, path in files.items():
+        stock.put(sha, path.read_bytes(), tmp_path / "stock")
+    stock.put("the study", pickle.dumps(made), tmp_path / "stock")
+    rows = run_isolated(Batch("the study", OWN, [0, 1], {"seed": [1, 2]}))
+    assert len(rows.errors) == 2
+    assert all(error.startswith(f"ended the process, 2 times: exit code {code}") for error in rows.errors)
 
 
 def test_rows_are_the_same_in_a_process_of_their_own(study):
@@ -192,7 +211,9 @@ def test_a_process_that_can_not_start_is_trouble_of_the_worker(study, monkeypatc
         run_isolated(batch(rate=[1.0]))
 
 
-@pytest.mark.parametrize(("code", "text"), [(0, ""), (3, "exit code 3"), (-11, "SIGSEGV"), (-999, "signal 999")])
+@pytest.mark.parametrize(
+    ("code", "text"), [(0, "exit code 0"), (3, "exit code 3"), (-11, "SIGSEGV"), (-99, "signal 99")]
+)
 def test_how_a_process_ended_has_a_name(code, text):
     assert isolated._death(code) == text
 
