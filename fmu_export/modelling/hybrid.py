@@ -7,12 +7,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fmu_export.errors import ModelError
 from fmu_export.modelling.functions import rk4_step
 from fmu_export.modelling.model import Event, Model
 from fmu_export.modelling.variables import Array
 
 #: Rounds of events at one instant, and events without time between them, before they are taken for endless.
 MOST = 20
+
+
+class EndlessEvents(ModelError, ArithmeticError):
+    """Events set each other off, or happen again and again, so that a run does not go on."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +66,7 @@ class HybridRun:
 
         Raises
         ------
-        ArithmeticError
+        EndlessEvents
             Events set each other off without end.
         """
         if s.is_new:
@@ -80,14 +85,14 @@ class HybridRun:
                 happened |= now
             if not happened:
                 return s
-        raise ArithmeticError(f"{self.model.name}: events set each other off without end at t = {t!r} s")
+        raise EndlessEvents(f"{self.model.name}: events set each other off without end at t = {t!r} s")
 
     def advanced(self, t: float, s: HybridState, u: Array, end: float) -> HybridState:
         """From a settled state at t to another time, where nothing has happened yet.
 
         Raises
         ------
-        ArithmeticError
+        EndlessEvents
             Events follow each other without time between them.
         """
         at_once = 0
@@ -107,7 +112,7 @@ class HybridRun:
                 s = replace(s, x=self._stepped(t, s, u, h))
                 at_once = at_once + 1 if h < 1e-10 else 0
                 if at_once > MOST:
-                    raise ArithmeticError(f"{self.model.name}: an event happens again and again at t = {t!r} s")
+                    raise EndlessEvents(f"{self.model.name}: an event happens again and again at t = {t!r} s")
             else:
                 s = self._arrived(t + h, replace(s, x=x), u)
             t = target if h == whole else t + h

@@ -25,7 +25,6 @@ CHANGING = {
     "cosim.sweep.batch.Rows",
     "cosim.system.read.Findings",
     "cosim.system.system.System",
-    "fmu_export.modelling.declarations.Declaration",
 }
 
 
