@@ -454,6 +454,18 @@ _EQUAL = {
         x if hasattr(x, "T") else 2.0 * x
         x.real + np.real(x)
     """,
+    "lists of numbers": """
+        np.max([x[0], x[1]])
+        np.min((x[0], 0.0)) * x
+        np.sum([x[0], x[1]])
+        np.mean([x[0], 2.0, x[1]])
+        np.sum([x > 0, x > 1], axis=0)
+        np.linalg.norm([x[0], x[1], 1.0])
+        np.any([x[0] > 0, x[1] > 0]) * x
+        np.sort([x[1], x[0]])
+        np.median([x[1], x[0], 0.5])
+        d = x.copy()\\nm = (d > 0) & (d < 2)\\nd[m] = d[m] * np.array(C)[m]\\nreturn d
+    """,
     "reductions with options": """
         np.sum(x, where=x > 0)
         np.sum(x, initial=5.0)
@@ -731,6 +743,15 @@ _REFUSED = {
         np.copysign(1.0, 0.0 * x)
         np.arctan2(x - x, -1.0) + np.arctan2(x * 0.0, -1.0)
         np.tanh(1.0 / (0.0 * x))
+    """,
+    "products of Booleans": """
+        np.outer(x > 0, x > 1)[0] * x
+        np.dot(x > 0, x > 1) * x
+        np.einsum("i,i", x > 0, x > 1) * x
+    """,
+    "masks of numbers": """
+        d = x.copy()\\nm = d > 0\\nd[m] = d[m] * C[m]\\nreturn d
+        C[x > 0].sum() * x
     """,
     "options": """
         np.add(x, 1.0, where=x > 0)

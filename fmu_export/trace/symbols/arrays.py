@@ -15,7 +15,7 @@ import numpy as np
 
 from fmu_export.errors import needs
 from fmu_export.trace.symbols.expressions import either, is_number, truncated
-from fmu_export.trace.symbols.refusal import BRANCH, SHIFT, STORED, refuse, refuse_number
+from fmu_export.trace.symbols.refusal import BRANCH, MASK, SHIFT, STORED, refuse, refuse_number
 
 with needs("export"):
     import casadi as ca
@@ -149,7 +149,7 @@ class Array:
     def __array__(self, *_: Any, **__: Any) -> Any:
         if self.is_constant():
             return self.numbers()
-        return refuse(STORED)
+        return refuse(MASK if self.dtype == BOOL else STORED)
 
     def is_constant(self) -> bool:
         """Whether all elements are numbers."""
@@ -270,6 +270,10 @@ class Array:
         return refuse(f"the method or attribute .{name} of an array can't be traced")
 
 
+#: What is made of all that a mask selects.
+_TOTALS = (np.sum, np.prod, np.any, np.all, np.mean)
+
+
 class Selection:
     """What a Boolean mask selects: all elements and the mask, since the number of those selected is not known."""
 
@@ -298,10 +302,8 @@ class Selection:
         return value
 
     def __array_function__(self, f: Any, types: Any, args: Any, kwargs: Any) -> Any:
-        if f in (np.sum, np.prod, np.any, np.all) and len(args) == 1 and not kwargs:
+        if f in _TOTALS and len(args) == 1 and not kwargs:
             return getattr(self, f.__name__)()
-        if f is np.mean and len(args) == 1 and not kwargs:
-            return self.mean()
         if f in (np.size, np.count_nonzero) and len(args) == 1 and not kwargs:
             return self.mask.sum() if f is np.size else np.sum(np.not_equal(self, 0))
         return refuse(f"np.{f.__name__} of what a Boolean mask selects can't be traced; use np.where")

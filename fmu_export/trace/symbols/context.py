@@ -140,6 +140,39 @@ def _replacements() -> dict[str, Any]:
     }
 
 
+#: Functions to which numpy does not give the word where they get a list.
+_OF_LISTS = {
+    np: (
+        "sum",
+        "prod",
+        "mean",
+        "min",
+        "max",
+        "any",
+        "all",
+        "std",
+        "var",
+        "median",
+        "cumsum",
+        "sort",
+        "argmax",
+        "argmin",
+    ),
+    np.linalg: ("norm",),
+}
+
+
+def _of_list(original: Callable[..., Any]) -> Callable[..., Any]:
+    """A function that takes a list with symbols for an array."""
+
+    def call(value: Any, *args: Any, **kwargs: Any) -> Any:
+        if isinstance(value, list | tuple) and getattr(_thread, "tracing", False) and has_symbols(value):
+            value = as_array(value)
+        return original(value, *args, **kwargs)
+
+    return call
+
+
 class _Joined:
     """np.r_ and np.c_ of symbols."""
 
@@ -175,13 +208,14 @@ def tracing(model: str) -> Iterator[None]:
         if getattr(_thread, "tracing", False):
             yield
             return
-        replaced = _replacements()
-        before = {name: getattr(np, name) for name in replaced}
+        replaced = [(np, name, function) for name, function in _replacements().items()]
+        replaced += [(m, name, _of_list(getattr(m, name))) for m, names in _OF_LISTS.items() for name in names]
+        before = [(module, name, getattr(module, name)) for module, name, _ in replaced]
         _thread.tracing = True
         refused.clear()
         forget_tables()
-        for name, function in replaced.items():
-            setattr(np, name, function)
+        for module, name, function in replaced:
+            setattr(module, name, function)
         try:
             with as_written():
                 yield
@@ -199,8 +233,8 @@ def tracing(model: str) -> Iterator[None]:
                 "the page 'numpy that can be traced' lists"
             ) from error
         finally:
-            for name, original in before.items():
-                setattr(np, name, original)
+            for module, name, original in before:
+                setattr(module, name, original)
             _thread.tracing = False
 
 

@@ -63,6 +63,9 @@ _OF_SEQUENCES = {
     *(np.concatenate, np.stack, np.vstack, np.hstack, np.dstack, np.column_stack, np.block, np.linalg.multi_dot)
 }
 
+#: Products, which of Boolean values are Boolean.
+_PRODUCTS = {np.dot, np.inner, np.matmul, np.vdot, np.tensordot, np.outer, np.kron, np.einsum}
+
 #: Functions that tell about shapes.
 _SHAPES = {np.shape, np.ndim, np.size, np.iscomplexobj, np.isrealobj, np.result_type}
 
@@ -128,7 +131,7 @@ def _function(f: Any, args: Sequence[Any], kwargs: dict[str, Any]) -> Any:
         if kwargs.get("where", True) is not True or kwargs.get("dtype") is not None:
             refuse(f"{name} with where= or dtype= can't be traced")
         like = f(*(_numbers_like(a) for a in args), **{k: _numbers_like(v) for k, v in kwargs.items()})
-        if f in (np.dot, np.inner, np.matmul, np.vdot, np.tensordot, np.outer) and np.asarray(like).dtype == BOOL:
+        if f in _PRODUCTS and np.asarray(like).dtype == BOOL:
             refuse(f"{name} of Boolean values can't be traced; write 1.0 * (...)")
         objects = [_objects(a, is_array=f not in _OF_SEQUENCES) for a in args]
         return _wrapped(f(*objects, **{k: _objects(v) for k, v in kwargs.items()}), like)
