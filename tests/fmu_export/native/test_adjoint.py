@@ -6,6 +6,7 @@ import zipfile
 from ctypes import c_double
 from pathlib import Path
 
+import casadi as ca
 import fmpy
 import numpy as np
 import pytest
@@ -127,3 +128,20 @@ def test_the_description_says_so_and_fmi_2_has_none(tmp_path: Path) -> None:
     assert description.modelExchange.providesAdjointDerivatives
     with zipfile.ZipFile(build_native(SMALL, tmp_path, "fmi2")) as archive:
         assert not [name for name in archive.namelist() if "adjoint" in name]
+
+
+def test_an_importer_takes_them(folders: dict[str, Path]) -> None:
+    """CasADi's DaeBuilder, against derivatives by hand."""
+    dae = ca.DaeBuilder("small", str(folders["small"]))
+    assert (dae.x(), dae.u(), dae.y()) == (["x_1", "x_2"], ["u[1]", "u[2]"], ["y", "x_1"])
+    adjoint = dae.create("adjoint", ["x", "u", "adj_ode", "adj_y"], ["adj_x", "adj_u"])
+    (x_1, x_2), (u_1, u_2), a, b = (1.0, 0.9), (0.3, -0.7), 2.0, 0.5
+    length = np.hypot(x_1, u_2)
+    for of_rates, of_outputs, of_states, of_inputs in (
+        ((1.0, 0.0), (0.0, 0.0), (0.0, u_1), (x_2, 0.0)),
+        ((0.0, 1.0), (0.0, 0.0), (-b * np.exp(x_1), 0.0), (0.0, 0.0)),
+        ((0.0, 0.0), (1.0, 10.0), (x_1 / length * a + 10.0, 0.0), (0.0, u_2 / length * a)),
+    ):
+        found_x, found_u = adjoint((x_1, x_2), (u_1, u_2), of_rates, of_outputs)
+        np.testing.assert_allclose(found_x.full().ravel(), of_states, rtol=1e-12, atol=1e-14)
+        np.testing.assert_allclose(found_u.full().ravel(), of_inputs, rtol=1e-12, atol=1e-14)
