@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +12,6 @@ from cosim import Results
 from cosim.__main__ import main
 from cosim.ssp import Experiment, write_ssp
 from tests.support.packed_fmus import columns, run_in_fmpy, small_loop
-from tests.support.small_fmus import build
-from tests.support.tiny_models import GAIN, INTEGRATOR
 
 TOML = """
 title = "A loop"
@@ -41,8 +40,9 @@ after = 2.0
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
-    build(tmp_path, "fmi2", GAIN, INTEGRATOR)
+def folder(small_fmus: dict[str, Path], tmp_path: Path) -> Path:
+    for fmu in small_fmus["fmi2"].glob("*.fmu"):
+        shutil.copy(fmu, tmp_path)
     (tmp_path / "loop.toml").write_text(TOML, encoding="utf-8")
     return tmp_path
 

@@ -13,18 +13,12 @@ from cosim import System, simulate
 from cosim.pack import pack
 from cosim.scenario.signals import CsvColumn, Multisine, PulseTrain, Ramp, Shape, ShapedSignal, Step
 from tests.support.packed_fmus import VERSIONS, columns, initialized, instance_of, robot, run_in_fmpy, small_loop
-from tests.support.small_fmus import TANK, build, compiled
-from tests.support.tiny_models import GAIN, INTEGRATOR
+from tests.support.small_fmus import compiled
 
 ALGORITHMS = [(order, extrapolation) for order in ("sequential", "parallel") for extrapolation in ("hold", "auto")]
 
 
-@pytest.fixture(scope="module")
-def fmus(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    folders = {flavour: tmp_path_factory.mktemp(flavour) for flavour in ("fmi2", "fmi3")}
-    return {flavour: build(folder, flavour, GAIN, INTEGRATOR, TANK) for flavour, folder in folders.items()}
-
-
+@pytest.mark.slow  # small loops run always
 @pytest.mark.parametrize(("order", "extrapolation"), ALGORITHMS)
 @pytest.mark.parametrize("flavours", [("fmi2",) * 3, ("fmi3",) * 3, ("fmi3", "fmi2", "fmi3")], ids="-".join)
 def test_the_robot(
@@ -41,19 +35,19 @@ def test_the_robot(
 
 @pytest.mark.parametrize("every", [1, 3])
 @pytest.mark.parametrize(("order", "extrapolation"), ALGORITHMS)
-@pytest.mark.parametrize("flavour", ["fmi2", "fmi3"])
-def test_components_of_different_rates(
-    fmus: dict[str, Path], tmp_path: Path, flavour: str, order: str, extrapolation: str, every: int
+@pytest.mark.parametrize("flavours", [("fmi2", "fmi2"), ("fmi3", "fmi3"), ("fmi2", "fmi3")], ids="-".join)
+def test_both_versions_and_different_rates(
+    small_fmus: dict[str, Path], tmp_path: Path, flavours: tuple[str, str], order: str, extrapolation: str, every: int
 ) -> None:
-    system = small_loop(fmus[flavour], every)
+    system = small_loop(small_fmus[flavours[0]], every, small_fmus[flavours[1]])
     expected = simulate(system, 3.0, 0.1, order=order, extrapolation=extrapolation)
     packed = pack(system, tmp_path / "W.fmu", 0.1, order=order, extrapolation=extrapolation)
     assert np.array_equal(run_in_fmpy(packed.path, 3.0, 0.1, packed.outputs), columns(expected, packed.outputs))
 
 
 @pytest.mark.parametrize("version", VERSIONS)
-def test_longer_communication_steps_are_split(fmus: dict[str, Path], tmp_path: Path, version: int) -> None:
-    system = small_loop(fmus["fmi2"])
+def test_longer_communication_steps_are_split(small_fmus: dict[str, Path], tmp_path: Path, version: int) -> None:
+    system = small_loop(small_fmus["fmi2"])
     expected = simulate(system, 3.0, 0.01, record_every=10)
     packed = pack(system, tmp_path / "W.fmu", 0.01, fmi=version)
     found = run_in_fmpy(packed.path, 3.0, 0.1, packed.outputs)
@@ -62,9 +56,9 @@ def test_longer_communication_steps_are_split(fmus: dict[str, Path], tmp_path: P
     assert np.array_equal(run_in_fmpy(by_parameter.path, 3.0, 0.1, packed.outputs, {"max_step": 0.01}), found)
 
 
-def test_the_coupling_stays_of_second_order_at_uneven_steps(fmus: dict[str, Path], tmp_path: Path) -> None:
+def test_the_coupling_stays_of_second_order_at_uneven_steps(small_fmus: dict[str, Path], tmp_path: Path) -> None:
     """X' = -1.3 x: the error falls by four for half the steps, whatever their order."""
-    packed = pack(small_loop(fmus["fmi2"]), tmp_path / "W.fmu", 1.0, outputs=["i.x"])
+    packed = pack(small_loop(small_fmus["fmi2"]), tmp_path / "W.fmu", 1.0, outputs=["i.x"])
     errors = []
     with instance_of(packed.path) as (instance, references):
         for n in (20, 40, 80):
@@ -117,8 +111,8 @@ def signals(folder: Path) -> dict[str, Shape]:
 @pytest.mark.parametrize("extrapolation", ["hold", "auto"])
 @pytest.mark.parametrize("added", [False, True])
 @pytest.mark.parametrize("shape", ["step", "ramp", "pulses", "table", "held table", "multisine"])
-def test_signals(fmus: dict[str, Path], tmp_path: Path, shape: str, added: bool, extrapolation: str) -> None:
-    system = small_loop(fmus["fmi2"])
+def test_signals(small_fmus: dict[str, Path], tmp_path: Path, shape: str, added: bool, extrapolation: str) -> None:
+    system = small_loop(small_fmus["fmi2"])
     signal = signals(tmp_path)[shape]
     feed, target = (system.disturb, "g.u[1]") if added else (system.drive, "g.u[2]")
     feed(target, ShapedSignal(signal, 1, target), breakpoints=signal.breakpoints, vectorized=True)
@@ -130,11 +124,13 @@ def test_signals(fmus: dict[str, Path], tmp_path: Path, shape: str, added: bool,
 
 @pytest.mark.parametrize("version", VERSIONS)
 @pytest.mark.parametrize("flavour", ["fmi2", "fmi3"])
-def test_a_packed_system_in_a_packed_system(fmus: dict[str, Path], tmp_path: Path, flavour: str, version: int) -> None:
-    inner = pack(small_loop(fmus[flavour]), tmp_path / "Inner.fmu", 0.1, fmi=version)
+def test_a_packed_system_in_a_packed_system(
+    small_fmus: dict[str, Path], tmp_path: Path, flavour: str, version: int
+) -> None:
+    inner = pack(small_loop(small_fmus[flavour]), tmp_path / "Inner.fmu", 0.1, fmi=version)
     system = System()
     system.add("w", inner.path, start={"g.K": -0.9, "g.u[2]": 0.25})
-    system.add("i", fmus["fmi2"] / "Integrator.fmu", start={"x_start": 0.5})
+    system.add("i", small_fmus["fmi2"] / "Integrator.fmu", start={"x_start": 0.5})
     system.connect("w.g.y[2]", "i.u")
     expected = simulate(system, 1.0, 0.1)
     outer = pack(system, tmp_path / "Outer.fmu", 0.1, fmi=version)
@@ -145,10 +141,10 @@ def test_a_packed_system_in_a_packed_system(fmus: dict[str, Path], tmp_path: Pat
 @pytest.mark.parametrize("version", VERSIONS)
 @pytest.mark.parametrize("flavour", ["fmi2", "fmi3"])
 def test_inputs_from_outside_move_as_signals_do(
-    fmus: dict[str, Path], tmp_path: Path, flavour: str, version: int
+    small_fmus: dict[str, Path], tmp_path: Path, flavour: str, version: int
 ) -> None:
     """Straight lines between communication points, at the internal ones too: the master gives their slopes."""
-    system = small_loop(fmus[flavour])
+    system = small_loop(small_fmus[flavour])
     packed = pack(system, tmp_path / "W.fmu", 0.01, fmi=version)
     assert packed.inputs == ("g.u[2]",)
     whole = System()

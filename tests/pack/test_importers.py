@@ -12,15 +12,20 @@ from cosim.pack import pack
 from interop.tools.case import Case
 from interop.tools.launch import run_tool, tool
 from tests.support.packed_fmus import small_loop
-from tests.support.small_fmus import build
-from tests.support.tiny_models import GAIN, INTEGRATOR
 
 
-@pytest.mark.parametrize(("name", "version"), [("c_host", 2), ("c_host", 3), ("libcosim", 2), ("ecos", 2), ("ecos", 3)])
-def test_the_numbers_are_ours(tmp_path: Path, name: str, version: int) -> None:
+@pytest.mark.parametrize(
+    ("name", "version"),
+    [
+        ("c_host", 3),
+        ("libcosim", 2),
+        *(pytest.param(*each, marks=pytest.mark.slow) for each in (("c_host", 2), ("ecos", 2), ("ecos", 3))),
+    ],
+)
+def test_the_numbers_are_ours(small_fmus: dict[str, Path], tmp_path: Path, name: str, version: int) -> None:
     if (reason := tool(name).unavailable()) is not None:
         pytest.skip(reason)
-    system = small_loop(build(tmp_path, f"fmi{version}", GAIN, INTEGRATOR))
+    system = small_loop(small_fmus[f"fmi{version}"])
     packed = pack(system, tmp_path / "W.fmu", 0.125, fmi=version)
     path = ("whole.i.x", "whole.g.y[1]")
     found = run_tool(name, Case({"whole": packed.path}, [], {}, 8.0, 0.5, list(path), path))

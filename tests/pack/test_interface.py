@@ -14,13 +14,12 @@ from cosim.pack import pack
 from cosim.regression.shipped import shipped_cases
 from tests.support.fmi1_fmu import build_fmi1_tank
 from tests.support.packed_fmus import VERSIONS, run_in_fmpy, small_loop
-from tests.support.small_fmus import build, compiled
-from tests.support.tiny_models import GAIN, INTEGRATOR
+from tests.support.small_fmus import compiled
 
 
-@pytest.fixture(scope="module")
-def fmus(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return build(tmp_path_factory.mktemp("fmi2"), "fmi2", GAIN, INTEGRATOR)
+@pytest.fixture
+def fmus(small_fmus: dict[str, Path]) -> Path:
+    return small_fmus["fmi2"]
 
 
 @pytest.fixture(scope="module")

@@ -16,18 +16,17 @@ from cosim.pack import pack
 from tests.support.c_fmus import talker, tank
 from tests.support.packed_fmus import VERSIONS, columns, initialized, instance_of, run_in_fmpy, small_loop
 from tests.support.quirks import Quirk, quirky
-from tests.support.small_fmus import build, compiled
-from tests.support.tiny_models import GAIN, INTEGRATOR
+from tests.support.small_fmus import compiled
+
+
+@pytest.fixture
+def fmus(small_fmus: dict[str, Path]) -> Path:
+    return small_fmus["fmi2"]
 
 
 @pytest.fixture(scope="module")
-def fmus(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return build(tmp_path_factory.mktemp("fmi2"), "fmi2", GAIN, INTEGRATOR)
-
-
-@pytest.fixture(scope="module")
-def loop(fmus: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return pack(small_loop(fmus), tmp_path_factory.mktemp("packed") / "Loop.fmu", 0.1).path
+def loop(small_fmus: dict[str, Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return pack(small_loop(small_fmus["fmi2"]), tmp_path_factory.mktemp("packed") / "Loop.fmu", 0.1).path
 
 
 def steps(instance: Any, first: int, end: int, length: float = 0.1) -> None:

@@ -29,11 +29,11 @@ def robot(folders: Sequence[Path]) -> System:
     return system
 
 
-def small_loop(folder: Path, every: int = 1) -> System:
+def small_loop(folder: Path, every: int = 1, of_gain: Path | None = None) -> System:
     """An integrator, which communicates every so many steps, and a gain in a loop; the gain's second input is open."""
     system = System()
     system.add("i", folder / f"{INTEGRATOR.name}.fmu", start={"x_start": 1.0}, every=every)
-    system.add("g", folder / f"{GAIN.name}.fmu", start={"K": -1.3})
+    system.add("g", (of_gain or folder) / f"{GAIN.name}.fmu", start={"K": -1.3})
     system.connect("i.x", "g.u[1]")
     system.connect("g.y[1]", "i.u")
     return system
