@@ -42,9 +42,20 @@ _ARGUMENTS = {
 _HIDE = "\n#if defined(__GNUC__) && !defined(_WIN32)\n#pragma GCC visibility push(hidden)\n#endif\n"
 _SHOW = "\n#if defined(__GNUC__) && !defined(_WIN32)\n#pragma GCC visibility pop\n#endif\n"
 
-#: Functions with fewer characters stay as they are; others get loops where these save so much.
+#: Functions with fewer characters stay as they are; others get loops where these save so much, where a table of
+#: constants counts for a part of its length, since a compiler takes little time for it.
 _SHORT = 1000
 _SHORTER = 0.6
+_TABLE = 0.25
+
+#: Products and sums are rounded one by one, with whatever options the sources are compiled; gcc does so by -std=c99.
+_APART = """#if defined(__clang__)
+#pragma STDC FP_CONTRACT OFF
+#elif defined(_MSC_VER)
+#pragma fp_contract(off)
+#endif
+
+"""
 
 #: How each generated file begins.
 HEADER = "/* Generated from the model by tracing; do not edit. */\n"
@@ -129,6 +140,7 @@ def _header(traced: TracedModel, interface: Interface, guid: str, equations: _Eq
     return (
         HEADER
         + "#ifndef MODEL_H\n#define MODEL_H\n\n"
+        + _APART
         + f'#define MODEL_IDENTIFIER "{traced.model.name}"\n'
         + f"#define MODEL_GUID {c_string(guid)}\n\n"
         + "".join(f"#define {name} {size}\n" for name, size in sizes.items())
@@ -245,7 +257,8 @@ def c_function(f: ca.Function, names: Sequence[str], prefix: str = "model", tabl
     if tables is not None and length > _SHORT:
         more = tables.copy()
         loops = loop_statements(graph, names, more)
-        if sum(map(len, loops)) + more.size - tables.size < _SHORTER * length:
+        added = more.size - tables.size
+        if sum(map(len, loops)) + added < length and sum(map(len, loops)) + _TABLE * added < _SHORTER * length:
             lines = loops
             tables.adopt(more)
     used = set(re.findall(r"\w+", " ".join(lines)))

@@ -357,7 +357,7 @@ def test_windows_library_needs_only_the_system(library: Library) -> None:
 @pytest.fixture(scope="module")
 def wine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..., str]]:
     """Runs a Windows program and returns what it printed."""
-    program = shutil.which("wine64") or shutil.which("wine")
+    program = next(filter(None, map(shutil.which, ("wine64", "wine", "/usr/lib/wine/wine64"))), None)
     if program is None:
         pytest.skip("Wine is not installed")
     folder = tmp_path_factory.mktemp("wine")
@@ -408,7 +408,7 @@ def host_run(folder: Path, outputs: list[str]) -> list[float]:
 
 @BOTH
 @pytest.mark.parametrize("name", ["plain", "Prüfstand ä 試"], ids=["plain", "foreign"])
-def test_windows_library_gives_the_same_numbers(
+def test_windows_library_gives_the_same_bits(
     archives: Path, wine: Callable[..., str], windows_host: Path, flavour: str, name: str, tmp_path: Path
 ) -> None:
     folder = unpack(fmu_path(archives, flavour, "plant"), tmp_path / name)
@@ -433,11 +433,7 @@ def test_windows_library_gives_the_same_numbers(
     found = dict(zip(outputs, map(float, printed.split()), strict=True))
     expected = dict(zip(outputs, host_run(folder, outputs), strict=True))
     assert abs(expected["omega_a[1]"]) > 0.1  # it moves
-    # the sum of lengths that cancel: no digit of its own is more than rounding, so theirs count
-    closure = expected.pop("closure_error")
-    assert found.pop("closure_error") == pytest.approx(closure, rel=0.0, abs=1e-12 * abs(expected["x_E"]))
-    # the mathematical functions are those of another library, all else is the same
-    assert found == pytest.approx(expected, rel=1e-12, abs=0.0)
+    assert found == expected
 
 
 # The sources
