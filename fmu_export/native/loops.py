@@ -8,7 +8,7 @@ traced one, and sums keep the order of their terms, so the results are the same 
 
 from __future__ import annotations
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeVar
@@ -26,6 +26,8 @@ _SHORTEST = 4
 _FEWEST_TERMS = 8
 #: Expressions of more operands are divided.
 _MOST_LEAVES = 24
+#: Results of no more operands are computed as often as they are wanted.
+_FEW_LEAVES = 4
 
 #: For no more than these statements no other order of the items is tried.
 _FEW_BLOCKS = 4
@@ -103,8 +105,8 @@ class _Writer:
         self._shape_numbers: dict[tuple[object, ...], int] = {}
         self.trees: dict[int, _Tree] = {}
         self.sums, self.partial = _sums(graph)
-        direct = set(graph.results.values())
-        self.stored = {total for total in self.sums if graph.uses[total] > 1 or total not in direct}
+        self.result_counts = Counter(graph.results.values())
+        self.stored = {total for total in self.sums if graph.uses[total] > 1 or not self.result_counts[total]}
         self.stored |= graph.angles
         self.slots: dict[int, int] = {}
         self.n_slots = 0
@@ -147,8 +149,12 @@ class _Writer:
                 leaves = tuple(leaf for tree in operands for leaf in tree.leaves)
                 shape = self._shape(node.operation, *(tree.shape for tree in operands))
                 self.trees[position] = _Tree(shape, leaves, max(tree.level for tree in operands))
-                if self.graph.uses[position] > 1:
+                if self.graph.uses[position] > 1 and not self._is_small_result(position, leaves):
                     self.stored.add(position)
+
+    def _is_small_result(self, position: int, leaves: tuple[int, ...]) -> bool:
+        """Whether nothing but results is a value that is soon computed: each is better computed where it belongs."""
+        return self.graph.uses[position] == self.result_counts[position] and len(leaves) <= _FEW_LEAVES
 
     # Values in the order of their levels
 
