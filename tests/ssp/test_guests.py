@@ -129,6 +129,32 @@ def test_a_parameter_that_is_there_twice_is_noted(fmus: dict[str, Path], tmp_pat
     assert [note.rpartition(": ")[2] for note in found.notes] == ["parameter 'K' is there twice; the last one holds"]
 
 
+@pytest.mark.parametrize(("n", "more"), [(3, ""), (4, " (and 1 more)"), (6, " (and 3 more)")])
+def test_violations_beyond_three_are_counted(tmp_path: Path, n: int, more: str) -> None:
+    nameless = elements(*['<ssd:Component source="resources/gain.fmu"/>'] * n)
+    with pytest.raises(SSPError, match=rf"'name'{re.escape(more)}; mend it in the tool that wrote it$"):
+        read(archive(tmp_path / "n.ssp", description(nameless)))
+
+
+def test_a_connector_of_another_kind_is_noted_but_that_of_a_constant(fmus: dict[str, Path], tmp_path: Path) -> None:
+    whole, variable = 'causality="output" variability="%s"', 'description="Test quantity x" '
+    changes = {variable + whole % "continuous": variable + whole % "constant"}
+    constant = redescribed(fmus["integrator"], tmp_path / "constant.fmu", changes)
+    told = []
+    for fmu in (fmus["integrator"], constant):
+        text = description(elements(component("p", "p", "calculatedParameter x")))
+        told.append(read(archive(tmp_path / f"{fmu.stem}.ssp", text, {"p": fmu})).notes)
+    assert len(told[0]) == 1
+    assert told[0][0].endswith("is of kind calculatedParameter, but the variable of the FMU is output, which holds")
+    assert told[1] == ()
+
+
+def test_a_description_of_many_megabytes_is_read(fmus: dict[str, Path], tmp_path: Path) -> None:
+    text = description(LOOP).replace("<ssd:System ", f"<!--{'x' * 8_000_000}--><ssd:System ", 1)
+    given = {"gain": fmus["gain"], "integrator": fmus["integrator"]}
+    assert_equal_runs(read(archive(tmp_path / "large.ssp", text, given)).system, loop_by_hand(fmus))
+
+
 def test_an_ssp_without_components(tmp_path: Path) -> None:
     path = archive(tmp_path / "none.ssp", description(elements()))
     with pytest.raises(
