@@ -10,10 +10,10 @@ from scipy.special import ellipj, ellipk
 from fmu_export import DefaultExperiment, Layout, Model, Variable
 from fmu_export.errors import ArgumentError
 from fmu_export.trace.trace import trace
+from parallel_robot.mechanics import inconsistency, udwadia_kalaba
 from plant_fmu.dynamics import closed_chain, coriolis_matrix, mass_matrix
 from plant_fmu.kinematics import constraint_bias, constraint_matrix
 from plant_fmu.model import MODEL, PARAMETERS
-from plant_fmu.udwadia_kalaba import inconsistency, udwadia_kalaba
 
 G = 9.81
 
