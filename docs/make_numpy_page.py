@@ -27,9 +27,11 @@ out; `generationTool` in the model description then says *equations unchecked*.
 
 Operations are exported as they are written: `(x + y) - y` is no `x`. One thing is left out: a product with the number 0
 is 0, so that an output does not seem to depend on what its matrix has a zero for, and steps do not compute it. So
-numpy's NaN for `0.0 * np.inf` is 0, and zeros lose their sign where they are multiplied by 0, added to 0 or chosen by
-`np.where`; where a value depends on that, as in `np.arctan2(0.0 * x, -1.0)`, the comparison finds it and refuses.
-Values that numpy computes as NaN or infinity are not compared.
+numpy's NaN for `0.0 * np.inf` is 0, and zeros may have another sign where they are multiplied by 0 or added to 0; where
+a value depends on that, as in `np.arctan2(0.0 * x, -1.0)`, the comparison finds it and refuses. Values that numpy
+computes as NaN or infinity are not compared. Sums of products (`@`, `np.dot`, `np.linalg`) are rounded in another order
+than numpy's libraries round them, so that `np.floor` and its like of them can jump at another place, beside it by a
+rounding error. Whole numbers are exact up to 2^53.
 
 In the table `x` is an input of four elements, `t` the time, `C` and `M` are constants, a vector and a matrix.
 """

@@ -26,7 +26,7 @@ class Operation(NamedTuple):
 
 
 def _chosen(condition: Any, a: Any) -> Any:
-    return np.where(condition != 0.0, a, 0.0)
+    return np.where(condition != 0.0, a, -0.0)
 
 
 def _minimum(a: Any, b: Any) -> Any:
@@ -38,7 +38,7 @@ def _maximum(a: Any, b: Any) -> Any:
 
 
 def _sign(a: Any) -> Any:
-    return np.where(a > 0.0, 1.0, np.where(a < 0.0, -1.0, a))
+    return np.where(a > 0.0, 1.0, np.where(a < 0.0, -1.0, np.where(a == 0.0, 0.0, a)))
 
 
 #: {0} and {1} are the operands in the text.
@@ -106,7 +106,10 @@ SELDOM = {
 
 
 class Helper(NamedTuple):
-    """A function that neither language has, or not with numpy's answer to NaN: here too NaN stays NaN."""
+    """A function that neither language has, or not with numpy's answer to NaN: here too NaN stays NaN.
+
+    What is not chosen is -0.0, which leaves every number as it is that it is added to.
+    """
 
     c: str
     python: str
@@ -114,8 +117,8 @@ class Helper(NamedTuple):
 
 HELPERS = {
     ca.OP_SIGN: Helper(
-        "static double sign(double a) { return a > 0.0 ? 1.0 : a < 0.0 ? -1.0 : a; }",
-        "def sign(a):\n    return 1.0 if a > 0.0 else -1.0 if a < 0.0 else a",
+        "static double sign(double a) { return a > 0.0 ? 1.0 : a < 0.0 ? -1.0 : a == 0.0 ? 0.0 : a; }",
+        "def sign(a):\n    return 1.0 if a > 0.0 else -1.0 if a < 0.0 else 0.0 if a == 0.0 else a",
     ),
     ca.OP_FMIN: Helper(
         "static double minimum(double a, double b) { return a < b ? a : b <= a ? b : a + b; }",
@@ -126,8 +129,8 @@ HELPERS = {
         "def maximum(a, b):\n    return a if a > b else b if b >= a else a + b",
     ),
     ca.OP_IF_ELSE_ZERO: Helper(
-        "static double chosen(double condition, double a) { return condition != 0.0 ? a : 0.0; }",
-        "def chosen(condition, a):\n    return a if condition != 0.0 else 0.0",
+        "static double chosen(double condition, double a) { return condition != 0.0 ? a : -0.0; }",
+        "def chosen(condition, a):\n    return a if condition != 0.0 else -0.0",
     ),
 }
 

@@ -454,6 +454,14 @@ _EQUAL = {
         x if hasattr(x, "T") else 2.0 * x
         x.real + np.real(x)
     """,
+    "kept signs of zeros": """
+        np.signbit(np.where(x > 5, 1.0, x)) * 1.0
+        d = x.copy()\\nd[x > 9] = 1.0\\nreturn np.signbit(d) * 1.0
+        np.signbit(np.sign(x)) * 1.0
+        np.arctan2(np.sign(x), -1.0)
+        np.signbit(np.where(x > 0, 0.0, x)) * 1.0
+        np.copysign(1.0, x // 0.5)
+    """,
     "lists of numbers": """
         np.max([x[0], x[1]])
         np.min((x[0], 0.0)) * x
@@ -743,6 +751,7 @@ _REFUSED = {
         np.copysign(1.0, 0.0 * x)
         np.arctan2(x - x, -1.0) + np.arctan2(x * 0.0, -1.0)
         np.tanh(1.0 / (0.0 * x))
+        np.signbit(np.where(x > 5, x, -0.0)) * 1.0
     """,
     "products of Booleans": """
         np.outer(x > 0, x > 1)[0] * x

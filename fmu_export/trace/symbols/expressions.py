@@ -125,9 +125,7 @@ def either(condition: Any, a: Any, b: Any) -> Any:
     condition, a, b = _expression(condition), _expression(a), _expression(b)
     if is_number(condition):
         return a if float(condition) else b
-    with as_written(False):  # else the branch that is 0 is added
-        parts = [ca.if_else(condition, a, 0.0), ca.if_else(ca.logic_not(condition), b, 0.0)]
-    return plus(*parts)
+    return ca.if_else(condition, a, b)  # as it is written: a sum of both, of which one is -0.0
 
 
 def _expression(value: Any) -> Any:
