@@ -216,7 +216,9 @@ def start_in_description(variable: ModelVariable) -> list[Any]:
         return [variable.start if element.kind == "string" else bytes.fromhex(variable.start)] * n
     words = str(variable.start).split()
     values = [_number(element, word) for word in words]
-    return values * n if len(values) == 1 else values + [element.type.value(0)] * (n - len(values))
+    if len(values) != 1:  # arrays of another size than in the description begin with its values
+        return (values + [element.type.value(0)] * n)[:n]
+    return values * n
 
 
 def _number(element: Element, word: str) -> Any:
