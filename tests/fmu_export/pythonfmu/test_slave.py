@@ -528,7 +528,7 @@ report(texts)
 """)
     assert said
     for text in said:
-        assert "reduce the step or the inputs" in text, text
+        assert "reduce the step, max_step or the inputs" in text, text
 
 
 def test_tiny_steps_are_steps(run):
