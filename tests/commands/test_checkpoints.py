@@ -124,7 +124,7 @@ RUNS: dict[str, list[str]] = {
 @pytest.mark.parametrize(
     ("kind", "most", "kills"),
     [
-        ("scenario", 10**7, 2),
+        pytest.param("scenario", 10**7, 2, marks=pytest.mark.slow),
         ("pythonfmu", 10**7, 1),
         pytest.param("fmu", 10**7, 1, marks=pytest.mark.slow),
         ("ssp", 10**7, 1),

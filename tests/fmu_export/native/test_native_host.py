@@ -122,7 +122,7 @@ def hosts(models: Iterable[str], always: set[tuple[str, str]]) -> list[object]:
     ]
 
 
-#: Both adapters, with a model that has states and one that has none, and the solver with most memory.
+#: Both adapters, with a model that has states, one that has none, and one with events.
 @pytest.mark.parametrize(
     "sources",
     hosts(
@@ -131,8 +131,6 @@ def hosts(models: Iterable[str], always: set[tuple[str, str]]) -> list[object]:
             (CONTROLLER.name, "fmi3"),
             (TRAJECTORY.name, "fmi2"),
             (THERMOSTAT.name, "fmi2"),
-            (SAMPLED_PI.name, "fmi3"),
-            ("rodas4", "fmi3"),
         },
     ),
     indirect=True,
