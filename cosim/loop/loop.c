@@ -316,7 +316,7 @@ static bool perform_all(Loop *loop, const Operation operations[], const uint32_t
     for (int64_t k = 0; k < n; k++) {
         if (k + AHEAD < n) PREFETCH(operations[k + AHEAD].instance);
         if (operations[k].every > 1 && point % operations[k].every) continue; /* a division costs more than a call */
-        if (codes) call->code = codes[k];
+        call->code = codes[k];
         int status = perform(loop, &operations[k], point, time);
         if (!status) continue;
         if (status != 1) { /* worse than a warning */

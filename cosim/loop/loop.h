@@ -82,7 +82,7 @@ typedef struct {
     int64_t n_runs, n_recorded, record_every, first_record;
     const Operation *at_point, *at_step;
     int64_t n_at_point, n_at_step;
-    const uint32_t *codes_at_point, *codes_at_step; /* of the calls that the operations make; may be NULL */
+    const uint32_t *codes_at_point, *codes_at_step; /* of the calls that the operations make */
     CurrentCall *call; /* where they are noted: that of the thread that the loop runs in */
     void (*warned)(const Operation *); /* told of each operation that returns a warning */
     /* where it is or was, and how it ended */
@@ -117,8 +117,7 @@ void loop_evaluate(const Extrapolated *in, double since, int32_t n);
 /* A STEP operation of this length; the status, or one of those beyond FMI's. */
 int loop_do_step(const Operation *op, double time, double step);
 
-/* Perform operations with these codes, or NULL, once, at a communication point; false, with the reason in `loop`, when one
- * fails. */
+/* Perform operations with these codes once, at a communication point; false, with the reason in `loop`, when one fails. */
 EXPORT bool loop_perform(Loop *loop, const Operation operations[], const uint32_t codes[], int64_t n, int64_t point);
 
 /* Go through the communication points first ... end - 1, with a step after each but the last one of the run; at the first

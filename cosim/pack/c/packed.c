@@ -173,6 +173,7 @@ static bool begin(Packed *packed) {
     loop->n_at_step = packed->n_at_step;
     loop->warned = warned;
     loop->call = &packed->call;
+    loop->codes_at_point = loop->codes_at_step = packed->no_codes;
     return true;
 }
 
@@ -369,7 +370,7 @@ static Status exchange_at_start(Packed *packed) {
     packed->loop.step_size = now->max_step;
     packed->loop.per_second = 1.0 / now->max_step;
     sample(packed, 0, 1, 0, NULL);
-    if (!loop_perform(&packed->loop, packed->at_start, NULL, packed->n_at_start, 0)) {
+    if (!loop_perform(&packed->loop, packed->at_start, packed->no_codes, packed->n_at_start, 0)) {
         now->phase = FAILED;
         loop_failed(packed, packed->at_start, 0);
         return FAILURE;
@@ -422,11 +423,11 @@ static Status exchange(Packed *packed) {
     sample(packed, now->point, now->point + 1, now->point, NULL);
     bool done = true;
     if (!now->exchanged || !packed->parallel) {
-        done = loop_perform(&packed->loop, packed->at_point, NULL, packed->n_at_point, now->point);
+        done = loop_perform(&packed->loop, packed->at_point, packed->no_codes, packed->n_at_point, now->point);
     } else { /* outputs were read before inputs were set, and stay so */
         for (int32_t k = 0; done && k < packed->n_at_point; k++) {
             if (packed->at_point[k].kind == GET) continue;
-            done = loop_perform(&packed->loop, &packed->at_point[k], NULL, 1, now->point);
+            done = loop_perform(&packed->loop, &packed->at_point[k], packed->no_codes, 1, now->point);
             packed->loop.failed += k;
         }
     }

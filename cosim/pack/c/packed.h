@@ -187,7 +187,8 @@ typedef struct Packed {
     int32_t *n_extrapolated_inputs;
     int32_t n_extrapolated;
     Loop loop;
-    CurrentCall call; /* nobody reads it here */
+    CurrentCall call; /* nobody reads it here, so the codes of the operations are all 0 */
+    uint32_t *no_codes;
     double *samples; /* rows of columns */
     uint8_t *jumps;
     char **texts;

@@ -323,6 +323,7 @@ static void read_all(Reader *in) {
     packed->signals = ROOM(Signal, packed->n_signals);
     packed->functions = ROOM(const char *, n_of_all);
     packed->owners = ROOM(Component *, n_of_all);
+    packed->no_codes = ROOM(uint32_t, n_of_all);
     packed->extrapolated = ROOM(Extrapolated *, n_of_all);
     packed->n_extrapolated_inputs = ROOM(int32_t, n_of_all);
     packed->value_names = ROOM(const char *, packed->n_values);
