@@ -6,6 +6,13 @@
 #include <stdint.h>
 #include <string.h>
 
+/* Once in a program: as many copies as callers would take longer to compile and no less to run. */
+#if defined(__GNUC__)
+#define SINES_APART __attribute__((noinline))
+#else
+#define SINES_APART
+#endif
+
 static inline uint64_t bits_of(double x) {
     uint64_t bits;
     memcpy(&bits, &x, sizeof bits);
@@ -36,7 +43,7 @@ static inline void sine_and_cosine(uint64_t quarter, double r, double d, double 
 }
 
 /* Of one angle of any size: its quarter turns are a product of integers, as Payne and Hanek 1983 proposed. */
-static void sine_and_cosine_of_large(double x, double *s, double *c) {
+SINES_APART static void sine_and_cosine_of_large(double x, double *s, double *c) {
     /* 64 zeros, then the digits of 2/pi after the point */
     static const uint32_t digits[] = {
         0x00000000, 0x00000000, 0xa2f9836e, 0x4e441529, 0xfc2757d1, 0xf534ddc0, 0xdb629599, 0x3c439041, 0xfe5163ab,
@@ -92,7 +99,7 @@ static void sine_and_cosine_of_large(double x, double *s, double *c) {
 }
 
 /* Sines s and cosines c of n angles a. */
-static inline void sines(int n, const double a[], double s[], double c[]) {
+SINES_APART static void sines(int n, const double a[], double s[], double c[]) {
     const double shift = 0x1.8p52; /* after its addition the last digits of a sum are whole numbers */
     uint64_t large = 0;
     for (int i = 0; i < n; i++) {
