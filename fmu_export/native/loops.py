@@ -10,8 +10,8 @@ from __future__ import annotations
 
 from collections import Counter, defaultdict
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from typing import TypeVar
+from dataclasses import dataclass
+from typing import NamedTuple, TypeVar
 
 from fmu_export.errors import needs
 from fmu_export.native.expressions import SCALARS, Tables, applied, operand, without_parentheses
@@ -42,8 +42,7 @@ _CONSTANT = "constant"
 _T = TypeVar("_T")
 
 
-@dataclass(frozen=True)
-class _Tree:
+class _Tree(NamedTuple):
     """An expression: number of its shape, nodes at its leaves, and how many others have to come before it."""
 
     shape: int
@@ -51,13 +50,12 @@ class _Tree:
     level: int
 
 
-@dataclass(frozen=True)
-class _Piece:
+class _Piece(NamedTuple):
     """Terms of a sum that have one shape and operands at equal distances; an expression is one piece of one term."""
 
     operation: int
     shape: int
-    count: int
+    n_terms: int
     #: Where the operands of the first term lie, and how far from there those of the next.
     places: tuple[int, ...]
     strides: tuple[int, ...]
@@ -67,11 +65,10 @@ class _Piece:
     @property
     def kind(self) -> tuple[object, ...]:
         """What is equal in pieces that can stand in one loop."""
-        return self.operation, self.shape, self.count, self.strides
+        return self.operation, self.shape, self.n_terms, self.strides
 
 
-@dataclass(frozen=True)
-class _Item:
+class _Item(NamedTuple):
     """A value to compute: its target, an element of an array, and the pieces that it is the sum of."""
 
     array: str
@@ -88,7 +85,7 @@ class _Item:
     @property
     def is_sum(self) -> bool:
         """Whether there is more than one term."""
-        return len(self.pieces) > 1 or self.pieces[0].count > 1
+        return len(self.pieces) > 1 or self.pieces[0].n_terms > 1
 
     @property
     def places(self) -> tuple[int, ...]:
@@ -103,6 +100,7 @@ class _Writer:
         self.graph, self.arguments, self.tables = graph, arguments, tables
         self.shapes: list[tuple[object, ...]] = []
         self._shape_numbers: dict[tuple[object, ...], int] = {}
+        self._store = self._shape(_STORE)
         self.trees: dict[int, _Tree] = {}
         self.sums, self.partial = _sums(graph)
         self.result_counts = Counter(graph.results.values())
@@ -125,7 +123,7 @@ class _Writer:
         """A node as an operand of another: its expression, or where its value is stored."""
         tree = self.trees[position]
         if position in self.stored and not self.graph.nodes[position].is_leaf:
-            return _Tree(self._shape(_STORE), (position,), tree.level + 1)
+            return _Tree(self._store, (position,), tree.level + 1)
         return tree
 
     def _find_trees(self) -> None:
@@ -142,11 +140,12 @@ class _Writer:
                 self.trees[position] = _Tree(self._shape("sum", position), (), level)
             elif position not in self.partial:
                 operands = [self._reference(i) for i in node.operands]
-                while sum(len(tree.leaves) for tree in operands) > _MOST_LEAVES:
+                leaves = tuple(leaf for tree in operands for leaf in tree.leaves)
+                while len(leaves) > _MOST_LEAVES:
                     largest = max(range(len(operands)), key=lambda k: len(operands[k].leaves))
                     self.stored.add(node.operands[largest])
                     operands = [self._reference(i) for i in node.operands]
-                leaves = tuple(leaf for tree in operands for leaf in tree.leaves)
+                    leaves = tuple(leaf for tree in operands for leaf in tree.leaves)
                 shape = self._shape(node.operation, *(tree.shape for tree in operands))
                 self.trees[position] = _Tree(shape, leaves, max(tree.level for tree in operands))
                 if self.graph.uses[position] > 1 and not self._is_small_result(position, leaves):
@@ -206,7 +205,7 @@ class _Writer:
     def _targeted(self, items: list[_Item]) -> list[_Item]:
         """Items in their order; those whose value is stored go into the next free slots."""
         free = self.n_slots
-        return [replace(item, target=free + k) if item.array == _STORE else item for k, item in enumerate(items)]
+        return [item._replace(target=free + k) if item.array == _STORE else item for k, item in enumerate(items)]
 
     def _pieces(self, array: str, position: int) -> tuple[_Piece, ...]:
         """What a value is the sum of: the terms of a long sum, or the one expression that it is."""
@@ -266,9 +265,11 @@ class _Writer:
             if number == 0:
                 lines.append(f"{loop_i}{total} = {self._text(piece, own, constants)};")
                 start = 1
-            if piece.count > 1:
+            if piece.n_terms > 1:
                 text = self._text(piece, own, constants, term="k")
-                lines.append(f"for (int k = {start}; k < {piece.count}; k++) {loop_i}{total} = {total} {sign} {text};")
+                lines.append(
+                    f"for (int k = {start}; k < {piece.n_terms}; k++) {loop_i}{total} = {total} {sign} {text};"
+                )
             elif number > 0:
                 lines.append(f"{loop_i}{total} = {total} {sign} {self._text(piece, own, constants)};")
         lines.append(f"{loop_i}{target} = {total};")
