@@ -166,6 +166,7 @@ def test_another_fmu(loop: Path, fmus: dict[str, Path], tmp_path: Path) -> None:
             r"has no variables for connectors 'u\[1\]' \(input\), 'y\[1\]' \(output\) of compo",
         ),
         ("gian", "gain", r"no component 'gian'; did you mean 'gain'\?"),
+        ("sub", "gain", r"no component 'sub'; "),  # a system
     ):
         with pytest.raises(SSPError, match=message):
             ssp.replace_fmu(component_, fmus[fmu])

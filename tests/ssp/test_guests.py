@@ -155,6 +155,21 @@ def test_a_description_of_many_megabytes_is_read(fmus: dict[str, Path], tmp_path
     assert_equal_runs(read(archive(tmp_path / "large.ssp", text, given)).system, loop_by_hand(fmus))
 
 
+@pytest.mark.parametrize(("given", "expected"), [(1, 3), (3, 1), (2, 2)])
+def test_a_value_of_the_system_is_mapped_on_its_way(
+    fmus: dict[str, Path], tmp_path: Path, given: int, expected: int
+) -> None:
+    entries = "".join(f'<ssc:MapEntry source="{a}" target="{b}"/>' for a, b in ((1, 3), (3, 1)))
+    table = f"<ssc:IntegerMappingTransformation>{entries}</ssc:IntegerMappingTransformation>"
+    text = description(
+        (connectors("input i") + elements(component("p", "p", "input n"))).replace("<ssc:Real/>", "<ssc:Integer/>")
+        + connections(connection(".i", "p.n", table))
+        + bindings(binding(f"i Integer {given}"))
+    )
+    found = read(archive(tmp_path / "m.ssp", text, {"p": fmus["probe"]}))
+    assert found.system.components["p"].start == {"n": expected}
+
+
 def test_an_ssp_without_components(tmp_path: Path) -> None:
     path = archive(tmp_path / "none.ssp", description(elements()))
     with pytest.raises(
