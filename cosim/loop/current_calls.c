@@ -71,7 +71,7 @@ static size_t say(const CurrentCalls *calls, const CurrentCall *call, const char
     return n < 0 ? 0 : (size_t)n < size ? (size_t)n : size - 1;
 }
 
-static void tell(const CurrentCall *call, const char *what, const char *how) {
+static void explain(const CurrentCall *call, const char *what, const char *how) {
     char text[1024];
     size_t n = say(all, call, what, how, text, sizeof text);
     all->told = 1;
@@ -90,7 +90,7 @@ static void exiting(void) {
     if (all->process != (uint64_t)getpid() || !python_runs()) return; /* a child of the FMU; a usual end */
     const CurrentCall *call = current_call(all, this_thread(), false);
     if (!call) return;
-    tell(call, "ended the process", "it called exit(), which an FMU must not do; ask its supplier");
+    explain(call, "ended the process", "it called exit(), which an FMU must not do; ask its supplier");
     fflush(NULL);
     _exit(STATUS_OF_EXIT);
 }
@@ -170,7 +170,7 @@ static void crashed(int number, siginfo_t *info, void *context) {
         }
     const CurrentCall *call = all->told ? NULL : current_call(all, this_thread(), true);
     if (call && all->process == (uint64_t)getpid())
-        tell(call, call->thread == this_thread() ? "crashed" : "was at work when another thread crashed,", how);
+        explain(call, call->thread == this_thread() ? "crashed" : "was at work when another thread crashed,", how);
     if (info->si_code <= 0) raise(number); /* was sent; a fault comes again by itself */
 }
 

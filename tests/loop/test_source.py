@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from cosim.loop.source import loop_sources
-from fmu_export.native.toolchain import Target, compile_library, find_compiler, host_target
+from fmu_export.native.toolchain import TARGETS, Target, compile_library, find_compiler, host_target
 from tests.support import CHECKOUT
 from tests.support.native_fmus import require_compiler
 from tests.support.patience import PATIENCE
@@ -27,6 +27,12 @@ def test_compilers_do_not_warn(by_zig: bool) -> None:
     else:
         require_compiler()
     assert compile_library(loop_sources(), "loop", target, strict=True)
+
+
+@pytest.mark.parametrize("platform", TARGETS)
+def test_the_loop_compiles_for_every_platform(platform: str) -> None:
+    pytest.importorskip("ziglang", reason="the ziglang package, a clang for all platforms, is not installed")
+    assert compile_library(loop_sources(), "loop", TARGETS[platform], strict=True)
 
 
 #: Runs of all orders and extrapolations, with samples at every point, at jumps and behind cuts, and with components
