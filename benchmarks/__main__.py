@@ -18,6 +18,7 @@ from pathlib import Path
 from tqdm import tqdm
 
 from benchmarks.coupling import measure_coupling
+from benchmarks.exporters import measure_exporters
 from benchmarks.loop import measure_loop, measure_pythonfmu, measure_stepping
 from benchmarks.masters import measure_masters
 from benchmarks.measure import Section
@@ -43,6 +44,7 @@ PARTS: dict[str, Callable[[Path], Section | list[Section]]] = {
     "masters": measure_masters,
     "solvers": lambda _: measure_solvers(),
     "packed": measure_packed,
+    "exporters": lambda _: measure_exporters(),
 }
 
 
