@@ -39,6 +39,10 @@ def small_loop(folder: Path, every: int = 1, of_gain: Path | None = None) -> Sys
     return system
 
 
+def _passed_over(*message: object) -> None:
+    """FMPy keeps one logger for all instances, also when its owner is gone: each run has to give one that stays."""
+
+
 def run_in_fmpy(
     fmu: Path, stop_time: float, step: float, output: Sequence[str], start: Mapping[str, Any] | None = None, **more: Any
 ) -> np.ndarray:
@@ -51,7 +55,7 @@ def run_in_fmpy(
         step_size=step,
         output=list(output),
         start_values=dict(start or {}),
-        **more,
+        **{"logger": _passed_over, **more},
     )
     return np.column_stack([found[name].astype(float) for name in output])
 
@@ -62,7 +66,7 @@ def columns(results: Results, names: Sequence[str]) -> np.ndarray:
 
 
 @contextmanager
-def instance_of(fmu: Path, logger: Callable[..., None] | None = None) -> Iterator[tuple[Any, dict[str, int]]]:
+def instance_of(fmu: Path, logger: Callable[..., None] = _passed_over) -> Iterator[tuple[Any, dict[str, int]]]:
     """An instance in FMPy that has just been instantiated, and the value references of its variables."""
     description = fmpy.read_model_description(str(fmu), validate=False)
     folder = fmpy.extract(str(fmu))
