@@ -50,7 +50,7 @@ def largest_error(simulation: Simulation, step: float, start: Mapping[str, float
 #: Gains alpha and beta: those of Table 1, row (1, 1), and others. Orders and extrapolations of which a run by default
 #: and one by the other choices are tested always, the others with `--all`.
 GAINS = [None, (2.0, 1.5), (0.8, 2.5)]
-ALWAYS = {("sequential", "auto", 1), ("parallel", "hold", 2)}
+ALWAYS = {("sequential", "auto", 1)}
 
 
 @pytest.mark.skipif(DEFAULT_FLAVOUR == "pythonfmu", reason="needs a C compiler: pythonfmu's FMUs can only hold inputs")

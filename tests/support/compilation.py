@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
-from fmu_export.native import backend
+from fmu_export.native import backend, toolchain
 from fmu_export.native.toolchain import Target, compile_library, compiler_identity
 
 #: Set by conftest before any FMU is built: a folder of the session, the same in all workers.
@@ -18,24 +18,24 @@ folder: Path | None = None
 
 
 @contextmanager
-def shared_compilation() -> Iterator[None]:
+def shared_compilation(optimisation: str | None = None) -> Iterator[None]:
     """Native FMUs that are built inside take a library from the folder of the session if one of its sources is there.
 
     For FMUs that tests use, not for tests of how they are built.
     """
-    before = backend.compile_library
-    backend.compile_library = _compile_once
+    before = backend.compile_library, toolchain.OPTIMISATION
+    backend.compile_library, toolchain.OPTIMISATION = _compile_once, optimisation or toolchain.OPTIMISATION
     try:
         yield
     finally:
-        backend.compile_library = before
+        backend.compile_library, toolchain.OPTIMISATION = before
 
 
 def _compile_once(
     sources: Mapping[str, bytes], name: str, target: Target | None = None, *, strict: bool = False
 ) -> bytes:
     assert folder is not None
-    digest = hashlib.sha256(repr((sorted(sources.items()), name, target, strict)).encode())
+    digest = hashlib.sha256(repr((sorted(sources.items()), name, target, strict, toolchain.OPTIMISATION)).encode())
     digest.update(compiler_identity(all_platforms=target is not None).encode())
     path = folder / digest.hexdigest()
     if not path.exists():
@@ -55,7 +55,7 @@ def built_once(name: str, build: Callable[[Path], object], destination: Path) ->
     with _locked(folder / f"{name}.lock"):
         if not common.exists():
             part = Path(tempfile.mkdtemp(dir=folder))
-            with shared_compilation():
+            with shared_compilation("-O3"):  # the robot, which runs for long
                 build(part)
             if not common.exists():
                 part.rename(common)

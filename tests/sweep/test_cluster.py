@@ -110,6 +110,7 @@ def counter_points(n: int, deadly: tuple[int, ...] = ()) -> Points:
     return Points(factors, (rates, rates * 0 + levels))
 
 
+@pytest.mark.slow
 def test_a_worker_is_killed_half_way_and_all_rows_are_those_of_a_plain_loop(cluster, robot_fmus, tmp_path):
     """On top: FMUs travel once to each worker, also to one that comes later, and not again for the next sweep."""
     scenario = dataclasses.replace(load_scenario("tracking"), stop_time=STOP_TIME)

@@ -66,6 +66,7 @@ def test_steps_are_varied_and_errors_over_time_kept(here):
     assert [len(curve) for curve in table["tracking.y.curve"].to_pylist()] == [11, 11]
 
 
+@pytest.mark.slow
 def test_ctrl_c_in_a_terminal_ends_it_in_one_line_and_the_same_command_goes_on(here):
     command = ("--vary", "controller.alpha=0.5:3:160", "--stop", STOP_TIME, "--workers", "2", "--out", "out")
     started = sweep(*command, start_new_session=True)

@@ -157,7 +157,7 @@ bool finish_step(Packed *packed) {
         const Operation *operation = &packed->at_step[k];
         if (operation->kind != STEP || !finish_component(packed, packed->owners[before + k], operation)) return false;
         int64_t rest = packed->n_at_step - k - 1;
-        if (loop_perform(&packed->loop, operation + 1, NULL, rest, packed->loop.point)) return true;
+        if (loop_perform(&packed->loop, operation + 1, packed->no_codes, rest, packed->loop.point)) return true;
         packed->loop.failed_at_step = true;
         packed->loop.failed = k += 1 + packed->loop.failed;
     }

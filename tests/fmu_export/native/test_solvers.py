@@ -27,7 +27,10 @@ from tests.support.native_fmus import DISCARD, ERROR, FLAVOURS, OK, Host
 from tests.support.stiff_models import diffusion, model, robertson, smooth, van_der_pol
 from tests.support.tiny_models import GAIN, INTEGRATOR, LAG
 
-BOTH = pytest.mark.parametrize("flavour", FLAVOURS)
+#: The solvers stand below the faces of FMI, which other tests are about.
+BOTH = pytest.mark.parametrize(
+    "flavour", [FLAVOURS[0], *(pytest.param(f, marks=pytest.mark.slow) for f in FLAVOURS[1:])]
+)
 ADAPTIVE = pytest.mark.parametrize("solver", ["dopri5", "rodas4"])
 WARNING = 1
 

@@ -629,7 +629,7 @@ def test_it_fits_a_phone_and_small_type_is_legible(opened):
     tab.wait_for_selector(".player[data-state=playing]")
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("scheme", ["light", pytest.param("dark", marks=pytest.mark.slow)])
 def test_contrast_is_enough(opened, scheme):
     """WCAG AA: 4.5 for text, 3 for lines, against what is behind them."""
     tab = opened(color_scheme=scheme)
