@@ -248,6 +248,7 @@ def files_in(folder: Path) -> dict[Path, bytes]:
         (["--stop", "0.5"], "beyond the stop time"),
     ],
 )
+@pytest.mark.slow
 def test_another_run_is_refused_in_a_line_that_names_what_differs(
     unfinished: dict[Path, bytes], capsys: pytest.CaptureFixture[str], options: list[str], says: str
 ) -> None:

@@ -282,6 +282,7 @@ def test_the_build_script_writes_the_same_bytes_twice(tmp_path, monkeypatch):
     assert digests[0] == digests[1]
 
 
+@pytest.mark.slow
 def test_only_what_has_changed_is_built_again(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     options = ("--flavour", "pythonfmu", "--fmu", "controller", "--fmu", "trajectory")

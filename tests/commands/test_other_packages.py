@@ -90,6 +90,7 @@ def test_its_command_and_its_help(program: Program) -> None:
 
 
 @pytest.mark.usefixtures("package")
+@pytest.mark.slow
 def test_beside_the_robot_a_file_names_its_system(program: Program, tank_fmus: Path) -> None:
     run = "[run]\nstop_time = 1.0\nstep_size = 0.1\n"
     reference = "[start.controller]\nlevel_ref = 0.3\n"

@@ -66,6 +66,7 @@ def test_many_runs_in_an_event_loop(here: Path) -> None:
     assert asyncio.run(all_runs()) == pytest.approx(EXPECTED, rel=1e-12)
 
 
+@pytest.mark.slow
 def test_many_runs_in_a_pool_of_processes(here: Path) -> None:
     with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
         runs = [pool.submit(integral, fmu_of(n), float(n)) for n in range(RUNS)]

@@ -118,6 +118,7 @@ def test_the_hash_is_that_of_the_text_whatever_ends_its_lines(tmp_path: Path, mo
     assert source_hash() != expected
 
 
+@pytest.mark.slow
 def test_the_script_compiles_in_a_checkout(tmp_path: Path) -> None:
     """`python hatch_build.py`, in a copy; it needs neither hatchling nor what the package depends on."""
     require_compiler()
@@ -227,6 +228,7 @@ def test_a_source_distribution_compiles_nothing(hook: ModuleType, elsewhere: Pat
     importlib.util.find_spec("hatchling") is None,
     reason="hatchling, which builds the wheel, is not installed here: pip install 'hatchling>=1.25'",
 )
+@pytest.mark.slow
 def test_pip_builds_a_wheel_with_the_library_and_its_source(tmp_path: Path) -> None:
     require_compiler()
     checkout = copied(tmp_path / "checkout")

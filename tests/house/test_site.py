@@ -113,6 +113,7 @@ def test_pages_have_what_they_promise(site: Path) -> None:
         assert text in (site / f"{page}.html").read_text(encoding="utf-8"), page
 
 
+@pytest.mark.slow
 def test_every_link_of_the_model_pages_leads_somewhere(models: Path) -> None:
     assert broken_links(models) == []
 

@@ -97,6 +97,7 @@ def test_a_run_that_differs_is_seen(references: References, exchange: str) -> No
         judge(exchange, lambda _: as_run(path, 1.01 * STEP), references)
 
 
+@pytest.mark.slow
 def test_a_parameter_that_is_passed_over_is_seen(fmus: Path, references: References) -> None:
     """Without any one of the values the run is outside the tolerance of every kind of exchange."""
     case = coupled(fmus, "fmi2")

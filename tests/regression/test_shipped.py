@@ -290,6 +290,7 @@ def test_arrays_texts_binary_values_and_columns_of_other_versions(tmp_path):
             assert "differs at 3 of 3 times, first at t = 0 s" in line
 
 
+@pytest.mark.slow
 def test_pytest_runs_them_without_a_folder_of_references(pytester, monkeypatch):
     monkeypatch.setenv("PYTEST_DISABLE_PLUGIN_AUTOLOAD", "1")
     monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[2]))

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pytest
 from scipy.io import loadmat, savemat
 
 from cosim import Results, StoredResults, TableWriter
@@ -62,6 +63,7 @@ def run(code: str, folder: Path, *arguments: str | Path) -> str:
     return done.stdout
 
 
+@pytest.mark.slow
 def test_one_entry_makes_a_format_everywhere(tmp_path: Path) -> None:
     """Files in memory and stored, docstrings, messages, the option of the command line, the documentation."""
     lines = run(ONE_MORE, tmp_path, ROOT / "docs/conf.py").splitlines()

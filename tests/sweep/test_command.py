@@ -39,6 +39,7 @@ def sweep(*arguments: str, **options) -> subprocess.Popen[str]:
     return subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True, env=environment, **options)
 
 
+@pytest.mark.slow
 def test_a_sweep_with_failing_runs_says_so_and_is_a_success(here):
     started = sweep("--vary", "controller.alpha=0.5,1", "--vary", "plant.X=-1,1", "--seeds", "1:2", "--stop", "0.1")
     out, err = started.communicate(timeout=PATIENCE)

@@ -43,6 +43,11 @@ CONTROLLER = Model(
     sampled=[Sampled("controller", lambda t, x, z, u, p: SAMPLED_PI.sampled[0].update(t, u[1:], z, u, p), 0.1)],
 )
 
+#: What the core does is the same below both faces of FMI: the slow tests take the other one too.
+CORE = pytest.mark.parametrize(
+    "flavour", [FLAVOURS[0], *(pytest.param(f, marks=pytest.mark.slow) for f in FLAVOURS[1:])]
+)
+
 BOUNCE = math.sqrt(2.0 / 9.81)
 
 
@@ -128,13 +133,13 @@ def sampled_pi(time: float, period: float = 0.1, offset: float = 0.0, start: flo
     return control + (x - control) * math.exp(-(time - now)), control
 
 
-@pytest.mark.parametrize("flavour", FLAVOURS)
+@CORE
 @pytest.mark.parametrize("name", HYBRID)
 def test_fmpy_validates_them(fmus: Any, name: str, flavour: str) -> None:
     assert validate_fmu(str(fmus(name, flavour))) == []
 
 
-@pytest.mark.parametrize("flavour", FLAVOURS)
+@CORE
 @pytest.mark.parametrize("step", [0.1, 0.03, 0.01, 0.001])
 def test_ball_bounces_at_the_right_times(unpacked: Any, flavour: str, step: float) -> None:
     with Host(unpacked("Ball", flavour)) as host:
@@ -167,7 +172,7 @@ def test_ball_that_keeps_its_height_bounces_too(unpacked: Any, solver: Any) -> N
         assert host.step(3.9, 0.5) == DISCARD
 
 
-@pytest.mark.parametrize("flavour", FLAVOURS)
+@CORE
 @pytest.mark.parametrize("e", [0.8, 0.5, 0.1, 0.0])
 @pytest.mark.parametrize("step", [0.5, 1e-3])
 def test_events_without_time_between_end_in_a_message(unpacked: Any, flavour: str, e: float, step: float) -> None:
@@ -188,7 +193,7 @@ def test_events_without_time_between_end_in_a_message(unpacked: Any, flavour: st
         assert host.step(time, step) == DISCARD
 
 
-@pytest.mark.parametrize("flavour", FLAVOURS)
+@CORE
 @pytest.mark.parametrize("step", [0.1, 1.0, 7.0, 130.0])
 def test_thermostat_switches(unpacked: Any, flavour: str, step: float) -> None:
     with Host(unpacked("Thermostat", flavour)) as host:
@@ -200,7 +205,7 @@ def test_thermostat_switches(unpacked: Any, flavour: str, step: float) -> None:
     assert exact[-1, 2] > 20
 
 
-@pytest.mark.parametrize("flavour", FLAVOURS)
+@CORE
 @pytest.mark.parametrize(
     ("step", "accumulated", "stop"),
     [
@@ -236,7 +241,7 @@ def test_sampled_controller_at_tiny_steps_and_another_start(unpacked: Any, flavo
         np.testing.assert_allclose(host.get(["x", "control"]), sampled_pi(7.73, 0.1, 0.025, 7.13), rtol=0, atol=1e-11)
 
 
-@pytest.mark.parametrize("flavour", FLAVOURS)
+@CORE
 @pytest.mark.parametrize("step", [0.05, 0.01, 0.3, 0.07, 1.05])
 def test_samplers_of_different_periods(unpacked: Any, flavour: str, step: float) -> None:
     """Both at 0.2, 0.5, 0.8: there the slow one sees what the fast one had counted before."""
@@ -305,7 +310,7 @@ def test_samplers_see_inputs_that_change_linearly(unpacked: Any) -> None:
         )
 
 
-@pytest.mark.parametrize("flavour", FLAVOURS)
+@CORE
 @pytest.mark.parametrize("step", [0.05, 0.1, 0.07, 0.25, 0.2])
 @pytest.mark.parametrize("max_step", [1e-3, 0.013, 1.0])
 def test_at_one_instant_samplers_come_before_events(unpacked: Any, flavour: str, step: float, max_step: float) -> None:
@@ -318,7 +323,7 @@ def test_at_one_instant_samplers_come_before_events(unpacked: Any, flavour: str,
         assert seen == (math.floor(time / 0.1 + 1e-9) >= 3), time
 
 
-@pytest.mark.parametrize("flavour", FLAVOURS)
+@CORE
 @pytest.mark.parametrize("step", [0.1, 0.23, 0.5, 3.0, 0.05])
 def test_directions_of_crossings_without_states(unpacked: Any, flavour: str, step: float) -> None:
     """At multiples of half a second, some of them communication points; the crossing that begins at zero is none."""
@@ -334,7 +339,7 @@ def test_directions_of_crossings_without_states(unpacked: Any, flavour: str, ste
         assert last == pytest.approx(n / 2.0, abs=1e-10)
 
 
-@pytest.mark.parametrize("flavour", FLAVOURS)
+@CORE
 def test_rounding_of_times_makes_no_crossings(unpacked: Any, flavour: str) -> None:
     """The time of an event, added up in different ways, is on different sides of a crossing."""
     random = np.random.default_rng(3)
@@ -351,7 +356,7 @@ def test_rounding_of_times_makes_no_crossings(unpacked: Any, flavour: str) -> No
             assert host.get(["last"])[0] == pytest.approx(n / 2.0 / f, abs=1e-10)
 
 
-@pytest.mark.parametrize("flavour", FLAVOURS)
+@CORE
 def test_an_event_at_a_communication_point_happens_once(unpacked: Any, flavour: str) -> None:
     """The state arrives at zero to the last bit there, and goes on."""
     with Host(unpacked("Coincidence", flavour)) as host:
@@ -364,7 +369,7 @@ def test_an_event_at_a_communication_point_happens_once(unpacked: Any, flavour: 
         assert host.get(["hits"]) == [1.0]
 
 
-@pytest.mark.parametrize("flavour", FLAVOURS)
+@CORE
 @pytest.mark.parametrize("step", [1.0, 0.5, 0.25])
 def test_two_crossings_in_one_step(unpacked: Any, flavour: str, step: float) -> None:
     with Host(unpacked("Dip", flavour)) as host:
@@ -382,7 +387,7 @@ def test_many_events_at_one_instant(unpacked: Any, step: float) -> None:
         np.testing.assert_allclose(heights, ball(time)[0], rtol=0, atol=1e-10)
 
 
-@pytest.mark.parametrize("flavour", FLAVOURS)
+@CORE
 def test_events_set_each_other_off(unpacked: Any, flavour: str) -> None:
     names = [f"z[{i}]" for i in (1, 2, 3, 4)]
     with Host(unpacked("Chain", flavour)) as host:
@@ -481,7 +486,7 @@ def test_samplers_refuse_periods_and_times_that_make_no_sense(unpacked: Any, fla
         assert "make it shorter" in host.messages[-1]
 
 
-@pytest.mark.parametrize("flavour", FLAVOURS)
+@CORE
 def test_what_is_not_finite_is_refused_by_name(unpacked: Any, flavour: str) -> None:
     lost = Model(
         name="Lost",
@@ -532,7 +537,7 @@ def test_a_tunable_parameter_of_an_event_has_effect_between_steps(unpacked: Any,
         assert host.get(["on"]) == [1.0]
 
 
-@pytest.mark.parametrize("flavour", FLAVOURS)
+@CORE
 @pytest.mark.parametrize("step", [0.1, 0.05, 0.025])
 def test_a_sampled_controller_and_its_plant_as_two_fmus(fmus: Any, flavour: str, step: float) -> None:
     """Exact, since the controller's output is that of its input at the same instant, and held after it."""
@@ -616,6 +621,7 @@ def test_model_exchange_has_time_events_and_indicators(unpacked: Any, flavour: s
         assert host.get_states(2) == [0.0, 3.2]
 
 
+@pytest.mark.slow
 def test_thermostat_with_other_solvers(unpacked: Any) -> None:
     for solver in ("dopri5", "rodas4"):
         model = replace(THERMOSTAT, name=f"Thermostat_{solver}", solver=solver)  # type: ignore[arg-type]

@@ -169,6 +169,7 @@ def test_random_equations(seed: int, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["rates", "everything", "direction"])
+@pytest.mark.slow
 def test_the_robot_with_loops(name: str, tmp_path: Path) -> None:
     """It has none, since they would not be much shorter; but they would be right."""
     model = closed_loop_model()

@@ -151,6 +151,7 @@ def test_the_plate_fills(compiled: Compile) -> None:
 
 
 @pytest.mark.parametrize("of", [smooth("rodas4"), robertson(), diffusion("rodas4")], ids=lambda m: m.name)
+@pytest.mark.slow
 def test_a_jacobian_by_directions_is_the_one_that_is_written_out(
     compiled: Compile, of: Model, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -112,6 +112,7 @@ def test_an_event_in_a_step_as_long_as_the_run_is_found(built: Built, solver: So
     assert x == pytest.approx(100_000.0, abs=1e-4)
 
 
+@pytest.mark.slow
 def test_the_jumps_of_a_stiff_oscillator_are_events(built: Built) -> None:
     """The instants at which Van der Pol's oscillator passes 0, in jumps of milliseconds, in steps of 100 s."""
     smooth = van_der_pol()

@@ -361,6 +361,7 @@ def test_they_run_as_the_reference_says_that_they_bring_along(tmp_path: Path, fl
         build_native(TYPED, tmp_path, flavour, reference=Reference({"text": "plain"}))  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 def test_a_model_with_events_and_arrays_brings_its_reference(tmp_path: Path) -> None:
     hybrid = Model(
         name="Counters",
