@@ -19,6 +19,8 @@ from tests.support import some
 from tests.support.native_fmus import DEFAULT_FLAVOUR
 from tests.support.sources import CHECKOUT, sources
 
+pytestmark = pytest.mark.slow  # each starts interpreters that have to do without many packages
+
 PROJECT = tomllib.loads((CHECKOUT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 NAME = PROJECT["name"]
 PACKAGES = ("plant_fmu", "controller_fmu", "trajectory_fmu", "fmu_export", "cosim", "parallel_robot")

@@ -28,6 +28,8 @@ from tests.support import SUPPORT
 from tests.support.native_fmus import doubles, require_compiler
 from tests.support.stiff_models import diffusion, model, robertson, smooth
 
+pytestmark = pytest.mark.slow  # what the solvers come to is tested in test_solvers.py by default
+
 BOTH = pytest.mark.parametrize("solver", ["dopri5", "rodas4"])
 ORDER = {"dopri5": 5, "rodas4": 4}
 

@@ -16,6 +16,8 @@ from tests.support.hybrid_models import BALL, SAMPLED_PI, THERMOSTAT
 from tests.support.native_fmus import Host
 from tests.support.stiff_models import van_der_pol
 
+pytestmark = pytest.mark.slow  # events with the default solver are tested in test_events.py by default
+
 #: Each solver in one of the FMI versions.
 SOLVERS = pytest.mark.parametrize(("solver", "flavour"), [("dopri5", "fmi2"), ("rodas4", "fmi3")])
 
