@@ -40,7 +40,7 @@ def udwadia_kalaba(M: Array, Q: Array, A: Array, b: Array) -> ConstrainedMotion:
         Generalised forces besides those of the constraints; Coriolis and gyroscopic terms belong to them, with their
         sign as in M q'' = Q.
     A : array (m, n)
-        Constraint matrix of (6), of any rank.
+        Constraint matrix of (6), of any rank; m may be 0.
     b : array (m,)
         Right side of (6). For a solution it has to be consistent (Assumption 1): see `inconsistency`.
 
@@ -71,6 +71,8 @@ def udwadia_kalaba(M: Array, Q: Array, A: Array, b: Array) -> ConstrainedMotion:
                 f"udwadia_kalaba: {what} has shape {tuple(found)}; {expected} fits Q ({n},) and b ({m},)"
             )
     free = solve_positive_definite(M, Q)
+    if m == 0:
+        return ConstrainedMotion(free, 0.0 * free)
     over_M = np.stack([solve_positive_definite(M, A[i]) for i in range(m)])  # A M^-1
     multipliers = solve_semidefinite(A @ over_M.T, b - A @ free)
     force = A.T @ multipliers
@@ -92,7 +94,8 @@ def inconsistency(M: Array, A: Array, b: Array) -> Array:
     Returns
     -------
     array (m,)
-        b - A q'' for the q'' that comes nearest, 0 up to rounding for a consistent equation.
+        What is left of A q'' = b, 0 up to rounding for a consistent equation. Of one without a solution, equations that
+        come first are met, and those which contradict them are not.
     """
     over_M = np.stack([solve_positive_definite(M, A[i]) for i in range(len(b))])
     return b - A @ (over_M.T @ solve_semidefinite(A @ over_M.T, b))

@@ -46,6 +46,12 @@ def test_accelerations_are_those_of_the_moore_penrose_inverse(rank: int) -> None
         np.testing.assert_allclose(allowed @ motion.force, 0.0, atol=1e-8)
 
 
+def test_without_constraints_a_system_moves_freely() -> None:
+    motion = udwadia_kalaba(np.diag([1.0, 4.0]), np.array([3.0, 2.0]), np.zeros((0, 2)), np.zeros(0))
+    np.testing.assert_array_equal(motion.acceleration, [3.0, 0.5])
+    np.testing.assert_array_equal(motion.force, [0.0, 0.0])
+
+
 def test_constraints_without_a_solution_are_found() -> None:
     M, A = np.diag([1.0, 2.0]), np.array([[1.0, 1.0], [2.0, 2.0]])
     np.testing.assert_allclose(inconsistency(M, A, np.array([1.0, 2.0])), 0.0, atol=1e-12)

@@ -44,6 +44,16 @@ static void pass_history(Packed *packed, double numbers[], bool save) {
     }
 }
 
+/* Free a state but for those of the components in it. */
+static void free_own(State *state) {
+    free(state->numbers);
+    free(state->known);
+    free(state->times);
+    free(state->set);
+    free(state->of_components);
+    free(state);
+}
+
 static State *new_state(const Packed *packed) {
     State *state = calloc(1, sizeof *state);
     if (!state) return NULL;
@@ -53,12 +63,7 @@ static State *new_state(const Packed *packed) {
     state->set = calloc((size_t)packed->n_starts + 1, sizeof(bool));
     state->of_components = calloc((size_t)packed->n_components + 1, sizeof(void *));
     if (state->numbers && state->known && state->times && state->set && state->of_components) return state;
-    free(state->numbers);
-    free(state->known);
-    free(state->times);
-    free(state->set);
-    free(state->of_components);
-    free(state);
+    free_own(state);
     return NULL;
 }
 
@@ -120,12 +125,7 @@ void state_free(Packed *packed, State *state) {
         OnStatePointer *release = component->broken ? NULL : (OnStatePointer *)component_function(component, name);
         if (release && state->of_components[i]) release(component->instance, &state->of_components[i]);
     }
-    free(state->numbers);
-    free(state->known);
-    free(state->times);
-    free(state->set);
-    free(state->of_components);
-    free(state);
+    free_own(state);
 }
 
 /* Serialised states: the token, own data, texts, the states of the components, and a checksum over all of them. */

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 
-from parallel_robot.paper.reproduce import gains, model, proof, tracking
+from parallel_robot.paper.reproduce import gains, model, path, proof, tracking
 from parallel_robot.paper.reproduce.content import Erratum
 from parallel_robot.paper.reproduce.material import Material
 
@@ -31,7 +31,7 @@ ERRATA: tuple[Callable[[Material], Erratum], ...] = (
     gains.corrected_index,
     model.base_1,
     model.fig_4_duration,
-    tracking.path_not_printed,
+    path.path_not_printed,
     tracking.mass_support,
     tracking.turns,
     gains.printed_rho_4,

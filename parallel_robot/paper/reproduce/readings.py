@@ -24,6 +24,7 @@ from parallel_robot.fmus import build_continuous
 from parallel_robot.metrics import tracking_errors
 from parallel_robot.paper.reproduce.acting import MASS_CHANGE, MASS_RATE, signals
 from parallel_robot.paper.reproduce.content import Condition, Controller, Reading
+from parallel_robot.paper.reproduce.path import PHASE_OF_INSET, centre_for
 from parallel_robot.paper.reproduce.theorem import needed_bound
 from parallel_robot.scenario import RobotScenario
 from trajectory_fmu.model import PARAMETERS as TRAJECTORY
@@ -94,6 +95,8 @@ _FEEDFORWARD = {"controller.feedforward": 1.0}
 
 _MOVING = desired_start_velocity()
 
+_X_C, _Y_C = centre_for(PHASE_OF_INSET)
+
 #: k of the printed law for the same law with angles and angular velocities in degrees in (89) and (90): psi and the
 #: regressor are then that factor times as large each, so that Pi is what it is for radians and k over its fourth power.
 _DEGREES = 180.0 / math.pi
@@ -158,8 +161,8 @@ CONTINUOUS = tuple(
         Assumption("psi(0) = (0.25, 0.25), and k = 0.001", start={"controller.psi_start": 0.25, "controller.k": 1e-3}),
         Assumption("mass arrives at rest", mass_at_rest=True),
         Assumption(
-            "path through the inset of Fig. 7: centre (0.2153, 0.3542) m, phase -1.4085 rad",
-            start={"trajectory.x_c": 0.2153049, "trajectory.y_c": 0.3542115, "trajectory.phase": -1.4085},
+            f"path through the inset of Fig. 7: centre ({_X_C:.4f}, {_Y_C:.4f}) m, phase {PHASE_OF_INSET} rad",
+            start={"trajectory.x_c": _X_C, "trajectory.y_c": _Y_C, "trajectory.phase": PHASE_OF_INSET},
         ),
         Assumption("start with the desired velocity", start=_MOVING),
         Assumption("start with the desired velocity, gains of mu/nu = 0.1", key="0.1", start=_MOVING),

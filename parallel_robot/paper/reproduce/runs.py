@@ -28,6 +28,7 @@ from parallel_robot.paper.reproduce.readings import (
     least_bounds,
 )
 from parallel_robot.paper.reproduce.table import controllers
+from parallel_robot.paper.reproduce.theorem import STIFF
 from parallel_robot.scenario import RobotScenario, load_scenario
 
 #: Only native FMUs are fast enough for all runs.
@@ -40,8 +41,6 @@ LEVELS = (0.01, 0.05)
 #: Shapes and levels (N m) under which PD and the control of row (1, 1) are compared.
 EVENTS = tuple((shape, level) for shape in SHAPES for level in (0.01, 0.05, 0.2, 1.0))
 
-#: Far larger beta (N m s/rad) than those of Table 1.
-STIFF = (100.0, 400.0)
 
 Progress = Callable[[str], None]
 

@@ -22,6 +22,10 @@ from trajectory_fmu import model as trajectory
 EVERY = 2
 
 
+#: Far larger beta (N m s/rad) than those of Table 1.
+STIFF = (100.0, 400.0)
+
+
 @dataclass(frozen=True)
 class Motion:
     """A run in the variables of section 4; n points.
@@ -115,32 +119,49 @@ def needed_bound(results: Results, until: float) -> tuple[np.ndarray, np.ndarray
     """
     r = results
     rows = np.flatnonzero(r.time <= until)[::5]
-    p, c = PLANT.unpack(PLANT.starts), CONTROLLER.unpack(CONTROLLER.starts)
-    needed, step = [], 1e-6
-    for i in rows:
-        theta = np.concatenate([r["plant.theta_a"][i], r["plant.theta_b"][i]])
-        omega = np.concatenate([r["plant.omega_a"][i], r["plant.omega_b"][i]])
-        tau_a, dm = r["controller.tau_a"][i], r["plant.dm"][i]
-        u = plant.INPUTS.pack(tau_a=tau_a, tau_d=r["plant.tau_d"][i], dm=dm, dm_rate=0.0)
-        acceleration = plant.derivatives(0.0, np.concatenate([theta, omega]), u, PLANT.starts)[6:9]
-        inertia = uncertain_inertia(p.X, p.Y, p.Z, dm, p.l, p.r_a, p.Z / (p.m_b * p.l))
-        M = reduced_mass(theta, *inertia, p.l)
-        ahead, behind = (reduced_mass(theta + d * omega, *inertia, p.l) for d in (step, -step))
-        error = r["plant.theta_a"][i] - r["trajectory.theta_ref"][i]
-        rate = r["plant.omega_a"][i] - r["trajectory.omega_ref"][i]
-        s, s_rate = rate + c.S * error, acceleration - _desired_acceleration(float(r.time[i])) + c.S * rate
-        g = M @ s_rate + 0.5 * ((ahead - behind) / (2.0 * step)) @ s - tau_a
-        needed.append(np.linalg.norm(g) / (theta[:3] @ theta[:3] + omega[:3] @ omega[:3]))
+    needed = [
+        _needed(
+            float(r.time[i]),
+            np.concatenate([r[f"plant.{name}"][i] for name in ("theta_a", "theta_b", "omega_a", "omega_b")]),
+            r["controller.tau_a"][i],
+            r["plant.tau_d"][i],
+            r["plant.dm"][i],
+        )
+        for i in rows
+    ]
     return r.time[rows], np.array(needed)
 
 
-def _desired_acceleration(t: float) -> np.ndarray:
-    step, none, p = 1e-5, np.empty(0), trajectory.PARAMETERS.starts
-    ahead, behind = (
-        trajectory.OUTPUTS.unpack(trajectory.output_values(t + d, none, none, p)).omega_ref for d in (step, -step)
-    )
-    rate: np.ndarray = (ahead - behind) / (2.0 * step)
-    return rate
+def needed_at_start(beta: float) -> float:
+    """The same at the start of a run, where psi = 0 leaves the PD part of (38): no run is needed."""
+    x = plant.initial_state(PLANT.starts)
+    theta_ref, omega_ref = _desired(0.0)
+    s = x[6:9] - omega_ref + CONTROLLER.unpack(CONTROLLER.starts).S * (x[:3] - theta_ref)
+    return _needed(0.0, x, -beta * s, np.zeros(3), 0.0)
+
+
+def _needed(t: float, x: np.ndarray, tau_a: np.ndarray, tau_d: np.ndarray, dm: float) -> float:
+    """|g| of (33) over the regressor of (89), in a state x (12,) of the plant under torques (3,) and a mass change."""
+    p, c, step = PLANT.unpack(PLANT.starts), CONTROLLER.unpack(CONTROLLER.starts), 1e-6
+    theta, omega = x[:6], x[6:]
+    u = plant.INPUTS.pack(tau_a=tau_a, tau_d=tau_d, dm=dm, dm_rate=0.0)
+    acceleration = plant.derivatives(0.0, x, u, PLANT.starts)[6:9]
+    inertia = uncertain_inertia(p.X, p.Y, p.Z, dm, p.l, p.r_a, p.Z / (p.m_b * p.l))
+    M = reduced_mass(theta, *inertia, p.l)
+    ahead, behind = (reduced_mass(theta + d * omega, *inertia, p.l) for d in (step, -step))
+    theta_ref, omega_ref = _desired(t)
+    desired_acceleration = (_desired(t + 1e-5)[1] - _desired(t - 1e-5)[1]) / 2e-5
+    rate = omega[:3] - omega_ref
+    s, s_rate = rate + c.S * (theta[:3] - theta_ref), acceleration - desired_acceleration + c.S * rate
+    g = M @ s_rate + 0.5 * ((ahead - behind) / (2.0 * step)) @ s - tau_a
+    return float(np.linalg.norm(g) / (theta[:3] @ theta[:3] + omega[:3] @ omega[:3]))
+
+
+def _desired(t: float) -> tuple[np.ndarray, np.ndarray]:
+    """Desired angles and velocities (3,) of the active joints."""
+    none = np.empty(0)
+    R = trajectory.OUTPUTS.unpack(trajectory.output_values(t, none, none, trajectory.PARAMETERS.starts))
+    return R.theta_ref, R.omega_ref
 
 
 CONDITION: Condition = "disturbed"
@@ -195,7 +216,7 @@ class Constants:
 
     def envelope(self, time: np.ndarray, V_start: float, *, corrected: bool = False) -> np.ndarray:
         """Right side of (74) at times (n,) in s, for V(0), with h as printed or corrected: (n,)."""
-        decay = 2.0 * self.rate / (2.0 * self.lambda_2)  # 2 lambda_3 beta / k
+        decay = self.rate / self.lambda_2  # 2 lambda_3 beta / k
         end = (self.h_corrected if corrected else self.h) / decay
         values: np.ndarray = (V_start - end) * np.exp(-decay * time) + end
         return values
@@ -218,7 +239,7 @@ def check(m: Motion, controller: Controller, steady_after: float) -> TheoremChec
     Z = m.Z(psi_bar)
     V = m.V(psi_bar)
     below = np.less(Z, 2.0 * c.Gamma * c.stretch)
-    excess = np.gradient(m.V(psi_bar), m.time, edge_order=2) + c.rate * Z**2
+    excess = np.gradient(V, m.time, edge_order=2) + c.rate * Z**2
     return TheoremCheck(
         controller=controller.key,
         condition=CONDITION,
