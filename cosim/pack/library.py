@@ -38,7 +38,11 @@ def chosen_platforms(names: Sequence[str] | None, fmus: Mapping[str, LoadedFMU],
             if folder_of(target, version) is not None and not any(_lacks(fmu, target) for fmu in fmus.values())
         ]
         if not found:
-            raise SetupError("there is no platform for which all components have a library")
+            have = "; ".join(
+                f"{component} {', '.join(t.name for t in TARGETS.values() if not _lacks(fmu, t)) or 'none'}"
+                for component, fmu in fmus.items()
+            )
+            raise SetupError(f"there is no platform for which all components have a library; they have: {have}")
         return found
     chosen = [host_target()] if names is None else [_target(name) for name in names]
     for target in chosen:
@@ -48,7 +52,10 @@ def chosen_platforms(names: Sequence[str] | None, fmus: Mapping[str, LoadedFMU],
             )
         for component, fmu in fmus.items():
             if _lacks(fmu, target):
-                raise SetupError(f"component '{component}': {fmu.path} has no library for {target.name}")
+                raise SetupError(
+                    f"component '{component}': {fmu.path} has no library for {target.name}; take an FMU that has "
+                    "one, or leave this platform out"
+                )
     return chosen
 
 

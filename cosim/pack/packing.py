@@ -201,7 +201,7 @@ class _Whole:
             if port.uses_events:
                 raise SetupError(
                     f"component '{component}' has clocks, whose events the packed FMU would have to handle: it can't "
-                    "be packed"
+                    "be packed; leave it out, and connect it to the packed FMU"
                 )
         needs_levels = chosen.order.needs_levels
         alone = resolve(system, self.ports, needs_levels=needs_levels)
@@ -244,7 +244,8 @@ class _Whole:
             if link.target.kind == "binary":
                 raise SetupError(
                     f"'{link.source_component}.{link.source.name}' feeds "
-                    f"'{link.target_component}.{link.target.name}' with binary values: that can't be packed"
+                    f"'{link.target_component}.{link.target.name}' with binary values: that can't be packed; "
+                    "pack one of the two without the other"
                 )
 
     def _say_kept(self, resolved: ResolvedSystem, chosen: Sequence[tuple[str, Element]]) -> None:
@@ -289,9 +290,13 @@ def _loaded(system: System) -> Iterator[tuple[str, LoadedFMU]]:
             raise SetupError(f"component '{name}' is a function in Python, which can't be packed; make it an FMU first")
         fmu = load(name, component.fmu)
         if fmu.description.fmiMajorVersion == 1:
-            raise SetupError(f"component '{name}': {fmu.path} is of FMI 1.0, which can't be packed")
+            raise SetupError(
+                f"component '{name}': {fmu.path} is of FMI 1.0, which can't be packed; export it as FMI 2.0"
+            )
         if getattr(fmu.description.coSimulation, "needsExecutionTool", False):
-            raise SetupError(f"component '{name}': {fmu.path} needs a tool that runs beside it, and can't be packed")
+            raise SetupError(
+                f"component '{name}': {fmu.path} needs a tool that runs beside it, and can't be packed; leave it out"
+            )
         yield name, fmu
 
 

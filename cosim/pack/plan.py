@@ -189,7 +189,9 @@ class Plan:
             for offset, value in values.items():
                 whole[offset] = value
             if element.kind == "binary":
-                raise SetupError(f"start value of '{component}.{name}': packed FMUs can't set binary values")
+                raise SetupError(
+                    f"start value of '{component}.{name}': packed FMUs can't set binary values; leave it out"
+                )
             if element.kind == "string" and len(values) < len(whole):
                 raise SetupError(f"start value of '{component}.{name}': give all elements of an array of texts")
             yield _Start(component, element, tuple(whole), given=True)
