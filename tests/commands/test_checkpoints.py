@@ -127,7 +127,7 @@ RUNS: dict[str, list[str]] = {
         pytest.param("scenario", 10**7, 2, marks=pytest.mark.slow),
         ("pythonfmu", 10**7, 1),
         pytest.param("fmu", 10**7, 1, marks=pytest.mark.slow),
-        ("ssp", 10**7, 1),
+        pytest.param("ssp", 10**7, 1, marks=pytest.mark.slow),
         ("streamed", 1000, 1),
         pytest.param("fmi3", 10**7, 2, marks=pytest.mark.slow),
         pytest.param("own", 10**7, 2, marks=pytest.mark.slow),

@@ -223,6 +223,7 @@ os.kill(os.getpid(), 11)
         assert ("Fatal Python error" in done.stderr) == said
 
 
+@pytest.mark.slow
 def test_each_thread_has_its_own_call(tmp_path: Path) -> None:
     path = tank(tmp_path / "tank.fmu")
     addresses = set()

@@ -236,6 +236,7 @@ def test_omsimulator_is_asked_for_our_connections(folder: Path) -> None:
     }
 
 
+@pytest.mark.slow
 def test_regression_test_of_an_fmu(folder: Path) -> None:
     file = example("regression_test_of_an_fmu.py")
     command = ["-m", "pytest", "-q", "-p", "no:cacheprovider", "-c", os.devnull, file]

@@ -416,6 +416,7 @@ def test_an_fmu_file_is_free_after_a_run_and_its_new_content_counts(tmp_path):
 
 
 @pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="no /proc/self/fd to count open files in")
+@pytest.mark.slow
 def test_open_files_do_not_grow(tiny):
     def run() -> None:
         simulate(failing(tiny), 1.0, 0.25)

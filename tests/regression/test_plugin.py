@@ -95,6 +95,7 @@ def test_a_folder_is_run_by_all_interfaces_and_reported(session, pytester):
     assert "2 of 4 runs failed" in page
 
 
+@pytest.mark.slow
 def test_in_parallel_the_same(session, pytester):
     dahlquist(pytester.path / "reference", factor=1.001)
     pytester.makeini("[pytest]\ntestpaths = tests")  # which are not run
@@ -242,6 +243,7 @@ def test_parts_of_the_page_can_travel_between_processes():
     assert "&lt;broken&gt;" in made["section"]
 
 
+@pytest.mark.slow
 def test_c_sources_are_compiled_where_asked(session, pytester) -> None:
     fmu = sources_of_tank(pytester.path / "fmus" / "tank.fmu")
     reference = Results(np.arange(3) * 0.5, ["y"], np.arange(3)[:, None] * 0.5)

@@ -149,6 +149,7 @@ def test_a_connector_of_another_kind_is_noted_but_that_of_a_constant(fmus: dict[
     assert told[1] == ()
 
 
+@pytest.mark.slow
 def test_a_description_of_many_megabytes_is_read(fmus: dict[str, Path], tmp_path: Path) -> None:
     text = description(LOOP).replace("<ssd:System ", f"<!--{'x' * 8_000_000}--><ssd:System ", 1)
     given = {"gain": fmus["gain"], "integrator": fmus["integrator"]}

@@ -214,6 +214,7 @@ def test_another_version_on_a_worker_is_one_line(address, counter, tmp_path, mon
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.slow
 def test_a_scheduler_that_does_not_answer_has_no_workers_or_dies_is_one_line(cluster, counter, tmp_path, monkeypatch):
     study = CounterStudy(sha256(counter), stop_time=200.0)
     files, points = {study.fmu: counter}, counter_points(400)

@@ -78,6 +78,7 @@ def test_robertson_is_right_in_one_step(built: Built, flavour: str) -> None:
 
 
 @BOTH
+@pytest.mark.slow
 def test_van_der_pol_is_right_in_steps_of_a_second(built: Built, flavour: str) -> None:
     """Over more than a period of 1614 s; in the jumps, of a few milliseconds, the speed is 1300."""
     of, times = VAN_DER_POL, np.arange(1.0, 2001.0)

@@ -144,6 +144,7 @@ def test_what_makes_no_sense_is_refused(tmp_path: Path, reference: Reference, me
     assert not list(tmp_path.glob("*.fmu"))
 
 
+@pytest.mark.slow
 def test_the_robots_fmus_bring_theirs(robot_fmus: Path, tmp_path: Path) -> None:
     found = sorted(robot_fmus.rglob("*.fmu"))
     assert len(found) >= 3
