@@ -31,7 +31,7 @@ from tests.support import some
 from tests.support.compilation import shared_compilation
 
 #: Tools that take seconds to start; the others have each kind of exchange and of files.
-SLOW = {"pathsim", "fmu_toolbox_ssp", "ecos_ssp"}
+SLOW = {"pathsim", "fmu_toolbox_ssp", "ecos_ssp", "fmpy_ssp"}
 
 
 def name_of(entry: Entry) -> str:

@@ -178,6 +178,7 @@ def path() -> np.ndarray:
     return closed_loop_path(LINKS, TIMES)
 
 
+@pytest.mark.slow
 def test_closed_loop_is_the_same_over_15_s(path: np.ndarray) -> None:
     """With mass change and disturbance torque. Pinocchio's closure is not stabilised, ours is: neither matters."""
     ours = end_effector(solve(TIMES, disturbance, TRACKING.signals["plant.tau_d"].breakpoints, rtol=1e-10))
