@@ -16,7 +16,7 @@ from cosim.osp.errors import OSPError
 from cosim.osp.functions import Function, read_function
 from cosim.osp.groups import Group, found_in, pairs, read_groups
 from cosim.osp.parsing import attribute, number, parse
-from cosim.ssp.package import Folder
+from cosim.ssp.format.package import Folder
 from cosim.system.read import Findings, ReadSystem, multiple_of_step
 from cosim.system.system import System, Units
 from cosim.system.units import UnitsDiffer, conversion

@@ -15,11 +15,11 @@ from xml.parsers.expat import ExpatError
 
 from cosim.errors import nearest
 from cosim.fmi.fmu_file import load
-from cosim.ssp.description import parameter_file
 from cosim.ssp.errors import SSPError
-from cosim.ssp.package import DESCRIPTION, Archive
-from cosim.ssp.schema import NAMESPACES, parse
-from cosim.ssp.structure import GIVING, SEPARATOR, TAKING
+from cosim.ssp.format.description import parameter_file
+from cosim.ssp.format.package import DESCRIPTION, Archive
+from cosim.ssp.format.schema import NAMESPACES, parse
+from cosim.ssp.format.structure import GIVING, SEPARATOR, TAKING
 from cosim.system.read import Findings
 from cosim.system.variables import Ports
 

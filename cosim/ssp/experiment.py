@@ -6,9 +6,9 @@ import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from cosim.ssp.document import Document
 from cosim.ssp.errors import SSPError
-from cosim.ssp.structure import Part
+from cosim.ssp.format.document import Document
+from cosim.ssp.format.structure import Part
 from cosim.system.read import multiple_of_step
 from cosim.xml_elements import child, children
 

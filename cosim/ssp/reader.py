@@ -8,15 +8,15 @@ from pathlib import Path
 from typing import Any, Literal
 
 from cosim.errors import nearest
-from cosim.ssp.document import open_document
 from cosim.ssp.errors import SSPError
 from cosim.ssp.experiment import step_size_of, steps_of
 from cosim.ssp.flow import Feed, Flow, Node
+from cosim.ssp.format.document import open_document
+from cosim.ssp.format.package import DESCRIPTION, Package, open_package
+from cosim.ssp.format.parameters import ParameterFiles
+from cosim.ssp.format.structure import SEPARATOR, Part, read_structure, variable_nodes
+from cosim.ssp.format.values import Value, values_of
 from cosim.ssp.mappings import add_mapping
-from cosim.ssp.package import DESCRIPTION, Package, open_package
-from cosim.ssp.parameters import ParameterFiles
-from cosim.ssp.structure import SEPARATOR, Part, read_structure, variable_nodes
-from cosim.ssp.values import Value, values_of
 from cosim.system.read import Findings, ReadSystem
 from cosim.system.system import System
 from cosim.system.variables import Element

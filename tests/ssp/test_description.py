@@ -10,7 +10,7 @@ import pytest
 
 from cosim import System
 from cosim.ssp.errors import SSPError
-from cosim.ssp.schema import NAMESPACES
+from cosim.ssp.format.schema import NAMESPACES
 from cosim.ssp.writer import Experiment, ParameterSet, write_ssp
 from tests.support.small_fmus import redescribed
 from tests.support.tiny_models import UNITS, build

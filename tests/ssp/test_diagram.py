@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from cosim.ssp.diagram import Box, arrange
+from cosim.ssp.format.diagram import Box, arrange
 
 Wire = tuple[tuple[str, str], tuple[str, str]]
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cosim import CosimError, SetupError, System, simulate
-from cosim.ssp import package
+from cosim.ssp.format import package
 from tests.support.changed_fmus import in_millimetres
 from tests.support.small_fmus import compiled
 from tests.support.ssp_files import (

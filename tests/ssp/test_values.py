@@ -9,7 +9,7 @@ import pytest
 
 from cosim import CosimError, simulate
 from cosim.ssp.errors import SSPError
-from cosim.ssp.values import Value
+from cosim.ssp.format.values import Value
 from tests.support.small_fmus import compiled, redescribed
 from tests.support.ssp_files import (
     archive,

@@ -21,7 +21,7 @@ from pyssp_standard.ssd import System as OtherSystem
 
 from cosim import CosimError, Results, System, simulate
 from cosim.__main__ import main
-from cosim.ssp.diagram import Box, arrange
+from cosim.ssp.format.diagram import Box, arrange
 from cosim.ssp.writer import Experiment, ParameterSet, write_ssp
 from parallel_robot.paper.reproduce.table import table1
 from parallel_robot.scenario import load_scenario

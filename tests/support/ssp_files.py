@@ -6,8 +6,8 @@ import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 
+from cosim.ssp.format.schema import NAMESPACES
 from cosim.ssp.reader import read_ssp
-from cosim.ssp.schema import NAMESPACES
 from cosim.system.read import ReadSystem
 
 SPACES = " ".join(f'xmlns:{prefix}="{space}"' for prefix, space in NAMESPACES.items())

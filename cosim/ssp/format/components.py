@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from cosim.fmi.fmu_file import LoadedFMU, load
-from cosim.ssp.diagram import Wire
 from cosim.ssp.errors import SSPError
+from cosim.ssp.format.diagram import Wire
 from cosim.system.resolution import resolve, split
 from cosim.system.system import Connection, System
 from cosim.system.variables import Element, Ports

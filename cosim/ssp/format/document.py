@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 from fmpy.model_description import BaseUnit, Unit
 
-from cosim.ssp.package import Package
-from cosim.ssp.schema import parse
+from cosim.ssp.format.package import Package
+from cosim.ssp.format.schema import parse
 from cosim.system.read import Findings
 from cosim.xml_elements import child, children
 

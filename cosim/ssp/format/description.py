@@ -9,10 +9,10 @@ from xml.etree.ElementTree import SubElement
 
 from fmpy.model_description import BaseUnit, SimpleType, Unit
 
-from cosim.ssp.components import PackagedComponent, SystemContent
-from cosim.ssp.diagram import Box, Layout, arrange
 from cosim.ssp.errors import SSPError
-from cosim.ssp.schema import NAMESPACES
+from cosim.ssp.format.components import PackagedComponent, SystemContent
+from cosim.ssp.format.diagram import Box, Layout, arrange
+from cosim.ssp.format.schema import NAMESPACES
 from cosim.system.variables import Element, Ports
 from cosim.versions import versions
 

@@ -16,10 +16,10 @@ from fmpy.model_description import Unit
 
 from cosim.errors import nearest
 from cosim.fmi.fmu_file import load
-from cosim.ssp.document import Definitions, Document, open_document, read_definitions
 from cosim.ssp.errors import SSPError
-from cosim.ssp.package import DESCRIPTION, Archive
-from cosim.ssp.schema import parse
+from cosim.ssp.format.document import Definitions, Document, open_document, read_definitions
+from cosim.ssp.format.package import DESCRIPTION, Archive
+from cosim.ssp.format.schema import parse
 from cosim.system.read import Findings
 from cosim.system.units import UnitsDiffer, conversion
 from cosim.system.variables import Element, Ports
