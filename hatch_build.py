@@ -21,9 +21,10 @@ except ModuleNotFoundError:  # run as a script
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from cosim.loop.source import LIBRARY, loop_sources
+from cosim.loop.source import LIBRARY, SYSTEM_LIBRARIES, loop_sources
 from cosim.pack.source import LIBRARY as PACKED_LIBRARY
-from cosim.pack.source import SYSTEM_LIBRARIES, library_sources
+from cosim.pack.source import SYSTEM_LIBRARIES as PACKED_SYSTEM_LIBRARIES
+from cosim.pack.source import library_sources
 from fmu_export.native.toolchain import ToolchainError, compile_library, find_compiler
 
 
@@ -35,7 +36,7 @@ def compile_loop() -> Path:
     ToolchainError
         There is no C compiler, or it fails.
     """
-    return _replace(LIBRARY, compile_library(loop_sources(), LIBRARY.stem))
+    return _replace(LIBRARY, compile_library(loop_sources(), LIBRARY.stem, libraries=SYSTEM_LIBRARIES))
 
 
 def compile_packed() -> Path:
@@ -46,7 +47,7 @@ def compile_packed() -> Path:
     ToolchainError
         There is no C compiler, or it fails.
     """
-    library = compile_library(library_sources(), PACKED_LIBRARY.stem, libraries=SYSTEM_LIBRARIES)
+    library = compile_library(library_sources(), PACKED_LIBRARY.stem, libraries=PACKED_SYSTEM_LIBRARIES)
     return _replace(PACKED_LIBRARY, library)
 
 

@@ -27,6 +27,7 @@ from benchmarks.plant_step import measure_plant_step
 from benchmarks.scaling import measure_chain, measure_program
 from benchmarks.solvers import measure_solvers
 from benchmarks.sweeps import measure_sweeps
+from benchmarks.threads import measure_threads
 from cosim.versions import versions
 from parallel_robot.fmus import FLAVOURS, build
 
@@ -41,6 +42,7 @@ PARTS: dict[str, Callable[[Path], Section | list[Section]]] = {
     "chain": lambda _: measure_chain(),
     "program": measure_program,
     "sweeps": measure_sweeps,
+    "threads": measure_threads,
     "masters": measure_masters,
     "solvers": lambda _: measure_solvers(),
     "packed": measure_packed,

@@ -21,6 +21,7 @@ from cosim.commands.options import LOG_FILE, log_options
 from cosim.errors import CosimError, SetupError, nearest
 from cosim.fmi.message_log import Log
 from cosim.fmi.messages import notes
+from cosim.loop.team import Threads, checked_threads
 from cosim.master.algorithm import EXTRAPOLATIONS
 from cosim.master.checkpoint import Checkpoint
 from cosim.master.failures import SimulationError, SimulationInterrupted
@@ -133,6 +134,7 @@ def run_prepared(prepared: PreparedRun, args: argparse.Namespace, figures: Figur
                 build=args.build,
                 log=log,
                 units_row=args.units_row,
+                threads=_threads(args.threads),
             )
         except SetupError as error:
             raise UsageError(f"{prepared.source}: {error}{_kept_log(folder.unfinished)}") from error
@@ -150,6 +152,17 @@ def run_prepared(prepared: PreparedRun, args: argparse.Namespace, figures: Figur
             checkpoint.remove()
         print(in_words(prepared, summary, drawn=drawn))
     return 0
+
+
+def _threads(given: str | None) -> Threads:
+    """The number of threads that an option gives.
+
+    Raises
+    ------
+    SetupError
+        It makes no sense.
+    """
+    return checked_threads(1 if given is None else int(given) if given.isdecimal() else given)
 
 
 def _checkpoint(folder: Path, every: float | None, resume: bool) -> Checkpoint | None:
@@ -197,6 +210,7 @@ def execute(
     build: bool = False,
     log: Log | None = None,
     units_row: bool = False,
+    threads: Threads = 1,
 ) -> Results | StoredResults:
     """Run a system; a run that is too long for memory goes to the disk as it comes, into a folder.
 
@@ -214,6 +228,7 @@ def execute(
             record=plan.record,
             build=build,
             log=log,
+            threads=threads,
         ) as simulation,
         _progress(plan) as progress,
     ):

@@ -54,6 +54,11 @@ def register(subparsers: Any) -> None:
         help="relative tolerance that the FMUs are told (default: that of each one's default experiment)",
     )
     add_algorithm_options(parser)
+    parser.add_argument(
+        "--threads",
+        metavar="N",
+        help="threads that step components at the same time, or 'auto': as many as pay (default 1), with equal results",
+    )
     parser.add_argument("--record", action="append", metavar="NAME", help="record this variable only; may be repeated")
     parser.add_argument("--record-every", type=int, metavar="N", help="record at every N-th communication point")
     parser.add_argument(

@@ -22,7 +22,7 @@ from fmpy.model_description import ModelDescription
 
 from cosim.errors import CosimError
 from cosim.fmi.messages import STATUSES, Messages, keep_callbacks
-from cosim.fmi.python_fmus import resources_uri
+from cosim.fmi.python_fmus import resources_uri, runs_python
 from cosim.fmi.shared_library import Library, LibraryError, library_path
 from cosim.fmi.types import Texts
 from cosim.loop.binding import Operation, loop_library
@@ -164,6 +164,9 @@ class Instance:
     #: Whether the importer handles events of the FMU, see `cosim.fmi.event_mode`; by default the FMU does.
     uses_events = False
 
+    #: Whether its steps run Python in this process, where threads take turns.
+    runs_python = False
+
     def __init__(
         self,
         name: str,
@@ -191,6 +194,7 @@ class Instance:
             self._library = Library(path, identifier, f"component '{name}' ({file or identifier})")
         except LibraryError as error:
             raise CallFailed(str(error)) from error
+        self.runs_python = self.uses_events or runs_python(folder)
         prepared = {1: self._prepared_fmi1, 2: self._prepared_fmi2, 3: self._prepared_fmi3}[self.version]
         self._instantiate = prepared(description.instantiationToken.encode(), folder.absolute() / "resources")
 

@@ -26,6 +26,11 @@ _MARKS = (_MODULE_FILE.encode(), b"PyImport_ImportModule")
 _TIED = re.compile(rb"libpython3\.(\d+)\w*\.|python3(\d+)\.dll")
 
 
+def runs_python(folder: Path) -> bool:
+    """Whether an unpacked FMU runs Python in this process."""
+    return (folder / "resources" / _MODULE_FILE).is_file()
+
+
 def prepare(folder: Path, description: ModelDescription) -> None:
     """Make an unpacked FMU ready, if it runs Python in this process; others are left alone.
 
@@ -36,7 +41,7 @@ def prepare(folder: Path, description: ModelDescription) -> None:
     """
     resources = folder / "resources"
     co_simulation = description.coSimulation
-    if not (resources / _MODULE_FILE).is_file() or co_simulation is None:
+    if not runs_python(folder) or co_simulation is None:
         return
     name = co_simulation.modelIdentifier
     member = f"binaries/{fmpy.platform}/{name}{fmpy.sharedLibraryExtension}"

@@ -141,6 +141,7 @@ class Loop(ctypes.Structure):
         ("codes_at_point", POINTER(c_uint32)),
         ("codes_at_step", POINTER(c_uint32)),
         ("call", c_void_p),
+        ("team", c_void_p),
         ("warned", Warned),
         ("point", c_int64),
         ("failed", c_int64),
@@ -203,5 +204,6 @@ def loop_library() -> ctypes.CDLL:
         function.argtypes = [c_void_p, POINTER(c_uint32), c_size_t, c_void_p, c_size_t]
     library.log_to.argtypes = [TakeMessage]
     library.log_to.restype = None
-    library.loop_perform.restype = library.loop_run.restype = c_bool
+    library.loop_rest_of_step.argtypes = [POINTER(Loop), c_int64, c_int64]
+    library.loop_perform.restype = library.loop_run.restype = library.loop_rest_of_step.restype = c_bool
     return library

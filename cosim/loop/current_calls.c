@@ -17,14 +17,12 @@
 #include <io.h>
 #include <process.h>
 #include <windows.h>
-#define EXPORT __declspec(dllexport)
 #define getpid _getpid
 #define write(file, text, size) _write(file, text, (unsigned)(size))
 #else
 #include <pthread.h>
 #include <signal.h>
 #include <unistd.h>
-#define EXPORT __attribute__((visibility("default")))
 #endif
 
 #include "current_calls.h"
@@ -121,6 +119,17 @@ EXPORT int32_t take_place(void) {
         return i;
     }
     return -1;
+}
+
+CurrentCall *call_at(int32_t place) { return &all->calls[place]; }
+
+void leave_place(int32_t place) {
+    all->calls[place].code = 0;
+#ifdef __GNUC__
+    __atomic_store_n(&all->calls[place].thread, 0, __ATOMIC_SEQ_CST);
+#else
+    InterlockedExchange64((volatile LONG64 *)&all->calls[place].thread, 0);
+#endif
 }
 
 #ifdef _WIN32

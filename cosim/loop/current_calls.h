@@ -2,7 +2,16 @@
 #ifndef CURRENT_CALLS_H
 #define CURRENT_CALLS_H
 
+#include <stdbool.h>
 #include <stdint.h>
+
+#ifndef EXPORT
+#ifdef _WIN32
+#define EXPORT __declspec(dllexport)
+#else
+#define EXPORT __attribute__((visibility("default")))
+#endif
+#endif
 
 enum { N_CALLS = 256, N_FUNCTIONS = 256, N_COMPONENTS = 4096, FUNCTION_SIZE = 64, COMPONENT_SIZE = 256 };
 
@@ -22,5 +31,13 @@ typedef struct {
     char functions[N_FUNCTIONS][FUNCTION_SIZE];
     char components[N_COMPONENTS][COMPONENT_SIZE];
 } CurrentCalls;
+
+/* A place for the calls of this thread, and its number; -1 if there is none left. A thread in C leaves it at its end. */
+EXPORT int32_t take_place(void);
+CurrentCall *call_at(int32_t place);
+void leave_place(int32_t place);
+
+/* Begin or end to watch for signals; calls may be nested, in any number of threads. Whether handlers are there then. */
+EXPORT bool watch_calls(bool begin);
 
 #endif

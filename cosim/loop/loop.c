@@ -4,6 +4,10 @@
  * stand here. LOOP_HASH tells binding.py whether it belongs to this source. */
 #include "loop.h"
 
+#ifndef WITHOUT_TEAM
+#include "team.h"
+#endif
+
 #include <float.h>
 #include <math.h>
 #include <stdarg.h>
@@ -306,28 +310,57 @@ EXPORT void log_message(void *environment, const char *name, int status, const c
 /* So many operations before it is called an instance is fetched into the cache. */
 enum { AHEAD = 4 };
 
-/* Perform operations at a communication point; false, with the reason in `loop`, when one fails. */
-static bool perform_all(Loop *loop, const Operation operations[], const uint32_t codes[], int64_t n, int64_t point,
-                        bool at_step) {
+int64_t loop_perform_some(const Loop *loop, CurrentCall *call, const Operation operations[], const uint32_t codes[],
+                          int64_t n, int64_t point, int32_t *status) {
     double time = loop->start_time + (double)point * loop->step_size;
-    CurrentCall *call = loop->call;
     call->time = time;
-    loop->point = point;
     for (int64_t k = 0; k < n; k++) {
         if (k + AHEAD < n) PREFETCH(operations[k + AHEAD].instance);
         if (operations[k].every > 1 && point % operations[k].every) continue; /* a division costs more than a call */
         call->code = codes[k];
-        int status = perform(loop, &operations[k], point, time);
-        if (!status) continue;
-        if (status != 1) { /* worse than a warning */
-            loop->status = status;
-            loop->failed = k;
-            loop->failed_at_step = at_step;
-            return false;
-        }
+        *status = perform(loop, &operations[k], point, time);
+        if (!*status) continue;
+        if (*status != 1) return k; /* worse than a warning */
         loop->warned(&operations[k]);
     }
-    return true;
+    return n;
+}
+
+/* Perform operations at a communication point; false, with the reason in `loop`, when one fails. */
+static bool perform_all(Loop *loop, const Operation operations[], const uint32_t codes[], int64_t n, int64_t point,
+                        bool at_step) {
+    loop->point = point;
+    int64_t done = loop_perform_some(loop, loop->call, operations, codes, n, point, &loop->status);
+    if (done == n) return true;
+    loop->failed = done;
+    loop->failed_at_step = at_step;
+    return false;
+}
+
+bool loop_step_one_by_one(Loop *loop, int64_t point) {
+    return perform_all(loop, loop->at_step, loop->codes_at_step, loop->n_at_step, point, true);
+}
+
+bool loop_rest_one_by_one(Loop *loop, int64_t failed, int64_t point) {
+    int64_t first = failed + 1;
+    bool done =
+        perform_all(loop, loop->at_step + first, loop->codes_at_step + first, loop->n_at_step - first, point, true);
+    if (!done) loop->failed += first;
+    return done;
+}
+
+static bool step(Loop *loop, int64_t point) {
+#ifndef WITHOUT_TEAM
+    if (loop->team) return team_step(loop, point);
+#endif
+    return loop_step_one_by_one(loop, point);
+}
+
+static bool rest_of_step(Loop *loop, int64_t failed, int64_t point) {
+#ifndef WITHOUT_TEAM
+    if (loop->team) return team_rest_of_step(loop, failed, point);
+#endif
+    return loop_rest_one_by_one(loop, failed, point);
 }
 
 EXPORT const char *loop_hash(void) { return LOOP_HASH; }
@@ -400,6 +433,7 @@ static const Field layout[] = {
     FIELD(Loop, codes_at_point),
     FIELD(Loop, codes_at_step),
     FIELD(Loop, call),
+    FIELD(Loop, team),
     FIELD(Loop, warned),
     FIELD(Loop, point),
     FIELD(Loop, failed),
@@ -417,6 +451,13 @@ EXPORT bool loop_perform(Loop *loop, const Operation operations[], const uint32_
     return done;
 }
 
+EXPORT bool loop_rest_of_step(Loop *loop, int64_t failed, int64_t point) {
+    uint32_t around = loop->call->code;
+    bool done = rest_of_step(loop, failed, point);
+    loop->call->code = around;
+    return done;
+}
+
 static bool go_through(Loop *loop, int64_t first, int64_t end, bool exchanged) {
     for (int64_t point = first; point < end; point++) {
         if (!(exchanged && point == first) &&
@@ -430,9 +471,7 @@ static bool go_through(Loop *loop, int64_t first, int64_t end, bool exchanged) {
                 if (run[1] == 1) *row = loop->values[*run];
                 else memcpy(row, loop->values + *run, (size_t)run[1] * sizeof *row);
         }
-        if (point < loop->last_point &&
-            !perform_all(loop, loop->at_step, loop->codes_at_step, loop->n_at_step, point, true))
-            return false;
+        if (point < loop->last_point && !step(loop, point)) return false;
     }
     return true;
 }

@@ -7,16 +7,9 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "current_calls.h"
-#include "loop_hash.h" /* LOOP_HASH; where the loop is a part of something, also EXPORT, empty */
+#include "loop_hash.h" /* LOOP_HASH; where the loop is a part of something, also EXPORT, empty: so it comes first */
 
-#ifndef EXPORT
-#ifdef _WIN32
-#define EXPORT __declspec(dllexport)
-#else
-#define EXPORT __attribute__((visibility("default")))
-#endif
-#endif
+#include "current_calls.h"
 
 typedef enum { SAMPLE, SET, GET, EXTRAPOLATE, STEP, TRANSFORM, CALL, CONVERT } Kind;
 
@@ -68,7 +61,9 @@ typedef struct {
     int32_t n_references, first, n, n_targets; /* first, n: the values that it gets or sets, contiguous */
 } Operation; /* 64 bytes: with many FMUs the loop is as fast as the processor's cache */
 
-typedef struct {
+struct Team;
+
+typedef struct Loop {
     double start_time, step_size, per_second; /* steps in a second, if each is one of step_size */
     int64_t last_point;
     double *values;
@@ -84,6 +79,7 @@ typedef struct {
     int64_t n_at_point, n_at_step;
     const uint32_t *codes_at_point, *codes_at_step; /* of the calls that the operations make */
     CurrentCall *call; /* where they are noted: that of the thread that the loop runs in */
+    struct Team *team; /* which performs the operations at_step (team.h); NULL: they are performed one by one */
     void (*warned)(const Operation *); /* told of each operation that returns a warning */
     /* where it is or was, and how it ended */
     int64_t point, failed;
@@ -116,6 +112,19 @@ void loop_evaluate(const Extrapolated *in, double since, int32_t n);
 
 /* A STEP operation of this length; the status, or one of those beyond FMI's. */
 int loop_do_step(const Operation *op, double time, double step);
+
+/* Perform operations one by one, noting their codes in a call; the number of those that went well, and the status of the next. */
+int64_t loop_perform_some(const Loop *loop, CurrentCall *call, const Operation operations[], const uint32_t codes[],
+                          int64_t n, int64_t point, int32_t *status);
+
+/* Perform the operations at_step one by one; false, with the reason in `loop`, when one fails. */
+bool loop_step_one_by_one(Loop *loop, int64_t point);
+
+/* Those after the one that failed; its number is that of all of them. */
+bool loop_rest_one_by_one(Loop *loop, int64_t failed, int64_t point);
+
+/* Go on with a step after the operation that failed has been dealt with; as loop_perform. */
+EXPORT bool loop_rest_of_step(Loop *loop, int64_t failed, int64_t point);
 
 /* Perform operations with these codes once, at a communication point; false, with the reason in `loop`, when one fails. */
 EXPORT bool loop_perform(Loop *loop, const Operation operations[], const uint32_t codes[], int64_t n, int64_t point);

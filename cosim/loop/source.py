@@ -8,6 +8,12 @@ from pathlib import Path
 
 _FOLDER = Path(__file__).parent
 
+#: Libraries of the system that it is linked with; on Windows all are.
+SYSTEM_LIBRARIES = ("pthread",)
+
+#: Files that a library of which the loop is a part goes without.
+_NO_PARTS = ("current_calls.c", "team.c", "team.h")
+
 LIBRARY = _FOLDER / ("_loop" + {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so"))
 
 
@@ -24,6 +30,7 @@ def source_hash() -> str:
 
 def loop_sources(*, as_part: bool = False) -> dict[str, bytes]:
     """What a compiler needs, by file name; as a part of another library the loop keeps its functions to itself."""
-    generated = f'#define LOOP_HASH "{source_hash()}"\n' + ("#define EXPORT\n" if as_part else "")
-    own = {name: content for name, content in _files().items() if name != "current_calls.c" or not as_part}
+    part = "#define EXPORT\n#define WITHOUT_TEAM\n"
+    generated = f'#define LOOP_HASH "{source_hash()}"\n' + (part if as_part else "")
+    own = {name: content for name, content in _files().items() if name not in _NO_PARTS or not as_part}
     return {**own, "loop_hash.h": generated.encode()}

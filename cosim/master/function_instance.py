@@ -52,6 +52,7 @@ class FunctionInstance(Instance):
     """
 
     noun = "function"
+    runs_python = True
 
     def __init__(self, name: str, function: PythonFunction) -> None:  # there is no library to load
         self.name, self.version, self.texts = name, 3, Texts()

@@ -165,6 +165,13 @@ class Exchange:
         )
         self._let_fmus_ask_for_inputs()
 
+    def units_at_step(self) -> tuple[list[int], list[bool]]:
+        """For each component that is stepped: where its operations end, and whether Python has a part in them."""
+        ends: dict[str, int] = {}
+        for i, row in enumerate(self.at_step.rows):
+            ends[row.component] = i + 1
+        return list(ends.values()), [self._instances[component].runs_python for component in ends]
+
     def value(self, component: str, element: Element) -> Any:
         """Current value of an element."""
         position = self._layout.positions[component, element.name]

@@ -32,6 +32,7 @@ from cosim.loop.binding import (
     loop_library,
 )
 from cosim.loop.current_calls import address_of_call
+from cosim.loop.team import Team, Threads
 from cosim.master.failures import Failing, InterruptedInCall, SimulationError, SimulationInterrupted
 from cosim.master.function_instance import FunctionInstance, in_one_line
 from cosim.master.interrupts import DeferredInterrupt
@@ -98,8 +99,11 @@ class Run:
         grid: Grid,
         interrupt: DeferredInterrupt,
         columns: RecordedColumns,
+        threads: Threads,
     ) -> None:
         self._columns = columns
+        self._threads = threads
+        self._team = Team(threads, *exchange.units_at_step()) if threads != 1 else None
         self._instances = instances
         self._exchange = exchange
         self._samples = samples
@@ -125,6 +129,7 @@ class Run:
             n_at_step=len(exchange.at_step),
             codes_at_point=exchange.at_point.codes,
             codes_at_step=exchange.at_step.codes,
+            team=None if self._team is None else self._team.address,
             warned=_counting_warnings(instances),
         )
         this = weakref.ref(self)  # what FMUs say when the run is gone has no time, and must not keep its memory
@@ -316,6 +321,12 @@ class Run:
         if refusing := self._exchange.refusing():
             said = dict.fromkeys(sorted(refusing), "it refuses fmi3SetFloat64 during a step")
             results.info["derivatives_refused"] = {**results.info.get("derivatives_refused", {}), **said}
+        if self._team is not None:
+            results.info["threads"] = {
+                "asked": self._threads,
+                "used": self._team.threads,
+                "steps_together": self._team.steps_together,
+            }
         if self._not_terminated:
             results.info["not_terminated"] = dict(self._not_terminated)
         results.info |= summary(instance.messages for instance in self._instances.values())
@@ -452,17 +463,15 @@ class Run:
     def _finish_step(self, point: int) -> None:
         """Finish the step from a communication point on, in which the loop got stuck at an operation."""
         table, loop = self._exchange.at_step, self._loop
-        k = loop.failed
         while True:
+            k = loop.failed
             row, operation = table.rows[k], table.operations[k]
             if operation.kind == OperationKind.EXTRAPOLATE and operation.version == 3 and not self._exchange.demanded:
                 Extrapolated.from_address(operation.data).refused = _TOLD
-                if self._performed(table, k + 1, len(table), point):
+                if self._has_rest_of_step_gone_well(k, point):
                     return
-                k += 1 + loop.failed
                 continue
             if operation.kind != OperationKind.STEP:
-                loop.failed = k  # the loop counts from where it went on
                 raise self._failure(table)
             time, step = self._grid.time(point), operation.every * self._grid.step_size
             inputs = [
@@ -474,9 +483,13 @@ class Run:
                 status = self._status_of_step(row, operation, loop.status, time)
                 ended_by = self._unfinished.finish(row.component, status, time, step, inputs)
             self.ended_by = self.ended_by or ended_by
-            if self._performed(table, k + 1, len(table), point):
+            if self._has_rest_of_step_gone_well(k, point):
                 return
-            k += 1 + loop.failed
+
+    def _has_rest_of_step_gone_well(self, failed: int, point: int) -> bool:
+        """Perform what a step has left once the operation that failed has been dealt with; whether all went well."""
+        self._loop.call = address_of_call()
+        return bool(loop_library().loop_rest_of_step(ctypes.byref(self._loop), failed, point))
 
     def _status_of_step(self, row: NamedOperation, operation: Operation, status: int, time: float) -> StepStatus:
         if operation.version < 3:

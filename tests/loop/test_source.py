@@ -62,7 +62,7 @@ for longest in (cosim.master.sampling._LONGEST, 0.0):
                 system.connect("g.y", "f.u")
                 for name in variables:
                     system.connect(f"f.{name}", f"end.{name}")
-                simulate(system, 3.0, 0.1, order=order, extrapolation=coupling, record_every=every)
+                simulate(system, 3.0, 0.1, order=order, extrapolation=coupling, record_every=every, threads=every)
 print("done")
 """
 
@@ -83,7 +83,9 @@ def sanitised_runs(folder: Path, fmus: Path, source: bytes) -> subprocess.Comple
         (folder / name).write_bytes(content)
     options = ["-std=c99", "-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
     subprocess.run(
-        [*compiler, *options, "-shared", "-fPIC", "loop.c", "current_calls.c", "-o", "loop.so"], cwd=folder, check=True
+        [*compiler, *options, "-shared", "-fPIC", *sorted(p.name for p in folder.glob("*.c")), "-o", "loop.so"],
+        cwd=folder,
+        check=True,
     )
     # the sanitiser reserves terabytes of addresses, which a limit on them (ulimit -v) forbids
     unlimited = ["sh", "-c", 'ulimit -S -v "$(ulimit -H -v)"; exec "$@"', "sh"]
