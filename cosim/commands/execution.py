@@ -135,6 +135,7 @@ def run_prepared(prepared: PreparedRun, args: argparse.Namespace, figures: Figur
                 log=log,
                 units_row=args.units_row,
                 threads=_threads(args.threads),
+                profile=args.profile,
             )
         except SetupError as error:
             raise UsageError(f"{prepared.source}: {error}{_kept_log(folder.unfinished)}") from error
@@ -211,6 +212,7 @@ def execute(
     log: Log | None = None,
     units_row: bool = False,
     threads: Threads = 1,
+    profile: bool = False,
 ) -> Results | StoredResults:
     """Run a system; a run that is too long for memory goes to the disk as it comes, into a folder.
 
@@ -229,6 +231,7 @@ def execute(
             build=build,
             log=log,
             threads=threads,
+            profile=profile,
         ) as simulation,
         _progress(plan) as progress,
     ):
@@ -448,6 +451,7 @@ def in_words(prepared: PreparedRun, summary: Mapping[str, Any], *, drawn: bool =
             f"real time times {pace['factor']:g}: {pace['overruns']} overruns, points late by at most "
             f"{pace['lateness_max_s'] * 1e3:.3g} ms, jitter {pace['jitter_rms_s'] * 1e3:.3g} ms rms"
         )
+    lines += _profile(summary)
     if prepared.report is not None and set(summary["metrics"]) - set(prepared.metrics):
         lines += prepared.report(summary["metrics"])
     if prepared.metrics:
@@ -455,6 +459,23 @@ def in_words(prepared: PreparedRun, summary: Mapping[str, Any], *, drawn: bool =
         lines += ["", *(f"{name:<40}{'-' if v is None else f'{v:.6g}':>14}" for name, v in values.items())]
     what = "results, summary and figures" if drawn else "results and summary"
     return "\n".join([*lines, f"{what}: {prepared.folder}"])
+
+
+def _profile(summary: Mapping[str, Any]) -> list[str]:
+    """How long components took, the slowest first."""
+    if "profile" not in summary:
+        return []
+    whole = summary["loop_time_s"]
+    rows = [(c["steps_s"] + c["exchange_s"], name, c) for name, c in summary["profile"]["components"].items()]
+    width = max(len("component"), *(len(name) for _, name, _ in rows))
+    return [
+        f"{'component':<{width}}{'time':>12}{'share':>8}{'steps':>12}{'exchange':>12}{'number':>10}{'repeated':>10}",
+        *(
+            f"{name:<{width}}{total:>10.3g} s{total / whole if whole else 0.0:>8.0%}{c['steps_s']:>10.3g} s"
+            f"{c['exchange_s']:>10.3g} s{c['steps']:>10}{c['steps_repeated']:>10}"
+            for total, name, c in sorted(rows, key=lambda row: -row[0])
+        ),
+    ]
 
 
 #: Order of accuracy of a coupling by extrapolation of degree 0, 1, 2, 3.

@@ -59,6 +59,9 @@ def register(subparsers: Any) -> None:
         metavar="N",
         help="threads that step components at the same time, or 'auto': as many as pay (default 1), with equal results",
     )
+    parser.add_argument(
+        "--profile", action="store_true", help="say how long the steps and the exchange of each component took"
+    )
     parser.add_argument("--record", action="append", metavar="NAME", help="record this variable only; may be repeated")
     parser.add_argument("--record-every", type=int, metavar="N", help="record at every N-th communication point")
     parser.add_argument(

@@ -110,6 +110,18 @@ class Operation(ctypes.Structure):
     )
 
 
+class Profile(ctypes.Structure):
+    """How long operations take; see loop.h."""
+
+    _fields_ = (
+        ("every", c_int64),
+        ("at_point", POINTER(c_int64)),
+        ("at_step", POINTER(c_int64)),
+        ("n_points", c_int64),
+        ("n_steps", c_int64),
+    )
+
+
 #: Receiver of operations that returned a warning.
 Warned = ctypes.CFUNCTYPE(None, POINTER(Operation))
 
@@ -142,6 +154,7 @@ class Loop(ctypes.Structure):
         ("codes_at_step", POINTER(c_uint32)),
         ("call", c_void_p),
         ("team", c_void_p),
+        ("profile", POINTER(Profile)),
         ("warned", Warned),
         ("point", c_int64),
         ("failed", c_int64),
@@ -159,7 +172,7 @@ class _Field(ctypes.Structure):
 def _layout_here() -> dict[str, tuple[int, int]]:
     """Offset and size of each struct and field, as declared above."""
     layout = {}
-    for struct in (Cell, Extrapolated, Conversion, Operation, Loop):
+    for struct in (Cell, Extrapolated, Conversion, Operation, Profile, Loop):
         layout[struct.__name__] = (0, ctypes.sizeof(struct))
         for name, _ in struct._fields_:
             field = getattr(struct, name)

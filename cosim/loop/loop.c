@@ -2,7 +2,13 @@
  *
  * It allocates nothing, knows no FMU, and needs no header of FMI: of both versions it calls four functions, whose types
  * stand here. LOOP_HASH tells binding.py whether it belongs to this source. */
+#ifndef _WIN32
+#define _POSIX_C_SOURCE 200809L
+#endif
+
 #include "loop.h"
+
+#include "clock.h"
 
 #ifndef WITHOUT_TEAM
 #include "team.h"
@@ -341,6 +347,32 @@ bool loop_step_one_by_one(Loop *loop, int64_t point) {
     return perform_all(loop, loop->at_step, loop->codes_at_step, loop->n_at_step, point, true);
 }
 
+/* Perform operations one by one, and add what each takes (ns); otherwise as perform_all. */
+static bool perform_measured(Loop *loop, const Operation operations[], const uint32_t codes[], int64_t n, int64_t point,
+                             bool at_step, int64_t times[]) {
+    int64_t began = nanoseconds();
+    for (int64_t k = 0; k < n; k++) {
+        if (!perform_all(loop, operations + k, codes + k, 1, point, at_step)) {
+            loop->failed = k;
+            return false;
+        }
+        int64_t now = nanoseconds();
+        times[k] += now - began;
+        began = now;
+    }
+    return true;
+}
+
+static bool is_measured(const Loop *loop, int64_t point) { return loop->profile && point % loop->profile->every == 0; }
+
+static bool exchange(Loop *loop, int64_t point) {
+    if (!is_measured(loop, point))
+        return perform_all(loop, loop->at_point, loop->codes_at_point, loop->n_at_point, point, false);
+    loop->profile->n_points++;
+    return perform_measured(loop, loop->at_point, loop->codes_at_point, loop->n_at_point, point, false,
+                            loop->profile->at_point);
+}
+
 bool loop_rest_one_by_one(Loop *loop, int64_t failed, int64_t point) {
     int64_t first = failed + 1;
     bool done =
@@ -350,6 +382,11 @@ bool loop_rest_one_by_one(Loop *loop, int64_t failed, int64_t point) {
 }
 
 static bool step(Loop *loop, int64_t point) {
+    if (is_measured(loop, point)) {
+        loop->profile->n_steps++;
+        return perform_measured(loop, loop->at_step, loop->codes_at_step, loop->n_at_step, point, true,
+                                loop->profile->at_step);
+    }
 #ifndef WITHOUT_TEAM
     if (loop->team) return team_step(loop, point);
 #endif
@@ -358,7 +395,7 @@ static bool step(Loop *loop, int64_t point) {
 
 static bool rest_of_step(Loop *loop, int64_t failed, int64_t point) {
 #ifndef WITHOUT_TEAM
-    if (loop->team) return team_rest_of_step(loop, failed, point);
+    if (loop->team && !is_measured(loop, point)) return team_rest_of_step(loop, failed, point);
 #endif
     return loop_rest_one_by_one(loop, failed, point);
 }
@@ -409,6 +446,12 @@ static const Field layout[] = {
     FIELD(Operation, first),
     FIELD(Operation, n),
     FIELD(Operation, n_targets),
+    STRUCT(Profile),
+    FIELD(Profile, every),
+    FIELD(Profile, at_point),
+    FIELD(Profile, at_step),
+    FIELD(Profile, n_points),
+    FIELD(Profile, n_steps),
     STRUCT(Loop),
     FIELD(Loop, start_time),
     FIELD(Loop, step_size),
@@ -434,6 +477,7 @@ static const Field layout[] = {
     FIELD(Loop, codes_at_step),
     FIELD(Loop, call),
     FIELD(Loop, team),
+    FIELD(Loop, profile),
     FIELD(Loop, warned),
     FIELD(Loop, point),
     FIELD(Loop, failed),
@@ -460,9 +504,7 @@ EXPORT bool loop_rest_of_step(Loop *loop, int64_t failed, int64_t point) {
 
 static bool go_through(Loop *loop, int64_t first, int64_t end, bool exchanged) {
     for (int64_t point = first; point < end; point++) {
-        if (!(exchanged && point == first) &&
-            !perform_all(loop, loop->at_point, loop->codes_at_point, loop->n_at_point, point, false))
-            return false;
+        if (!(exchanged && point == first) && !exchange(loop, point)) return false;
         if (loop->record_every == 1 || point % loop->record_every == 0) {
             int64_t record = loop->record_every == 1 ? point : point / loop->record_every;
             double *row = loop->records + (record - loop->first_record) * loop->n_recorded;

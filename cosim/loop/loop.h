@@ -61,6 +61,13 @@ typedef struct {
     int32_t n_references, first, n, n_targets; /* first, n: the values that it gets or sets, contiguous */
 } Operation; /* 64 bytes: with many FMUs the loop is as fast as the processor's cache */
 
+/* How long operations take: measured at one point in so many, in ns since then, of each one. */
+typedef struct {
+    int64_t every;
+    int64_t *at_point, *at_step;
+    int64_t n_points, n_steps; /* that were measured */
+} Profile;
+
 struct Team;
 
 typedef struct Loop {
@@ -80,6 +87,7 @@ typedef struct Loop {
     const uint32_t *codes_at_point, *codes_at_step; /* of the calls that the operations make */
     CurrentCall *call; /* where they are noted: that of the thread that the loop runs in */
     struct Team *team; /* which performs the operations at_step (team.h); NULL: they are performed one by one */
+    Profile *profile; /* NULL: nothing is measured */
     void (*warned)(const Operation *); /* told of each operation that returns a warning */
     /* where it is or was, and how it ended */
     int64_t point, failed;

@@ -7,6 +7,7 @@
 #define _POSIX_C_SOURCE 200809L
 #endif
 
+#include "clock.h"
 #include "team.h"
 
 #include <stdlib.h>
@@ -28,7 +29,6 @@ typedef HANDLE Thread;
 #else
 #include <pthread.h>
 #include <signal.h>
-#include <time.h>
 typedef pthread_mutex_t Mutex;
 typedef pthread_cond_t Condition;
 typedef pthread_t Thread;
@@ -90,19 +90,6 @@ struct Team {
     int64_t look; /* ns */
 };
 
-static int64_t now(void) {
-#ifdef _WIN32
-    LARGE_INTEGER count, frequency;
-    QueryPerformanceCounter(&count);
-    QueryPerformanceFrequency(&frequency);
-    return (int64_t)((double)count.QuadPart / (double)frequency.QuadPart * 1e9);
-#else
-    struct timespec time;
-    clock_gettime(CLOCK_MONOTONIC, &time);
-    return (int64_t)time.tv_sec * 1000000000 + time.tv_nsec;
-#endif
-}
-
 static void pause_a_little(void) {
 #if defined(__x86_64__) || defined(__i386__)
     for (int i = 0; i < 8; i++) __builtin_ia32_pause();
@@ -142,11 +129,11 @@ static uint64_t round_of(Team *team) { return LOAD(&team->ticket) >> 32; }
 
 /* Whether a new round has begun while somebody looked for it. */
 static bool sees_new_round(Team *team, uint64_t last) {
-    int64_t end = now() + LOAD(&team->look);
+    int64_t end = nanoseconds() + LOAD(&team->look);
     do {
         for (int i = 0; i < 8; i++, pause_a_little())
             if (round_of(team) != last || LOAD(&team->ends)) return true;
-    } while (now() < end);
+    } while (nanoseconds() < end);
     return false;
 }
 
@@ -254,7 +241,7 @@ static void wait_for_helpers(Team *team) {
     int64_t end = 0;
     while (LOAD(&team->left)) {
         for (int i = 0; i < 8 && LOAD(&team->left); i++) pause_a_little();
-        int64_t time = now();
+        int64_t time = nanoseconds();
         if (!end) end = time + team->look;
         if (time < end) continue;
         mutex_lock(&team->mutex);
@@ -344,9 +331,9 @@ bool team_step(Loop *loop, int64_t point) {
         team->measured = 0;
         team->mode = ONE_BY_ONE;
     }
-    int64_t began = now();
+    int64_t began = nanoseconds();
     bool done = step_in_mode(team, loop, point, team->mode);
-    team->time += now() - began;
+    team->time += nanoseconds() - began;
     if (++team->steps == BLOCK_STEPS || team->time > BLOCK_TIME) block_done(team);
     return done;
 }

@@ -30,6 +30,7 @@ from cosim.master.extrapolated_inputs import ExtrapolatedInputs
 from cosim.master.function_instance import FunctionInstance
 from cosim.master.value_layout import Transfer, ValueLayout
 from cosim.system.resolution import Drive, Link, ResolvedSystem
+from cosim.system.system import Component
 from cosim.system.variables import Element, variables_of
 
 _K = TypeVar("_K")
@@ -164,6 +165,11 @@ class Exchange:
             [row for c in system.components for row in self._extrapolate_and_step(c, sets_of.get(c, ()))], instances
         )
         self._let_fmus_ask_for_inputs()
+
+    @property
+    def components(self) -> Mapping[str, Component]:
+        """The components of the system by name."""
+        return self._system.components
 
     def units_at_step(self) -> tuple[list[int], list[bool]]:
         """For each component that is stepped: where its operations end, and whether Python has a part in them."""

@@ -33,6 +33,7 @@ from cosim.loop.binding import (
 )
 from cosim.loop.current_calls import address_of_call
 from cosim.loop.team import Team, Threads
+from cosim.master.component_times import ComponentTimes
 from cosim.master.failures import Failing, InterruptedInCall, SimulationError, SimulationInterrupted
 from cosim.master.function_instance import FunctionInstance, in_one_line
 from cosim.master.interrupts import DeferredInterrupt
@@ -100,9 +101,12 @@ class Run:
         interrupt: DeferredInterrupt,
         columns: RecordedColumns,
         threads: Threads,
+        *,
+        profile: bool = False,
     ) -> None:
         self._columns = columns
         self._threads = threads
+        self._times = ComponentTimes(exchange, grid.last_point + 1) if profile else None
         self._team = Team(threads, *exchange.units_at_step()) if threads != 1 else None
         self._instances = instances
         self._exchange = exchange
@@ -129,6 +133,7 @@ class Run:
             n_at_step=len(exchange.at_step),
             codes_at_point=exchange.at_point.codes,
             codes_at_step=exchange.at_step.codes,
+            profile=None if self._times is None else ctypes.pointer(self._times.profile),
             team=None if self._team is None else self._team.address,
             warned=_counting_warnings(instances),
         )
@@ -321,6 +326,8 @@ class Run:
         if refusing := self._exchange.refusing():
             said = dict.fromkeys(sorted(refusing), "it refuses fmi3SetFloat64 during a step")
             results.info["derivatives_refused"] = {**results.info.get("derivatives_refused", {}), **said}
+        if self._times is not None:
+            results.info["profile"] = self._times.summary(int(self._loop.point) + 1, self._unfinished.repeated)
         if self._team is not None:
             results.info["threads"] = {
                 "asked": self._threads,

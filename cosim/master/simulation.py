@@ -94,6 +94,10 @@ class Simulation:
         Threads that step components at the same time; results are equal to the last bit. "auto" measures whether that
         is faster than one component after the other. FMUs that run Python, and components with events, stay in one.
 
+    profile : bool
+        Measure how long the steps and the exchange of each component take, at one communication point in 61; results
+        say it (`info["profile"]`).
+
     Raises
     ------
     SetupError
@@ -117,9 +121,11 @@ class Simulation:
         strict_inputs: bool = False,
         log: Log | str | None = None,
         threads: Threads = 1,
+        profile: bool = False,
     ) -> None:
         chosen = algorithm(order, extrapolation)
         self._threads = checked_threads(threads)
+        self._profile = profile
         if not system.components:
             raise SetupError("the system has no components; add one with System.add")
         loop_library()
@@ -616,7 +622,16 @@ class Simulation:
         assumed: list[str] = []
         while True:
             is_at(grid.start_time)
-            run = Run(self._instances, self._fresh_exchange(), samples, grid, interrupt, self._columns, self._threads)
+            run = Run(
+                self._instances,
+                self._fresh_exchange(),
+                samples,
+                grid,
+                interrupt,
+                self._columns,
+                self._threads,
+                profile=self._profile,
+            )
             try:
                 run.initialize(starts, experiments)
                 tried = {} if self._algorithm.demanded else run.refused_derivatives()
@@ -814,6 +829,7 @@ def simulate(
     checkpoint: Checkpoint | None = None,
     log: Log | str | None = None,
     threads: Threads = 1,
+    profile: bool = False,
 ) -> Results:
     """Couple the FMUs of a system at a fixed communication step.
 
@@ -828,6 +844,7 @@ def simulate(
         build=build,
         log=log,
         threads=threads,
+        profile=profile,
     ) as simulation:
         return simulation.run(
             stop_time,

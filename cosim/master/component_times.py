@@ -1,0 +1,79 @@
+"""Where the time of a run goes: steps and exchange of each component, measured at some of its communication points."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from cosim.loop.binding import OperationKind, Profile
+from cosim.master.operations import Exchange, NamedOperation
+
+#: One point in so many is measured: rare enough to cost nothing, and a prime number, so that components with a
+#: communication point at every so many are seen as often as they take part.
+_ONE_IN = 61
+
+#: A run with fewer points than this times that has more of them measured.
+_AT_LEAST = 10
+
+#: What a component does, in the words of the summary.
+_STEPPING = (OperationKind.STEP, OperationKind.CALL)
+
+
+class ComponentTimes:
+    """Times of the operations of a run, which the loop measures.
+
+    Parameters
+    ----------
+    exchange : Exchange
+        The operations of the run.
+    n_points : int
+        Number of its communication points.
+
+    Attributes
+    ----------
+    profile : Profile
+        What the loop takes.
+    """
+
+    def __init__(self, exchange: Exchange, n_points: int) -> None:
+        self._exchange = exchange
+        self._at_point = (ctypes.c_int64 * max(1, len(exchange.at_point)))()
+        self._at_step = (ctypes.c_int64 * max(1, len(exchange.at_step)))()
+        self.profile = Profile(max(1, min(_ONE_IN, n_points // _AT_LEAST)), self._at_point, self._at_step, 0, 0)
+
+    def summary(self, n_points: int, repeated: Mapping[str, int]) -> dict[str, Any]:
+        """Seconds of each component, extrapolated from the measured points to all.
+
+        Parameters
+        ----------
+        n_points : int
+            Number of communication points of the run up to now.
+        repeated : mapping
+            Component -> number of communication steps that it discarded.
+
+        Returns
+        -------
+        dict
+            "measured_points", and "components": for each "steps", "steps_s", "exchange_s", "steps_repeated".
+        """
+        every = {name: component.every for name, component in self._exchange.components.items()}
+        found: dict[str, dict[str, Any]] = {
+            name: {
+                "steps": max(0, n_points - 1) // n if n_points else 0,
+                "steps_s": 0.0,
+                "exchange_s": 0.0,
+                "steps_repeated": repeated.get(name, 0),
+            }
+            for name, n in every.items()
+        }
+        _add(found, self._exchange.at_point.rows, self._at_point, n_points / max(1, self.profile.n_points))
+        _add(found, self._exchange.at_step.rows, self._at_step, max(0, n_points - 1) / max(1, self.profile.n_steps))
+        return {"measured_points": self.profile.n_points, "components": found}
+
+
+def _add(found: dict[str, dict[str, Any]], rows: Sequence[NamedOperation], times: Any, times_as_many: float) -> None:
+    for row, nanoseconds in zip(rows, times, strict=False):
+        if row.component:
+            key = "steps_s" if row.operation.kind in _STEPPING else "exchange_s"
+            found[row.component][key] += nanoseconds * 1e-9 * times_as_many
