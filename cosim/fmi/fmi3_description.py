@@ -42,8 +42,8 @@ def expand_clock_types(root: ElementTree.Element) -> bool:
         declared = types.get(clock.attrib.pop("declaredType", None))
         said = {} if declared is None else declared.attrib
         for name in _OF_CLOCKS:
-            if name in said:
-                clock.attrib.setdefault(name, said[name])
+            if name in said and name not in clock.attrib:
+                clock.set(name, said[name])
     return bool(types)
 
 

@@ -3,31 +3,34 @@
 from __future__ import annotations
 
 import hashlib
-import io
 import math
 import re
 import zipfile
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
-from tempfile import TemporaryDirectory
-from xml.etree import ElementTree
+from typing import TYPE_CHECKING
 
 import fmpy
-from fmpy.model_description import ModelDescription, read_model_description
+from fmpy.model_description import ModelDescription
 
 from cosim.errors import SetupError
 from cosim.file_kinds import FMU, not_read
 from cosim.fmi import fmi1_description
+from cosim.fmi.archive.description import check_description
+from cosim.fmi.archive.findings import FileFindings
+from cosim.fmi.archive.fmpy_reading import DESCRIPTION, SOURCES, described, readable_by_fmpy
+from cosim.fmi.archive.libraries import missing_functions
+from cosim.fmi.archive.members import ArchiveError, Members
+from cosim.fmi.archive.xml_reading import MOST_XML_BYTES, XmlError, read_xml
 from cosim.fmi.compilation import compile_library, has_sources
-from cosim.fmi.fmi3_description import expand_clock_types, read_further_attributes
+from cosim.fmi.fmi3_description import read_further_attributes
 from cosim.fmi.further_libraries import keep_apart
+from cosim.fmi.load_failure import not_loadable
 from cosim.fmi.python_fmus import prepare
 from cosim.fmi.shared_library import Library, LibraryError, library_names, library_path
 
-#: An archive that unpacks to more than this is refused: no co-simulation FMU is so large, but zip bombs are.
-MOST_UNPACKED_BYTES = 4 * 1024**3
+if TYPE_CHECKING:
+    from lxml.etree import _Element
 
 
 @dataclass(frozen=True)
@@ -104,11 +107,12 @@ class LoadedFMU:
             run here.
         """
         try:
-            fmpy.extract(self.path, folder)
-        except OSError as error:
-            raise SetupError(f"{self.path}: can't be unpacked into {folder}: {error}; free some space") from error
-        except Exception as error:  # fmpy raises bare exceptions here
-            raise SetupError(f"{self.path}: can't be unpacked: {error}") from error
+            with Members(self.path) as members:
+                if hashlib.sha256(self.path.read_bytes()).hexdigest() != self.sha256:
+                    raise SetupError(f"{self.path}: was changed while it was read; run it again")
+                members.unpack(folder)
+        except (OSError, zipfile.BadZipFile, ArchiveError) as error:
+            raise SetupError(f"{self.path}: {error}") from error
         try:
             prepare(folder, self.description)
         except SetupError as error:
@@ -119,6 +123,20 @@ class LoadedFMU:
         if build and has_sources(self.files):
             for identifier in self._identifiers:
                 self._build(folder, identifier)
+        self._check_libraries(folder)
+
+    def _check_libraries(self, folder: Path) -> None:
+        """Refuse libraries for another machine, that are cut off, or without the functions that a run needs."""
+        if self.description.coSimulation is None:
+            return
+        version, identifier = self.description.fmiMajorVersion, self.description.coSimulation.modelIdentifier
+        library = library_path(folder, version, identifier)
+        if why := not_loadable(library):
+            raise SetupError(f"{self.path}: {why}")
+        if missing := missing_functions(library, version, identifier):
+            raise SetupError(
+                f"{self.path}: its library {library.name} lacks {', '.join(missing)}; ask its maker for a complete one"
+            )
 
     def _build(self, folder: Path, identifier: str) -> None:
         try:
@@ -152,122 +170,110 @@ def read_fmu(path: Path, here: str) -> LoadedFMU:
     Raises
     ------
     SetupError
-        There is no such file, or it is no FMU.
+        There is no such file, it is no FMU, or one that would run wrongly.
     """
-    if not path.is_file():
-        raise SetupError(f"{here}: there is no such FMU file; check the path, or build the FMU")
-    xml = b"<none/>"
-    try:
-        data = path.read_bytes()
-        with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            files = archive.infolist()
-            unpacked = sum(info.file_size for info in files)
-            xml = archive.read("modelDescription.xml") if unpacked <= MOST_UNPACKED_BYTES else b""
-        if unpacked > MOST_UNPACKED_BYTES:
-            raise SetupError(f"{here}: unpacks to {unpacked} bytes, more than any FMU needs; not opened")
-        root = ElementTree.fromstring(xml)
-        readable = data
-        if expand_clock_types(root):
-            readable = _with_description(data, root)
-        description = read_model_description(io.BytesIO(readable), validate=False)
-        read_further_attributes(root, description)
-        if description.fmiMajorVersion == 1:
-            fmi1_description.complete(description, root)
-    except SetupError:
-        raise
-    except zipfile.BadZipFile:
-        why = "not an FMU (not a zip archive)"
-        raise SetupError(f"{here}: {not_read(path, 'an FMU', why, FMU).removeprefix(f'{path}: ')}") from None
-    except Exception as error:  # fmpy raises bare exceptions here
-        what = " ".join(str(error).split())
-        if isinstance(
-            error, (AttributeError, LookupError, TypeError)
-        ):  # it has met something that it does not look for
-            what = f"its modelDescription.xml is not as the standard has it: {_fault_of(xml) or repr(error)}"
-        why = f"not a readable FMU: {what}"
-        raise SetupError(f"{here}: {not_read(path, 'an FMU', why, FMU).removeprefix(f'{path}: ')}") from error
-    version = str(description.fmiVersion)
-    if version.startswith("3.0-"):
-        raise SetupError(
-            f"{here}: is of FMI {version}, a draft with other functions than FMI 3.0; export it again with a tool that "
-            "writes FMI 1.0, 2.0 or 3.0"
-        )
-    if description.fmiMajorVersion == 1 and fmi1_description.needs_tool(root):
-        raise SetupError(
-            f"{here}: is a connection to a tool, which would have to run beside (CoSimulation_Tool); export it as a "
-            "stand-alone FMU (CoSimulation_StandAlone)"
-        )
-    for name in ("startTime", "stopTime", "stepSize"):
-        text = getattr(description.defaultExperiment, name, None)
-        if text is not None and not _is_number(text):
-            raise SetupError(f"{here}: its default experiment has {name}={text!r}, which is no number; export it again")
-    return LoadedFMU(
-        path,
-        hashlib.sha256(data).hexdigest(),
-        description,
-        tuple(info.filename for info in files),
-        _says_reset_is_complete(root),
-    )
+    checked = check_fmu(path, here)
+    if checked.fmu is None:
+        raise SetupError(f"{here}: {'; '.join(checked.findings.wrong)}")
+    return checked.fmu
 
 
-def _fault_of(xml: bytes) -> str:
-    """What is wrong with a model description that fmpy stumbles over, where that is known."""
-    root = ElementTree.fromstring(xml)
-    if not root.get("fmiVersion"):
-        return "it has no fmiVersion"
-    n = len(root.findall("ModelVariables/*"))
-    for unknown in root.iterfind("ModelStructure/*/Unknown"):
-        index = unknown.get("index", "")
-        if not (index.isdecimal() and 1 <= int(index) <= n):
-            return f"its ModelStructure refers to variable '{index}' of {n}"
-    return ""
+@dataclass(frozen=True)
+class CheckedFMU:
+    """An FMU file after its check.
+
+    Attributes
+    ----------
+    fmu : LoadedFMU, optional
+        None where something is wrong with it.
+    findings : FileFindings
+    readable : bytes
+        Its model description, as fmpy reads it.
+    """
+
+    fmu: LoadedFMU | None
+    findings: FileFindings
+    readable: bytes
 
 
-def _is_number(text: object) -> bool:
-    try:
-        float(str(text))
-    except ValueError:
-        return False
-    return True
-
-
-def _with_description(data: bytes, root: ElementTree.Element, suffix: str = ".xml") -> bytes:
-    """An archive with another model description, and of the other files those whose names end with a suffix."""
-    changed = io.BytesIO()
-    with zipfile.ZipFile(io.BytesIO(data)) as archive, zipfile.ZipFile(changed, "w") as target:
-        target.writestr("modelDescription.xml", ElementTree.tostring(root))
-        for name in archive.namelist():
-            if name.endswith(suffix) and name != "modelDescription.xml":
-                target.writestr(name, archive.read(name))
-    return changed.getvalue()
-
-
-@contextmanager
-def readable_by_fmpy(path: Path) -> Iterator[Path]:
-    """An FMU file as fmpy can read it: itself, or a copy without the types of clocks that it does not know.
+def check_fmu(path: Path, here: str) -> CheckedFMU:
+    """Check all of an FMU file that can be checked without unpacking it, and read its model description.
 
     Raises
     ------
-    BadZipFile
-        The file is no archive.
+    SetupError
+        There is no such file, or nothing of an FMU can be read from it.
     """
-    data, name = path.read_bytes(), "modelDescription.xml"
-    with zipfile.ZipFile(io.BytesIO(data)) as archive:
-        xml = archive.read(name) if name in archive.namelist() else b""
-    root = None
-    if b"<ClockType" in xml:
-        with suppress(ElementTree.ParseError):  # which fmpy will find
-            root = ElementTree.fromstring(xml)
-    if root is None or not expand_clock_types(root):
-        yield path
-        return
-    with TemporaryDirectory(prefix="cosim_fmu_") as folder:
-        copy = Path(folder) / path.name
-        copy.write_bytes(_with_description(data, root, suffix=""))
-        yield copy
+    if not path.is_file():
+        raise SetupError(f"{here}: there is no such FMU file; check the path, or build the FMU")
+    try:
+        with Members(path) as members:
+            xml = members.read(DESCRIPTION, MOST_XML_BYTES)
+            sources = members.read(SOURCES, MOST_XML_BYTES) if SOURCES in members.names else None
+            files, findings = tuple(members.names), members.findings
+            sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
+        root = _read_xml(DESCRIPTION, xml)
+        if sources is not None:
+            _read_xml(SOURCES, sources)
+    except zipfile.BadZipFile:
+        raise SetupError(f"{here}: {_not_read(path, 'not an FMU (not a zip archive)')}") from None
+    except ArchiveError as error:
+        raise SetupError(f"{here}: {_not_read(path, str(error))}") from None
+    except XmlError as error:
+        raise SetupError(f"{here}: not a readable FMU: {error}") from None
+    except OSError as error:
+        raise SetupError(f"{here}: can't be read: {error.strerror or error}; check the path") from error
+    of_description = check_description(root)
+    findings.unclean += [f"{DESCRIPTION}, {text}" for text in of_description.unclean]
+    findings.wrong += [f"not a readable FMU: {DESCRIPTION}, {text}" for text in of_description.wrong]
+    readable = readable_by_fmpy(root, xml, sources)
+    if findings.wrong:
+        return CheckedFMU(None, findings, readable)
+    try:
+        description = described(readable)
+        read_further_attributes(root, description)
+        if description.fmiMajorVersion == 1:
+            fmi1_description.complete(description, root)
+    except Exception as error:  # fmpy raises bare exceptions
+        what = " ".join(str(error).split())
+        if isinstance(error, (AttributeError, LookupError, TypeError)):  # it has met something that it does not expect
+            what = f"its {DESCRIPTION} is not as the standard has it: {what or type(error).__name__}"
+        findings.add(wrong=f"not a readable FMU: {what}; export it again")
+        return CheckedFMU(None, findings, readable)
+    if why := _not_for_a_run(description, root):
+        findings.add(wrong=why)
+        return CheckedFMU(None, findings, readable)
+    fmu = LoadedFMU(path, sha256, description, files, _says_reset_is_complete(root))
+    return CheckedFMU(fmu, findings, readable)
 
 
-def _says_reset_is_complete(root: ElementTree.Element) -> bool:
+def _not_read(path: Path, why: str) -> str:
+    return not_read(path, "an FMU", why, FMU).removeprefix(f"{path}: ")
+
+
+def _read_xml(name: str, data: bytes) -> _Element:
+    try:
+        return read_xml(data)
+    except XmlError as error:
+        raise XmlError(f"its {name} {error}") from None
+
+
+def _not_for_a_run(description: ModelDescription, root: _Element) -> str:
+    """Why an FMU can't be run by any master here, though it is as its standard has it; empty where it can."""
+    if str(description.fmiVersion).startswith("3.0-"):
+        return (
+            f"is of FMI {description.fmiVersion}, a draft with other functions than FMI 3.0; export it again with a "
+            "tool that writes FMI 1.0, 2.0 or 3.0"
+        )
+    if description.fmiMajorVersion == 1 and fmi1_description.needs_tool(root):
+        return (
+            "is a connection to a tool, which would have to run beside (CoSimulation_Tool); export it as a stand-alone "
+            "FMU (CoSimulation_StandAlone)"
+        )
+    return ""
+
+
+def _says_reset_is_complete(root: _Element) -> bool:
     """Whether the annotation is there that the exporter of this project writes; see `fmu_export.package`."""
     annotations = (*root.iterfind("VendorAnnotations/Tool"), *root.iterfind("Annotations/Annotation"))
     return any(

@@ -6,12 +6,16 @@ import re
 import sys
 from pathlib import Path
 
+from cosim.fmi.archive.libraries import is_cut_off, machine_of_file
+
 #: The loader's words for a further library that it does not find: glibc, musl, macOS.
 _MISSING = re.compile(
     r"^(?:\S*/)?(?P<glibc>[^\s/:]+): cannot open shared object file"
     r"|^Error loading shared library (?P<musl>[^\s:]+):"
     r"|Library not loaded: (?:\S*/)?(?P<macos>[^\s/]+)"
 )
+
+_DAMAGED = "is damaged, or no library for this system; build or download the FMU again"
 
 #: Message of the system's loader -> cause and remedy.
 _CAUSES = (
@@ -42,7 +46,7 @@ _CAUSES = (
     ),
     (
         r"file too short|invalid ELF header|file truncated|\[WinError 193\]",
-        "is damaged, or no library for this system; build or download the FMU again",
+        _DAMAGED,
     ),
     (
         r"\[WinError 126\]",
@@ -50,9 +54,6 @@ _CAUSES = (
         "Visual C++ Redistributable)",
     ),
 )
-
-_ELF_MACHINES = {3: "32-bit x86", 40: "32-bit ARM", 62: "64-bit x86", 183: "64-bit ARM", 243: "RISC-V"}
-_MACH_O = (b"\xcf\xfa\xed\xfe", b"\xce\xfa\xed\xfe", b"\xca\xfe\xba\xbe")
 
 
 def missing_library(said: str, path: Path) -> str | None:
@@ -81,13 +82,24 @@ def why_not_loaded(said: str, path: Path) -> str:
         )
     if name is not None:
         return f"{where} needs {name}, which is neither beside it nor on this machine; {_how_to_get(name)}"
-    if (made_for := system_of(path)) != (here := system_of(Path(sys.executable))):
-        return f"{where} is for {made_for}, and this process is {here}; get an FMU with a binary for this machine"
+    if why := not_loadable(path):
+        return why
     for pattern, cause in _CAUSES:
         if found := re.search(pattern, said):
             names = [group for group in found.groups() if group]
             return f"{where} {cause.format(name=names[0] if names else '', folder=path.parent)}"
     return f"{where}: {said}"
+
+
+def not_loadable(path: Path) -> str:
+    """Why a library can't be loaded here, as far as its headers say, to follow the name of the FMU; else empty."""
+    where = f"can't be loaded: its library {path.name}"
+    made_for, here = machine_of_file(path), machine_of_file(Path(sys.executable))
+    if made_for is None or is_cut_off(path):
+        return f"{where} {_DAMAGED}"
+    if here is not None and not made_for.serves(here):
+        return f"{where} is for {made_for}, and this process is {here}; get an FMU with a binary for this machine"
+    return ""
 
 
 def _how_to_get(name: str) -> str:
@@ -100,18 +112,3 @@ def _how_to_get(name: str) -> str:
         f"install it (Debian and Ubuntu often have it in a package {package}), or name its folder in LD_LIBRARY_PATH "
         "before the program starts"
     )
-
-
-def system_of(path: Path) -> str:
-    """Platform of a library or program, by its first bytes: "64-bit x86 Linux", "Windows", "macOS"."""
-    try:
-        with path.open("rb") as file:
-            head = file.read(20)
-    except OSError:
-        return "an unknown system"
-    if head[:4] == b"\x7fELF" and len(head) == 20:
-        machine = int.from_bytes(head[18:20], "little" if head[5] == 1 else "big")
-        return f"{_ELF_MACHINES.get(machine, f'processor {machine}')} Linux"
-    if head[:2] == b"MZ":
-        return "Windows"
-    return "macOS" if head[:4] in _MACH_O else "an unknown system"

@@ -144,8 +144,8 @@ def test_continuous_inputs_are_linear_between_rows_and_others_held(fmu: str) -> 
             'modelIdentifier="../Tank"',
             "its model identifier '../Tank' is no name of a library",
         ),
-        ('fmiVersion="2.0"', "", "its modelDescription.xml is not as the standard has it: it has no fmiVersion"),
-        ('<Unknown index="', '<Unknown index="99', "the standard has it: its ModelStructure refers to variable '99"),
+        ('fmiVersion="2.0"', "", "not a readable FMU: modelDescription.xml, it has no fmiVersion"),
+        ('<Unknown index="', '<Unknown index="99', "its ModelStructure refers to variable '99"),
     ],
 )
 def test_what_is_wrong_with_a_description_is_named(

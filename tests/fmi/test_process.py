@@ -139,6 +139,6 @@ def test_an_fmu_that_cannot_be_made_leaves_the_process_as_it_was(fmus: Path, tmp
     with zipfile.ZipFile(fmu) as old, zipfile.ZipFile(tmp_path / "broken.fmu", "w") as new:
         for name in old.namelist():
             new.writestr(name, b"no library" if name.startswith("binaries/") else old.read(name))
-    with pytest.raises(SetupError, match=r"component 'i': .*broken\.fmu can't be loaded"):
+    with pytest.raises(SetupError, match=r"component 'i': .*broken\.fmu: can't be loaded"):
         integral(str(tmp_path / "broken.fmu"), 1.0)
     assert process() == before

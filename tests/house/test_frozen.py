@@ -23,6 +23,7 @@ CHANGING = {
     "cosim.ssp.reader._Values",
     "cosim.ssp.format.structure.Part",
     "cosim.sweep.batch.Rows",
+    "cosim.fmi.archive.findings.FileFindings",
     "cosim.system.read.Findings",
     "cosim.system.system.System",
 }

@@ -430,7 +430,7 @@ def test_archives_that_are_none(fmus: dict[str, Path], tmp_path: Path, monkeypat
     path = archive(tmp_path / "large.ssp", good, fmus)
     monkeypatch.setattr(package, "MOST_XML_BYTES", 100)
     refused(path, r"'SystemStructure.ssd' has \d+ bytes, more than any such file needs")
-    monkeypatch.setattr(package, "MOST_UNPACKED_BYTES", 1000)
+    monkeypatch.setattr("cosim.fmi.archive.members.MOST_UNPACKED_BYTES", 1000)
     refused(path, r"unpacks to \d+ bytes, more than any system needs")
 
 

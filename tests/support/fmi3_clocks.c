@@ -250,6 +250,13 @@ fmi3Status fmi3Terminate(fmi3Instance instance) {
     return fmi3OK;
 }
 
+fmi3Status fmi3Reset(fmi3Instance instance) {
+    (void)instance;
+    return fmi3Error; /* so that each run has an instance of its own */
+}
+
+const char* fmi3GetVersion(void) { return "3.0"; }
+
 fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3String resources, fmi3Boolean visible,
                                          fmi3Boolean logging, fmi3Boolean events, fmi3Boolean early,
                                          const fmi3ValueReference required[], size_t n,

@@ -378,7 +378,7 @@ FILES = [
     ("no description", "modelDescription.xml"),
     ("bad xml", "not a readable FMU"),
     ("other xml", "not a readable FMU"),
-    ("FMI 4.0", "not a readable FMU: Unsupported FMI version: 4.0"),
+    ("FMI 4.0", "is of FMI '4.0'"),
     ("model exchange", "no co-simulation interface; export it for co-simulation"),
     ("no binary", f"has no binary for {fmpy.platform}"),
     ("other library", "can't be loaded"),
@@ -408,7 +408,7 @@ def test_binaries_of_other_platforms_are_listed(system, tiny, tmp_path):
 
 
 def test_an_archive_that_unpacks_to_too_much_is_not_opened(system, monkeypatch):
-    monkeypatch.setattr("cosim.fmi.fmu_file.MOST_UNPACKED_BYTES", 1000)
+    monkeypatch.setattr("cosim.fmi.archive.members.MOST_UNPACKED_BYTES", 1000)
     refused(system, "component 'first'", "unpacks to", "not opened")
 
 

@@ -7,7 +7,6 @@ import posixpath
 import re
 import unicodedata
 import zipfile
-import zlib
 from abc import ABC, abstractmethod
 from contextlib import AbstractContextManager
 from pathlib import Path
@@ -17,7 +16,7 @@ from urllib.request import url2pathname
 
 from cosim.errors import nearest
 from cosim.file_kinds import FMU, SSP, kind_of, not_read
-from cosim.fmi.fmu_file import MOST_UNPACKED_BYTES
+from cosim.fmi.archive.members import MOST_UNPACKED_BYTES, UNREADABLE, ArchiveError, Members
 from cosim.ssp.errors import SSPError
 from cosim.system.read import Findings
 
@@ -144,7 +143,7 @@ class Package(AbstractContextManager["Package"], ABC):
         try:
             with zipfile.ZipFile(io.BytesIO(fmu)) as archive:
                 return _read(archive, posixpath.normpath(unquote(name)), f"{self.path}: {inside}", MOST_XML_BYTES)
-        except zipfile.BadZipFile:
+        except UNREADABLE:
             raise self.findings.error(f"{self.path}: {inside} is not an FMU (not a zip archive)") from None
 
     def _inside(self, name: str) -> bool:
@@ -189,17 +188,15 @@ class Archive(Package):
         if not path.is_file():
             raise SSPError(f"{path}: there is no such SSP; check the path")
         try:
-            self._archive = zipfile.ZipFile(path)
+            self._archive = Members(path, "system", with_backslashes=True).archive
+        except ArchiveError as error:
+            raise SSPError(f"{self.path}: {error}") from None
         except (zipfile.BadZipFile, OSError) as error:
             why = f"not an SSP (not a readable zip archive: {error})"
             raise SSPError(not_read(path, "an SSP", why, SSP)) from None
         if DESCRIPTION not in self._archive.namelist() and kind_of(path) is FMU:
             self._archive.close()
             raise SSPError(not_read(path, "an SSP", ""))
-        unpacked = sum(info.file_size for info in self._archive.infolist())
-        if unpacked > MOST_UNPACKED_BYTES:
-            self._archive.close()
-            raise SSPError(f"{self.path}: unpacks to {unpacked} bytes, more than any system needs; not opened")
         # a few tools separate folders by backslashes
         self._members = {_clean(n): n for n in self._archive.namelist() if not n.endswith(("/", "\\"))}
 
@@ -333,7 +330,7 @@ def _read(archive: zipfile.ZipFile, name: str, where: str, most: int) -> bytes:
         raise SSPError(f"{where}: '{name}' has {info.file_size} bytes, more than any such file needs; not opened")
     try:
         return archive.read(info)
-    except (zipfile.BadZipFile, zlib.error, OSError, RuntimeError, EOFError, ValueError, NotImplementedError) as error:
+    except UNREADABLE as error:
         raise SSPError(f"{where}: '{name}' can't be unpacked: {error}") from None
 
 
