@@ -1,15 +1,16 @@
-"""Build the FMUs: `python build_fmus.py` writes fmus/<flavour>/*.fmu."""
+"""Build the FMUs: `python build_fmus.py` writes fmus/<flavour>/*.fmu, and fmus/wasm/*.wasm for browsers."""
 
 from __future__ import annotations
 
 import argparse
 import sys
 import time
+from importlib.util import find_spec
 from pathlib import Path
 
 from cosim.errors import CosimError
 from fmu_export import ModelError
-from parallel_robot.choices import FLAVOURS
+from parallel_robot.choices import FLAVOURS, WASM
 from parallel_robot.fmus import INSTANCES, build
 
 
@@ -18,7 +19,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         description="Build the FMUs of robot, controller and trajectory, and the closed loop as one FMU."
     )
-    parser.add_argument("--flavour", choices=FLAVOURS, action="append", help="flavour to build (default: all)")
+    parser.add_argument("--flavour", choices=(*FLAVOURS, WASM), action="append", help="flavour to build (default: all)")
     parser.add_argument("--fmu", choices=INSTANCES, action="append", help="FMU to build (default: all)")
     parser.add_argument("--fmus", type=Path, default=Path("fmus"), metavar="DIR", help="folder (default: fmus)")
     parser.add_argument(
@@ -27,7 +28,11 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     began = time.perf_counter()
     failed = False
-    for flavour in options.flavour or FLAVOURS:
+    flavours = options.flavour or [*FLAVOURS, WASM]
+    if not options.flavour and not find_spec("ziglang"):
+        print(f"note: flavour {WASM} is left out, for it needs zig: pip install ziglang")
+        flavours.remove(WASM)
+    for flavour in flavours:
         try:
             for path in build(options.fmus, flavour, options.fmu or INSTANCES, all_platforms=options.all_platforms):
                 print(f"{path}  {path.stat().st_size / 1024:.0f} kB")

@@ -31,6 +31,7 @@ _MODULES = {
     "build_native": "fmu_export.native.backend",
     "build_pythonfmu": "fmu_export.pythonfmu.backend",
     "build_script": "fmu_export.pythonfmu.script",
+    "build_wasm": "fmu_export.wasm.backend",
     "compose": "fmu_export.trace.composition",
     "discrete": "fmu_export.modelling.declarations",
     "every": "fmu_export.modelling.declarations",
@@ -71,6 +72,7 @@ __all__ = [
     "build_native",
     "build_pythonfmu",
     "build_script",
+    "build_wasm",
     "compose",
     "discrete",
     "every",
@@ -104,6 +106,7 @@ if TYPE_CHECKING:
     from fmu_export.pythonfmu.binary import BinariesMissing
     from fmu_export.pythonfmu.script import build_script
     from fmu_export.trace.composition import CompositionError, compose
+    from fmu_export.wasm.backend import build_wasm
 else:
 
     def __getattr__(name: str) -> Any:

@@ -7,6 +7,9 @@ from pathlib import Path
 #: Flavours of FMUs that can be built. The native ones need a C compiler to build and nothing to run.
 FLAVOURS = ("fmi2", "fmi3", "pythonfmu")
 
+#: What can be built and runs in browsers instead: WebAssembly modules, by the ziglang package.
+WASM = "wasm"
+
 #: Folder of the scenarios that come with the robot.
 SCENARIOS = Path(__file__).parent / "scenarios"
 

@@ -22,7 +22,7 @@ from fmu_export.package.record import (
     remember,
 )
 from fmu_export.pythonfmu.binary import BinariesMissing
-from parallel_robot.choices import FLAVOURS
+from parallel_robot.choices import FLAVOURS, WASM
 from parallel_robot.models import MODELS, closed_loop_model
 
 #: The FMU that holds the whole closed loop; no part of the system that `cosim run` couples.
@@ -48,8 +48,8 @@ class BuildError(CosimError):
 
 
 def fmu_path(folder: Path, flavour: str, instance: str) -> Path:
-    """Path of the FMU behind an instance name: `<folder>/<flavour>/<FMU name>.fmu`."""
-    return folder / flavour / f"{_model(instance).name}.fmu"
+    """Path of the FMU behind an instance name: `<folder>/<flavour>/<FMU name>.fmu`, or `.wasm` of that flavour."""
+    return folder / flavour / f"{_model(instance).name}.{'wasm' if flavour == WASM else 'fmu'}"
 
 
 def _model(instance: str) -> Model:
@@ -65,7 +65,7 @@ def build(
     ----------
     folder : Path
     flavour : str
-        One of `FLAVOURS`.
+        One of `FLAVOURS`, or `WASM`.
     instances : iterable of str
         Which of the models, by default all that are coupled; `CLOSED_LOOP` has to be asked for.
     all_platforms : bool
@@ -76,8 +76,8 @@ def build(
     BuildError
         The flavour is unknown, there is no C compiler, or the folder can't be written; older files are unchanged.
     """
-    if flavour not in FLAVOURS:
-        raise BuildError(f"flavour '{flavour}' is unknown; {nearest(flavour, FLAVOURS)}")
+    if flavour not in (*FLAVOURS, WASM):
+        raise BuildError(f"flavour '{flavour}' is unknown; {nearest(flavour, [*FLAVOURS, WASM])}")
     try:
         wanted = _recipe(flavour, all_platforms)
         paths = {instance: fmu_path(folder, flavour, instance) for instance in instances}
@@ -87,7 +87,8 @@ def build(
                 remember(path, wanted)
         return list(paths.values())
     except ToolchainError as error:
-        raise BuildError(f"flavour {flavour}: {error}; the flavour pythonfmu needs no compiler") from error
+        others = "" if flavour == WASM else "; the flavour pythonfmu needs no compiler"
+        raise BuildError(f"flavour {flavour}: {error}{others}") from error
     except BinariesMissing as error:
         raise BuildError(f"flavour {flavour}: {error}") from error
     except OSError as error:
@@ -103,7 +104,11 @@ def _build_one(model: Model, instance: str, folder: Path, flavour: str, all_plat
     from fmu_export.package.metadata import Metadata, project_licence
     from fmu_export.package.references import Reference
     from fmu_export.pythonfmu.backend import build_pythonfmu
+    from fmu_export.wasm.backend import build_wasm
 
+    if flavour == WASM:
+        build_wasm(model, folder / flavour)
+        return
     package, name = _PAGES[instance]
     page = (files(package) / name).read_text(encoding="utf-8")
     figures = figures_of(page, files(package))
@@ -129,7 +134,7 @@ def _recipe(flavour: str, all_platforms: bool) -> Recipe:
     ToolchainError
         There is no C compiler for a native flavour.
     """
-    compiler = "" if flavour == "pythonfmu" else compiler_identity(all_platforms=all_platforms)
+    compiler = "" if flavour == "pythonfmu" else compiler_identity(all_platforms=all_platforms or flavour == WASM)
     return Recipe(_sources(), fingerprint_of_tools(flavour, package_version(), compiler))
 
 

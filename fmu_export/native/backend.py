@@ -65,15 +65,16 @@ _INTERFACES = {
     },
 }
 
-#: The model-independent adapter, the integration method, a face for each version, and the headers of the standard that
-#: it needs.
-_ADAPTER = ("core.h", "core.c", "types.c", "co_simulation.c", "uri.h", "uri.c")
+#: The model-independent adapter, how it reads files, the integration method, a face for each version, and the headers
+#: of the standard that it needs.
+_CORE = ("core.h", "core.c", "types.c", "co_simulation.c")
+_FILES = ("start_values.c", "uri.h", "uri.c")
 _METHODS: dict[Solver, tuple[str, ...]] = {
     "rk4": ("rk4.c",),
     "dopri5": ("adaptive.c", "dopri5.c"),
     "rodas4": ("adaptive.c", "rodas4.c", "sparse_lu.h"),
 }
-_EVENTS, _TABLES = ("events.c",), ("table.h", "table.c")
+_EVENTS, _TABLES, _TABLE_FILES = ("events.c",), ("table.h", "table.c"), ("table_file.c",)
 _FACES = {"fmi2": ("fmi2.c",), "fmi3": ("fmi3.c", "adjoint.c")}
 _HEADERS = {
     "fmi2": ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h"),
@@ -220,9 +221,20 @@ def _model_sources(traced: TracedModel, interface: Interface, flavour: str, guid
 def _adapter_sources(
     flavour: str, solver: Solver = "rk4", *, hybrid: bool = False, tables: bool = False
 ) -> dict[str, bytes]:
-    adapter = files("fmu_export.native") / "c_adapter"
     headers = Path(fmpy.__file__).parent / "c-code"
-    own = (*_ADAPTER, *_EVENTS * hybrid, *_TABLES * tables, *_METHODS[solver], *_FACES[flavour])
-    return {name: (adapter / name).read_bytes() for name in own} | {
-        name: (headers / name).read_bytes() for name in _HEADERS[flavour]
-    }
+    own = (*_FILES, *_TABLE_FILES * tables, *_FACES[flavour])
+    return (
+        core_sources(solver, hybrid=hybrid, tables=tables)
+        | {name: _adapter_source(name) for name in own}
+        | {name: (headers / name).read_bytes() for name in _HEADERS[flavour]}
+    )
+
+
+def core_sources(solver: Solver, *, hybrid: bool, tables: bool) -> dict[str, bytes]:
+    """What every face stands on, by file name: values, communication steps, the integration method, events, tables."""
+    names = (*_CORE, *_EVENTS * hybrid, *_TABLES * tables, *_METHODS[solver])
+    return {name: _adapter_source(name) for name in names}
+
+
+def _adapter_source(name: str) -> bytes:
+    return (files("fmu_export.native") / "c_adapter" / name).read_bytes()

@@ -67,6 +67,21 @@ _COMPILERS = ("cc", "gcc", "clang")
 #: How far gcc and clang optimise; the bits of the results are the same at any level.
 OPTIMISATION = "-O3"
 
+#: What gcc, clang and zig are told for any target.
+_OPTIONS = (
+    "-std=c99",
+    OPTIMISATION,
+    "-ffp-contract=off",
+    "-fno-fast-math",
+    "-fno-math-errno",
+    "-g0",
+    "-Wall",
+    "-Wextra",
+)
+
+#: zig's name of WebAssembly without a system below it.
+_WEBASSEMBLY = "wasm32-freestanding"
+
 #: What tells an error from the lines around it, for gcc, clang, zig, cl and the linkers.
 _ERROR = re.compile(r"\b(error(?! generated)|undefined reference|undefined symbol)\b", re.IGNORECASE)
 _MAX_ERRORS = 3
@@ -172,14 +187,47 @@ def compile_library(
         )
     library = name + target.suffix
     files = sorted(source for source in sources if source.endswith(".c"))
+    return _compile(sources, [*compiler, *_arguments(compiler, target, files, library, strict, libraries)], library)
+
+
+def compile_module(sources: Mapping[str, bytes], name: str, *, strict: bool = False) -> bytes:
+    """Compile C99 sources into a WebAssembly module that imports nothing, by zig, and return its bytes.
+
+    Parameters
+    ----------
+    sources
+        Contents by relative name; there is no C library, and headers are found from the common folder only.
+    name
+        Name of the module without suffix.
+    strict
+        Whether a warning is an error; for tests, since a later compiler may warn of more.
+
+    Raises
+    ------
+    ToolchainError
+        There is no zig, or it refused the sources.
+    """
+    if not find_spec("ziglang"):
+        raise ToolchainError(
+            "no compiler for WebAssembly found (looked for the ziglang package); get it by: pip install ziglang"
+        )
+    module = f"{name}.wasm"
+    files = sorted(source for source in sources if source.endswith(".c"))
+    options = [*_OPTIONS, *(["-Werror"] if strict else []), "-fvisibility=hidden", "-I.", "-target", _WEBASSEMBLY]
+    options += ["-nostdlib", "-mbulk-memory", "-s", "-Wl,--no-entry", "-Wl,-z,stack-size=1048576"]
+    return _compile(sources, [*_zig(), *options, *files, "-o", module], module)
+
+
+def _compile(sources: Mapping[str, bytes], command: list[str], output: str) -> bytes:
+    """Run a compiler in a folder of its own with these sources, and return the bytes of its output."""
     with tempfile.TemporaryDirectory(prefix="toolchain-") as temporary:
         folder = Path(temporary)
         for source, content in sources.items():
             (folder / source).parent.mkdir(parents=True, exist_ok=True)
             (folder / source).write_bytes(content)
         # relative names only, so that no name of the temporary folder gets into the library
-        _run([*compiler, *_arguments(compiler, target, files, library, strict, libraries)], folder, library)
-        return (folder / library).read_bytes()
+        _run(command, folder, output)
+        return (folder / output).read_bytes()
 
 
 def _names() -> str:
@@ -219,17 +267,7 @@ def _arguments(
     if _is(compiler, "cl"):  # no C99 by name: it is cl's default; /Brepro: no time stamps
         options = ["/nologo", "/LD", "/MT", "/O2", "/fp:precise", "/W3", "/utf-8", "/Brepro", "/I."]
         return [*options, *(["/WX"] if strict else []), *files, f"/Fe:{library}", "/link", "/Brepro"]
-    options = [
-        "-std=c99",
-        OPTIMISATION,
-        "-ffp-contract=off",
-        "-fno-fast-math",
-        "-fno-math-errno",
-        "-g0",
-        "-Wall",
-        "-Wextra",
-    ]
-    options += [*(["-Werror"] if strict else []), "-shared", "-fvisibility=hidden", "-I."]
+    options = [*_OPTIONS, *(["-Werror"] if strict else []), "-shared", "-fvisibility=hidden", "-I."]
     if _is_zig(compiler):
         options += ["-target", target.triple]  # without it zig would use all instructions of this very machine
     if target.system == "linux":

@@ -36,7 +36,7 @@ def fingerprint_of_sources(sources: Iterable[Path]) -> str:
     """
     digest = hashlib.sha256()
     for source in sources:
-        files = sorted(p for p in source.rglob("*.[pchms]*") if p.suffix in (".py", ".c", ".h", ".md", ".svg"))
+        files = sorted(p for p in source.rglob("*.[pchjms]*") if p.suffix in (".py", ".c", ".h", ".js", ".md", ".svg"))
         for path in files if source.is_dir() else [source]:
             name = path.relative_to(source).as_posix() if source.is_dir() else path.name
             digest.update(f"{name}\0{path.stat().st_size}\0".encode() + path.read_bytes())

@@ -124,10 +124,17 @@ void core_close(Core *core);
 /* Log a message in printf format and return the status. */
 CoreStatus core_fail(Core *core, CoreStatus status, const char *format, ...);
 
+/* Read the start values of all parameters and inputs, which are data beside the code. */
+CoreStatus core_read_start_values(Core *core, double values[]);
+
 /* Read a number and nothing after it, whatever decimal point the locale of the importer has; the text is changed. */
 int core_read_number(char *text, double *value);
 
 #ifdef N_TABLES
+struct Table;
+/* Read the table with this number; after a failure it has no data. */
+CoreStatus core_read_table(Core *core, int which, struct Table *table);
+
 /* Read the lookup tables, unless other instances have; they stay until the last instance closes them. */
 CoreStatus core_open_tables(Core *core);
 void core_close_tables(Core *core);

@@ -1,0 +1,1 @@
+"""The WebAssembly flavour: models that run in browsers."""

@@ -1,0 +1,1 @@
+"""Tests of fmu_export.wasm."""
