@@ -24,7 +24,7 @@ from benchmarks.masters import measure_masters
 from benchmarks.measure import Section
 from benchmarks.packed import measure_packed
 from benchmarks.plant_step import measure_plant_step
-from benchmarks.scaling import measure_chain, measure_program
+from benchmarks.scaling import measure_chain, measure_many, measure_program
 from benchmarks.solvers import measure_solvers
 from benchmarks.sweeps import measure_sweeps
 from benchmarks.threads import measure_threads
@@ -40,6 +40,7 @@ PARTS: dict[str, Callable[[Path], Section | list[Section]]] = {
     "pythonfmu": measure_pythonfmu,
     "coupling": measure_coupling,
     "chain": lambda _: measure_chain(),
+    "many": measure_many,
     "program": measure_program,
     "sweeps": measure_sweeps,
     "threads": measure_threads,

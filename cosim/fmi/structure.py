@@ -34,3 +34,8 @@ def resize(description: ModelDescription, start: Mapping[str, Any]) -> None:
     for variable in description.modelVariables if sizes else ():
         pairs = zip(variable.dimensions, variable.shape or (), strict=False)
         variable.shape = tuple(sizes.get(dimension.valueReference, known) for dimension, known in pairs)
+
+
+def depends_on_start_values(description: ModelDescription) -> bool:
+    """Whether start values change what the description says: sizes of arrays, and intervals of clocks."""
+    return any(v.causality == "structuralParameter" or v.type == "Clock" for v in description.modelVariables)

@@ -17,11 +17,11 @@ import numpy as np
 
 from cosim.errors import SetupError, nearest
 from cosim.fmi.event_mode import EventInstance
-from cosim.fmi.fmu_file import load
+from cosim.fmi.fmu_file import LoadedFMU, load
 from cosim.fmi.instance import INITIALIZING, CallFailed, ExperimentSetup, Instance
 from cosim.fmi.message_log import Log, LogWriter
 from cosim.fmi.messages import Messages, summary
-from cosim.fmi.structure import is_size
+from cosim.fmi.structure import depends_on_start_values, is_size
 from cosim.fmi.types import Texts
 from cosim.fmi.unpacking import folder_for_fmus
 from cosim.fmi.variable_buffer import VariableBuffer
@@ -131,7 +131,7 @@ class Simulation:
         loop_library()
         self._system = dataclasses.replace(system, signals=list(system.signals))
         self._order = order
-        self._fmus = {name: load(name, c.fmu) for name, c in system.components.items() if c.fmu is not None}
+        self._fmus = _loaded(system)
         self._build = build
         for name, fmu in self._fmus.items():
             with self._setting_up(name):
@@ -139,7 +139,13 @@ class Simulation:
         self._functions = {name: c.function for name, c in system.components.items() if c.function is not None}
         descriptions = {name: fmu.description for name, fmu in self._fmus.items()}
         descriptions |= {name: function.description() for name, function in self._functions.items()}
-        self._ports = {name: Ports(name, descriptions[name], c.start) for name, c in system.components.items()}
+        self._ports: dict[str, Ports] = {}
+        known: dict[int, Ports] = {}
+        for name, component in system.components.items():
+            description = descriptions[name]
+            port = known.get(id(description))  # FMUs with one description have equal variables
+            self._ports[name] = Ports(name, description, component.start) if port is None else port.of_another(name)
+            known[id(description)] = self._ports[name]
         self._resolved = resolve(
             system, self._ports, needs_levels=chosen.order.needs_levels, strict_inputs=strict_inputs
         )
@@ -344,10 +350,12 @@ class Simulation:
                     "extrapolation='hold' (option --extrapolation hold)"
                 )
             found.derivatives[component] = lacks
-        for component in self._fmus if self._records_all else ():
-            elements = [e for c, e in self._recorded if c == component]
-            lacking = lacking_of(self._instances[component], elements)
-            found.outputs |= self._that_nothing_needs(component, lacking)
+        recorded: dict[str, list[Element]] = {}
+        for component, element in self._recorded if self._records_all else ():
+            recorded.setdefault(component, []).append(element)
+        for component, elements in recorded.items():
+            if component in self._fmus and (lacking := lacking_of(self._instances[component], elements)):
+                found.outputs |= self._that_nothing_needs(component, lacking)
         self._do_without(found)
 
     def _that_nothing_needs(self, component: str, refused: Mapping[str, str]) -> dict[str, str]:
@@ -878,6 +886,26 @@ def _timed(results: Results, began: float) -> Iterator[None]:
         yield
     finally:
         results.info["wall_time_s"] = clock.perf_counter() - began
+
+
+def _loaded(system: System) -> dict[str, LoadedFMU]:
+    """The FMU of each component; a file that several have is read once, unless start values change its description.
+
+    Raises
+    ------
+    SetupError
+        A file is missing, or can't be read.
+    """
+    found: dict[str, LoadedFMU] = {}
+    read: dict[Path, LoadedFMU] = {}
+    for name, component in system.components.items():
+        if component.fmu is None:
+            continue
+        fmu = read.get(component.fmu) or load(name, component.fmu)
+        if not depends_on_start_values(fmu.description):
+            read[component.fmu] = fmu
+        found[name] = fmu
+    return found
 
 
 def number_of_steps(start_time: float, stop_time: float, step_size: float) -> int:

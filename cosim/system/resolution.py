@@ -147,7 +147,7 @@ def resolve(
     kept, unticked = (
         [f"{c}.{e.name}" for c, e in unfed if (e.variable.type == "Clock") == tick] for tick in (False, True)
     )
-    feedthrough = {name: _feedthrough(port, links, drives) for name, port in ports.items()}
+    feedthrough = _feedthrough(ports, links, drives)
     order = _levels(ports, feedthrough, links, needs_levels)
     return ResolvedSystem(
         system.components, ports, links, drives, starts, order, feedthrough, tuple(kept), tuple(unticked)
@@ -420,21 +420,29 @@ def _check_added(drives: Iterable[Drive], connected: Set[Node]) -> None:
             added.add((drive.component, element.name))
 
 
-def _feedthrough(port: Ports, links: Iterable[Link], drives: Iterable[Drive]) -> dict[str, Set[str]]:
-    """For each output what it depends on directly; each may depend on a parameter that something feeds.
+def _feedthrough(
+    ports: Mapping[str, Ports], links: Iterable[Link], drives: Iterable[Drive]
+) -> dict[str, dict[str, Set[str]]]:
+    """For each output of each component what it depends on directly, a parameter that something feeds included.
 
     FMUs say nothing of their local variables: where something is connected to one, it may depend on all inputs.
     """
-    fed = {k.target.variable for k in links if k.target_component == port.component}
-    fed |= {e.variable for d in drives if d.component == port.component for e in d.targets}
-    parameters = {variable.name for variable in fed if variable.causality == "parameter"}
-    found: dict[str, Set[str]] = {output: names | parameters for output, names in port.feedthrough.items()}
-    inputs = {element.variable.name for element in port.of_causality("input")}
+    fed = [(k.target_component, k.target.variable) for k in links]
+    fed += [(d.component, e.variable) for d in drives for e in d.targets]
+    parameters: dict[str, set[str]] = {name: set() for name in ports}
+    for component, variable in fed:
+        if variable.causality == "parameter":
+            parameters[component].add(variable.name)
+    found: dict[str, dict[str, Set[str]]] = {
+        name: {output: names | parameters[name] for output, names in port.feedthrough.items()}
+        for name, port in ports.items()
+    }
     for link in links:
-        variable = link.source.variable
-        if link.source_component == port.component and variable.name not in found:
+        component, variable = link.source_component, link.source.variable
+        if variable.name not in found[component]:
             changes = variable.causality == "local" and variable.variability not in ("constant", "fixed")
-            found[variable.name] = inputs | parameters if changes else set()
+            inputs = {element.variable.name for element in ports[component].of_causality("input")}
+            found[component][variable.name] = inputs | parameters[component] if changes else set()
     return found
 
 
@@ -449,8 +457,8 @@ def _levels(
     for component, port in ports.items():
         for output, depends_on in feedthrough[component].items():
             feeds[component, output] = {(component, name) for name in depends_on}
-            inputs |= feeds[component, output]
-        inputs |= {(component, element.variable.name) for element in port.of_causality("input")}
+            inputs.update(feeds[component, output])
+        inputs.update((component, element.variable.name) for element in port.of_causality("input"))
         for element in port.of_causality("input"):  # it is set while its clock is active
             if element.is_clocked:
                 clocks = {(component, name) for name in port.clocked[element.variable.name]}

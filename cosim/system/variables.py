@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Mapping
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
@@ -133,6 +134,14 @@ class Ports:
         for elements in self._vectors.values():
             elements.sort(key=lambda e: indices(e.name))
 
+    def of_another(self, component: str) -> Ports:
+        """The variables of another component with the same FMU, whose description its start values do not change."""
+        other = copy(self)
+        other.component = component
+        # computed once for all
+        other.feedthrough, other._by_causality, other._units = self.feedthrough, self._by_causality, self._units
+        return other
+
     def find(self, name: str) -> list[Element]:
         """Elements of a scalar, an element or a vector.
 
@@ -160,7 +169,14 @@ class Ports:
 
     def of_causality(self, causality: str) -> list[Element]:
         """All elements of one causality, in the order of the model description."""
-        return [e for e in self._elements.values() if e.variable.causality == causality]
+        return list(self._by_causality.get(causality, ()))
+
+    @cached_property
+    def _by_causality(self) -> dict[str, list[Element]]:
+        found: dict[str, list[Element]] = {}
+        for element in self._elements.values():
+            found.setdefault(element.variable.causality, []).append(element)
+        return found
 
     @cached_property
     def feedthrough(self) -> dict[str, set[str]]:
@@ -198,7 +214,11 @@ class Ports:
         name = variable.unit
         if name is None and variable.declaredType is not None:
             name = variable.declaredType.unit
-        return next((u for u in self.description.unitDefinitions if u.name == name), None)
+        return self._units.get(name)
+
+    @cached_property
+    def _units(self) -> dict[str | None, Unit]:
+        return {unit.name: unit for unit in reversed(self.description.unitDefinitions)}
 
     def is_relative(self, element: Element) -> bool:
         """Whether an element is a difference, to which the offset of its unit does not apply.
