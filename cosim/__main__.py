@@ -14,7 +14,7 @@ from cosim.versions import versions
 from fmu_export.errors import ModelError
 
 #: Commands of the program itself -> modules.
-_OWN = {name: f"cosim.commands.{name}" for name in ("run", "pack", "sweep", "validate", "compare")}
+_OWN = {name: f"cosim.commands.{name}" for name in ("run", "pack", "sweep", "validate", "compare", "view")}
 
 #: Entry-point group by which other packages add commands: name -> module with a function `register(subparsers)`.
 COMMAND_GROUP = "cosim.commands"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import copy
 import dataclasses
 import shutil
 import sys
@@ -37,6 +38,9 @@ from cosim.versions import versions
 
 #: Folder of the checkpoint, in that of the results.
 CHECKPOINT = "checkpoint"
+
+#: Name of the page about a run.
+REPORT = "report.html"
 
 #: A run that records more values than this is written as it goes, and not kept in memory.
 MOST_VALUES_IN_MEMORY = 10_000_000
@@ -119,10 +123,18 @@ def run_prepared(prepared: PreparedRun, args: argparse.Namespace, figures: Figur
         The run can't be made, or failed; the message says where what was recorded is.
     """
     formats = args.format or ["csv"]
-    names = [f"results.{name}" for name in formats]
+    names = [f"results.{name}" for name in formats] + ([REPORT] if args.report else [])
     with ResultFolder(prepared.folder, [*names, LOG_FILE] if args.log or args.log_categories else names) as folder:
         checkpoint = _checkpoint(prepared.folder, args.checkpoint, args.resume)
-        write = partial(_write, prepared, formats=formats, figures=figures, folder=folder, units_row=args.units_row)
+        write = partial(
+            _write,
+            prepared,
+            formats=formats,
+            figures=figures,
+            folder=folder,
+            units_row=args.units_row,
+            report=args.report,
+        )
         try:
             log = log_options(args, folder.unfinished)
             results = execute(
@@ -329,8 +341,9 @@ def _write(
     error: str | None = None,
     *,
     units_row: bool = False,
+    report: bool = False,
 ) -> tuple[dict[str, Any], bool]:
-    """Write results, unless they are on the disk already, summary and figures.
+    """Write results, unless they are on the disk already, summary and figures, and a page if one is asked for.
 
     Returns the summary, and whether figures were drawn.
     """
@@ -372,10 +385,28 @@ def _write(
             saved = pool.submit(save, where)
             if prepared.drawing is not None and len(results.time) > 1:
                 drawn = bool(_drawn(prepared, results, figures, where))
+            if report:
+                _write_page(results, summary, where)
         saved.result()
 
     folder.put(write)
     return summary, drawn
+
+
+def _write_page(results: Results | StoredResults, summary: Mapping[str, Any], where: Path) -> None:
+    """The page about a run, with all that its summary says; whatever fails but the disk, the user gets a note."""
+    from cosim.results.page.run_page import write_run_page
+
+    log = where / LOG_FILE
+    said = log.read_text(encoding="utf-8", errors="replace") if log.is_file() else ""
+    described = copy.copy(results)
+    described.info = dict(summary)
+    try:
+        write_run_page(described, where / REPORT, log=said)
+    except OSError:
+        raise
+    except Exception as error:  # the run has its results
+        print(f"note: there is no {REPORT}, for {_in_one_line(error)}")
 
 
 def _drawn(

@@ -74,6 +74,9 @@ def register(subparsers: Any) -> None:
         "--units-row", action="store_true", help="write the units into CSV results, in a row below the names"
     )
     parser.add_argument(
+        "--report", action="store_true", help="write a page about the run, report.html, among the results"
+    )
+    parser.add_argument(
         "--realtime", type=float, metavar="FACTOR", help="pace the run: simulated seconds in a second (1: real time)"
     )
     parser.add_argument(

@@ -59,6 +59,9 @@ _FINGERPRINTED = 20_000
 #: Relative tolerance that an FMU is told which fails when it is told none.
 _ASSUMED_TOLERANCE = 1e-6
 
+#: Of a signal, so many breakpoints are said.
+_MOST_BREAKPOINTS = 100
+
 #: Communication points of a run without an end.
 _MOST_POINTS = int(_MOST_STEPS)
 
@@ -644,7 +647,7 @@ class Simulation:
                 run.initialize(starts, experiments)
                 tried = {} if self._algorithm.demanded else run.refused_derivatives()
             except InterruptedInCall as stop:
-                results = self._nothing_yet(grid, record_every, experiments, assumed)
+                results = self._nothing_yet(grid, record_every, experiments, assumed, samples.drives)
                 results.info["status"] = "interrupted"
                 raise SimulationInterrupted(stop.time, results) from None
             except SimulationError as error:
@@ -660,7 +663,7 @@ class Simulation:
                 assumed.append(error.component)
             else:
                 if not self._do_without(Refusals(tried)):
-                    return run, self._nothing_yet(grid, record_every, experiments, assumed)
+                    return run, self._nothing_yet(grid, record_every, experiments, assumed, samples.drives)
 
     def _refused_outputs(self, run: Run) -> Refusals:
         """Outputs without which a run could begin that has failed to."""
@@ -683,7 +686,12 @@ class Simulation:
             )
 
     def _nothing_yet(
-        self, grid: Grid, record_every: int, experiments: Mapping[str, ExperimentSetup], assumed: Sequence[str]
+        self,
+        grid: Grid,
+        record_every: int,
+        experiments: Mapping[str, ExperimentSetup],
+        assumed: Sequence[str],
+        drives: Sequence[Drive],
     ) -> Results:
         """Results without rows, that say how the run is made."""
         info = {
@@ -706,6 +714,8 @@ class Simulation:
                 }
                 for name, f in self._fmus.items()
             },
+            "connections": {c.target: c.source for c in self._system.connections},
+            **self._said_breakpoints(drives),
             "parameters": self._parameters(grid.start_time),
             **self._refusals.about(),
             **summary(self._messages.values()),
@@ -715,6 +725,13 @@ class Simulation:
         if self._functions:
             info["functions"] = {name: function.qualified_name for name, function in self._functions.items()}
         return Results(np.empty(0), list(self._names), np.empty((0, len(self._names))), info)
+
+    def _said_breakpoints(self, drives: Sequence[Drive]) -> dict[str, Any]:
+        """Where signals jump or bend (s), the first times of each."""
+        targets = (s.target for s in self._system.signals)
+        found = {t: list(d.breakpoints[:_MOST_BREAKPOINTS]) for t, d in zip(targets, drives, strict=True)}
+        known = {target: times for target, times in found.items() if times}
+        return {"breakpoints": known} if known else {}
 
     def _extra_starts(self, start: Mapping[str, Any]) -> list[StartValue]:
         starts = []

@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from os import PathLike
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -152,6 +153,27 @@ class Recorded(ABC):
             )
         every = max(1, len(self.time) // MOST_POINTS)
         return draw(self.time[::every], self.panels(chosen, every))
+
+    def report(self, path: str | PathLike[str], title: str = "") -> None:
+        """Write a page of HTML: the system's diagram, all curves with zoom and search, what happened, how it was made.
+
+        It is one file that needs no other and no network. Curves that are too many for it are reduced to the smallest
+        and largest values of equal pieces of time, and the page says so.
+
+        Parameters
+        ----------
+        path : path
+        title : str
+            By default that of the scenario.
+
+        Raises
+        ------
+        OSError
+            The file can't be written.
+        """
+        from cosim.results.page.run_page import write_run_page  # with the styles and scripts of the page
+
+        write_run_page(self, Path(path), title)
 
     def drawable(self) -> dict[str, list[int]]:
         """Scalars and vectors that can be drawn, all but texts -> positions of their elements."""

@@ -32,7 +32,7 @@ PAGES = [
 EXAMPLES = sorted(path for where in ("*.py", "models/*.py") for path in (CHECKOUT / "examples").glob(where))
 
 #: Names of entry-point groups, which look like modules.
-GROUPS = ("cosim.commands", "cosim.scenarios")
+GROUPS = ("cosim.commands", "cosim.pages", "cosim.scenarios")
 
 
 def code_of(path: Path) -> Iterator[str]:

@@ -1,0 +1,198 @@
+// All curves of a page in panels, each drawn when it comes into view; search, grouping, and a time range they share.
+
+const MOST_LINES = 8; // in a panel; larger vectors have several
+const MOST_PANELS = 60; // made at once; more when the reader asks
+
+function startSignals(root) {
+  const find = (selector) => root.querySelector(selector);
+  const { runs, variables } = DATA.curves;
+  const several = runs.length > 1;
+  const view = new TimeView(Math.min(...runs.map((r) => r.ends[0])), Math.max(...runs.map((r) => r.ends[1])));
+  const times = runs.map((run) => timesOf(run.time));
+  const events = DATA.events.flatMap((list, k) =>
+    list.map((e) => ({ ...e, text: several ? `${runs[k].label}: ${e.text}` : e.text })),
+  );
+  const drawn = events.filter((e, i) => events.findIndex((o) => o.time === e.time && o.text === e.text) === i);
+  const component = (variable) => {
+    const dot = variable.name.lastIndexOf(".", variable.name.indexOf("[") < 0 ? undefined : variable.name.indexOf("["));
+    return dot < 0 ? "" : variable.name.slice(0, dot);
+  };
+
+  /** Panels: title, unit, and curves as [variable, number of its column, label]. */
+  const groupings = {
+    variable: () => variables.flatMap((v) => split(v.name, v.unit, v.columns.map((_, i) => [v, i]))),
+    unit: () => {
+      const units = new Map();
+      for (const v of variables) {
+        const key = v.unit || "without unit";
+        if (!units.has(key)) units.set(key, []);
+        units.get(key).push(...v.columns.map((_, i) => [v, i]));
+      }
+      return [...units].flatMap(([unit, curves]) => split(unit, unit === "without unit" ? "" : unit, curves, true));
+    },
+  };
+  function split(title, unit, curves, named = false) {
+    const parts = Math.ceil(curves.length / MOST_LINES);
+    const each = Math.ceil(curves.length / parts);
+    return Array.from({ length: parts }, (_, k) => {
+      const own = curves.slice(k * each, (k + 1) * each);
+      return { title: parts > 1 ? `${title} (${k + 1} of ${parts})` : title, unit, curves: own, named };
+    });
+  }
+  const label = (panel, [variable, i]) => {
+    const column = variable.columns[i];
+    if (several) return runs[column.run].label;
+    if (!panel.named) return column.label;
+    return column.label.startsWith("[") ? variable.name + column.label : variable.name;
+  };
+
+  const box = find(".panels");
+  const made = new Map();
+  const watcher = new IntersectionObserver(
+    (entries) => {
+      for (const { isIntersecting, target } of entries) {
+        if (!isIntersecting) continue;
+        watcher.unobserve(target);
+        draw(target, made.get(target));
+      }
+    },
+    { rootMargin: "200px" },
+  );
+
+  async function draw(element, panel) {
+    const series = await Promise.all(
+      panel.curves.map(async (curve, k) => {
+        const [variable, i] = curve;
+        const columns = await columnsOf(variable.block, variable.columns);
+        const { run } = variable.columns[i];
+        return {
+          label: label(panel, curve),
+          times: await times[run],
+          values: columns[i],
+          stepped: variable.stepped,
+          colour: several ? run : k,
+        };
+      }),
+    );
+    new Plot(element.querySelector(".curves"), view, { title: panel.title, unit: panel.unit, series, events: drawn });
+    if (several && series.length > 1) drawDifferences(element, panel, series);
+    element.dataset.drawn = "yes";
+  }
+
+  /** Below the curves of several runs: how far each is from the first. */
+  function drawDifferences(element, panel, series) {
+    const [first, ...others] = series;
+    const differences = others.map((s) => ({
+      ...s,
+      label: `${s.label} − ${first.label}`,
+      values: Array.from(s.times, (t, row) => {
+        const [a, b] = [s.values[row], valueAt(first, t)];
+        return a === null || b === null ? null : a - b;
+      }),
+    }));
+    const title = `Difference of ${panel.title} from that of ${first.label}`;
+    new Plot(element.querySelector(".differences"), view, { title, unit: panel.unit, series: differences, height: 130 });
+  }
+
+  let panels = [];
+  let wanted = MOST_PANELS;
+
+  function show() {
+    const words = find(".search").value.toLowerCase().split(/\s+/).filter(Boolean);
+    const only = find(".component").value;
+    const fits = (curve, panel) => {
+      const name = `${panel.title} ${curve[0].name}${curve[0].columns[curve[1]].label} ${panel.unit}`.toLowerCase();
+      const own = component(curve[0]);
+      return (!only || own === only || own.startsWith(`${only}.`)) && words.every((word) => name.includes(word));
+    };
+    panels = groupings[find(".grouping").value]().filter((panel) => {
+      if (panel.named) panel.curves = panel.curves.filter((curve) => fits(curve, panel));
+      return panel.curves.some((curve) => fits(curve, panel));
+    });
+    view.plots.clear();
+    for (const element of made.keys()) watcher.unobserve(element);
+    made.clear();
+    box.replaceChildren();
+    more();
+  }
+
+  function more() {
+    for (const panel of panels.slice(made.size, wanted)) {
+      const unit = panel.unit && panel.unit !== panel.title ? make("small", {}, panel.unit) : "";
+      const element = make("div", { class: "panel" }, make("h3", {}, panel.title, " ", unit), make("div", { class: "curves" }));
+      if (several && panel.curves.length > 1) element.append(make("div", { class: "differences" }));
+      for (const place of element.querySelectorAll("div")) place.append(make("div", { class: "plot-area" }));
+      for (const place of element.querySelectorAll(".plot-area")) place.remove();
+      element.querySelector(".curves").style.minHeight = "262px"; // so that panels further down are not in view yet
+      made.set(element, panel);
+      box.append(element);
+      watcher.observe(element);
+    }
+    const left = panels.length - made.size;
+    const found = find(".found");
+    found.textContent = `${panels.length} panel${panels.length === 1 ? "" : "s"}`;
+    if (left > 0) {
+      const button = make("button", { type: "button" }, `Show ${Math.min(left, MOST_PANELS)} more`);
+      button.addEventListener("click", () => {
+        wanted += MOST_PANELS;
+        button.remove();
+        more();
+      });
+      box.after(button);
+      root.querySelectorAll(".panels ~ button").forEach((b) => b !== button && b.remove());
+    } else root.querySelectorAll(".panels ~ button").forEach((b) => b.remove());
+  }
+
+  find(".grouping").append(make("option", { value: "variable" }, "by variable"));
+  if (!several) find(".grouping").append(make("option", { value: "unit" }, "by unit"));
+  const components = [...new Set(variables.map((v) => component(v).split(".")[0]))].filter(Boolean);
+  find(".component").append(...components.map((name) => make("option", { value: name }, name)));
+  find(".of-component").hidden = components.length < 2;
+  for (const name of [".grouping", ".component"]) {
+    find(name).addEventListener("change", () => {
+      wanted = MOST_PANELS;
+      show();
+    });
+  }
+  let waiting;
+  find(".search").addEventListener("input", () => {
+    clearTimeout(waiting);
+    waiting = setTimeout(show, 150);
+  });
+  const acts = {
+    in: () => view.magnify(2),
+    out: () => view.magnify(0.5),
+    left: () => view.shift(-0.5),
+    right: () => view.shift(0.5),
+    all: () => view.showAll(),
+  };
+  for (const button of root.querySelectorAll("[data-act]")) {
+    button.addEventListener("click", acts[button.dataset.act]);
+  }
+  view.follow(() => {
+    const at = view.cursor === null ? "" : ` at ${shown(view.cursor)} s`;
+    find(".range").textContent = `${shown(view.from)} to ${shown(view.to)} s${at}`;
+    for (const name of ["out", "left", "right", "all"]) find(`[data-act=${name}]`).disabled = view.isWhole;
+    root.dataset.from = view.from;
+    root.dataset.to = view.to;
+  });
+  view.changed();
+  for (const button of document.querySelectorAll("button.moment")) {
+    button.addEventListener("click", () => {
+      const time = Number(button.dataset.time);
+      const width = 0.1 * (view.all.to - view.all.from);
+      root.scrollIntoView();
+      view.zoom(time - width / 2, time + width / 2);
+      view.point(time);
+    });
+  }
+  document.addEventListener("component", ({ detail }) => {
+    if (![...find(".component").options].some((o) => o.value === detail)) return;
+    find(".component").value = detail;
+    show();
+  });
+  show();
+  window.signals = view; // for who looks at the page in the console
+}
+
+startSignals(document.getElementById("signals"));

@@ -1,0 +1,64 @@
+"""The diagram of a system: components, and the connections between them in bundles."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from cosim.results.page.document import Section, asset
+
+#: More components than this make no picture.
+_MOST_COMPONENTS = 400
+
+
+def diagram_section(info: Mapping[str, Any]) -> Section | None:
+    """The diagram of the system of a run; None where its connections are not known."""
+    bundles: dict[tuple[str, str], list[list[str]]] = {}
+    fmus = [*info.get("fmus", {}), *info.get("functions", {})]
+    for target, source in info.get("connections", {}).items():
+        ends = _component(source, fmus), _component(target, fmus)
+        bundles.setdefault(ends, []).append([source.removeprefix(f"{ends[0]}."), target.removeprefix(f"{ends[1]}.")])
+    driven: dict[str, list[str]] = {}
+    for target in dict.fromkeys(
+        [*info.get("signals", {}), *info.get("disturbances", {}), *info.get("breakpoints", {})]
+    ):
+        driven.setdefault(_component(target, fmus), []).append(target)
+    components = list(dict.fromkeys([*fmus, *(c for ends in bundles for c in ends)]))
+    if not components or len(components) > _MOST_COMPONENTS or not (bundles or driven or len(components) > 1):
+        return None
+    data = {
+        "components": [
+            {"name": name, "about": _about(info, name), "signals": driven.get(name, [])} for name in components
+        ],
+        "bundles": [{"from": a, "to": b, "pairs": pairs} for (a, b), pairs in bundles.items()],
+        "geometry": _usable(info.get("geometry"), components),
+    }
+    many = f"{len(components)} component{'s' * (len(components) != 1)}"
+    n = sum(map(len, bundles.values()))
+    html = f"""<p class="hint">{many}, {n} connection{"s" * (n != 1)}. An arrow stands for all connections from one
+component to another; choose an arrow or a component to see them.</p>
+<div class="diagram wide" role="group" aria-label="Diagram of the system"></div>
+<div class="chosen" role="status"></div>"""
+    scripts = [asset("diagram.js")] if data["geometry"] else [asset("dagre/dagre.min.js"), asset("diagram.js")]
+    return Section("system", "System", html, scripts=scripts, data={"diagram": data})
+
+
+def _component(path: str, known: Iterable[str]) -> str:
+    """The component of `component.variable`; its name may have points."""
+    for name in known:
+        if path.startswith(f"{name}."):
+            return name
+    return path.partition(".")[0]
+
+
+def _about(info: Mapping[str, Any], name: str) -> str:
+    fmu = info.get("fmus", {}).get(name)
+    if fmu is None:
+        return "Python function" if name in info.get("functions", {}) else ""
+    path = str(fmu.get("path", ""))
+    return path.replace("\\", "/").rpartition("/")[2]
+
+
+def _usable(geometry: Any, components: list[str]) -> Mapping[str, Any] | None:
+    """Places of all components, if each has one."""
+    return geometry if isinstance(geometry, Mapping) and geometry.keys() >= set(components) else None

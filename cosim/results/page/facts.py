@@ -1,0 +1,217 @@
+"""What a page says of runs besides their curves: state, events, numbers, parameters, and how they were made."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from html import escape
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cosim.fmi.messages import notes
+from cosim.results.page.document import table
+
+if TYPE_CHECKING:
+    from cosim.results.recorded import Recorded
+
+#: So many events are drawn and listed.
+_MOST_EVENTS = 200
+
+#: Of the log, so many lines are in the page, half from its beginning and half from its end.
+_MOST_LINES = 1000
+
+
+def number(value: Any) -> str:
+    """A value as text: numbers with six digits and a real minus sign."""
+    if isinstance(value, bool) or value is None:
+        return {True: "true", False: "false", None: "–"}[value]
+    if isinstance(value, int):
+        return str(value).replace("-", "−")
+    return f"{value:.6g}".replace("-", "−") if isinstance(value, float) else str(value)
+
+
+def flattened(entries: Mapping[str, Any], before: str = "") -> dict[str, Any]:
+    """Nested mappings as one, with names joined by points; lists as texts."""
+    found: dict[str, Any] = {}
+    for name, value in entries.items():
+        if isinstance(value, Mapping):
+            found |= flattened(value, f"{before}{name}.")
+        else:
+            found[before + name] = ", ".join(map(str, value)) if isinstance(value, list | tuple) else value
+    return found
+
+
+def title_of(info: Mapping[str, Any], otherwise: str) -> str:
+    """The title of a run."""
+    return str(info.get("title") or info.get("scenario") or otherwise)
+
+
+def status_badge(info: Mapping[str, Any]) -> str:
+    """How a run ended, as HTML; nothing where nobody says."""
+    status = str(info.get("status", ""))
+    if not status:
+        return ""
+    look, icon = {"completed": ("good", "✓"), "failed": ("bad", "✗")}.get(status, ("part", "◐"))
+    return f'<span class="badge {look}"><span aria-hidden="true">{icon}</span> {escape(status)}</span>'
+
+
+def in_a_line(run: Recorded) -> str:
+    """Duration, step, order and size of a run, as HTML."""
+    info, n = run.info, len(run.time)
+    parts = []
+    if n:
+        parts.append(f"{run.time[0]:g} to {run.time[-1]:g} s")
+    if "step_size" in info:
+        parts.append(f"communication step {info['step_size']:g} s")
+    if "order" in info:
+        parts.append(f"{escape(str(info['order']))} order")
+    if fmus := info.get("fmus"):
+        parts.append(f"{len(fmus)} FMU{'s' * (len(fmus) != 1)}")
+    parts.append(f"{n:,} row{'s' * (n != 1)} of {len(run.names):,} value{'s' * (len(run.names) != 1)}")
+    return ", ".join(parts)
+
+
+def events(run: Recorded) -> list[dict[str, Any]]:
+    """What happened when: `time` (s), `text`, and `kind`, which is input, message or end."""
+    info = run.info
+    found: list[tuple[float, str, str]] = []
+    for target, moments in info.get("breakpoints", {}).items():
+        found += [(float(t), f"{target} jumps or bends", "input") for t in moments]
+    for target, shape in {**info.get("signals", {}), **info.get("disturbances", {})}.items():
+        start = shape.get("start_time") if isinstance(shape, Mapping) else None
+        if start:
+            found.append((float(start), f"{target} sets in", "input"))
+    for component, about in info.get("messages", {}).items():
+        for kind in about.get("first", ()):
+            if kind.get("time") is not None:
+                found.append((float(kind["time"]), f"{component}: {kind['text']}", "message"))
+    if ended_by := info.get("ended_by"):
+        found.append((float(ended_by["time"]), f"{ended_by['component']} ended the simulation", "end"))
+    if info.get("error") and len(run.time):
+        found.append((float(run.time[-1]), str(info["error"]), "end"))
+    inside = [e for e in found if len(run.time) and run.time[0] < e[0] <= run.time[-1]]
+    said = {(time, text.rpartition(" sets in")[0] or text.rpartition(" jumps or bends")[0]) for time, text, _ in inside}
+    unique = [e for e in inside if not (e[1].endswith("jumps or bends") and _named_better(e, inside, said))]
+    return [{"time": t, "text": text, "kind": kind} for t, text, kind in sorted(unique)[:_MOST_EVENTS]]
+
+
+def _named_better(event: tuple[float, str, str], others: Sequence[tuple[float, str, str]], said: set[Any]) -> bool:
+    """Whether another event says the same of a signal: that it sets in there."""
+    target = event[1].rpartition(" jumps or bends")[0]
+    return (event[0], target) in said and any(t == event[0] and text == f"{target} sets in" for t, text, _ in others)
+
+
+def remarks(info: Mapping[str, Any]) -> list[str]:
+    """What was out of the ordinary, as texts."""
+    return list(_remarks(info))
+
+
+def _remarks(info: Mapping[str, Any]) -> Iterator[str]:
+    if error := info.get("error"):
+        yield str(error)
+    if kept := info.get("inputs_kept"):
+        yield f"Nothing feeds these inputs, which keep the start values of their FMUs: {', '.join(kept)}."
+    for component, n in info.get("steps_repeated", {}).items():
+        yield f"{component} discarded {n} steps, which were repeated in shorter ones."
+    for component, n in info.get("events_between_points", {}).items():
+        yield f"{component} had {n} events between communication points."
+    for component, why in info.get("derivatives_refused", {}).items():
+        yield f"{component} refuses derivatives of its inputs ({why}); they are held."
+    for name, why in info.get("not_recorded", {}).items():
+        yield f"{name} is not recorded: {why}."
+    for component in info.get("tolerance_assumed", ()):
+        yield f"{component} fails without a tolerance, and was told one."
+    yield from map(str, info.get("not_terminated", {}).values())
+    yield from map(str, info.get("notes", ()))
+    yield from notes(info.get("messages", {}))
+    if pace := info.get("realtime"):
+        yield (
+            f"Paced at {pace['factor']:g} times real time: {pace['overruns']} overruns, late by at most "
+            f"{pace['lateness_max_s'] * 1e3:.3g} ms."
+        )
+
+
+def happened(run: Recorded) -> str:
+    """Events and remarks as HTML; empty where there are none."""
+    listed = "".join(
+        f'<tr><th scope="row"><button type="button" class="moment" data-time="{e["time"]!r}">'
+        f"{escape(number(e['time']))} s</button></th><td>{escape(e['text'])}</td></tr>"
+        for e in events(run)
+    )
+    lines = "".join(f"<li>{escape(text)}</li>" for text in remarks(run.info))
+    moments = (
+        '<div class="wide" tabindex="0" role="region" aria-label="Table: Events"><table class="framed"><thead><tr>'
+        f'<th scope="col">Time</th><th scope="col">Event</th></tr></thead><tbody>{listed}</tbody></table></div>'
+        if listed
+        else ""
+    )
+    return (f'<ul class="remarks">{lines}</ul>' if lines else "") + moments
+
+
+def pairs(entries: Mapping[str, Any], heads: tuple[str, str], caption: str, kind: str = "") -> str:
+    """A table of names and values."""
+    rows = [(f"<code>{escape(name)}</code>", escape(number(value))) for name, value in entries.items()]
+    return table(heads, rows, caption, kind)
+
+
+def profile(info: Mapping[str, Any]) -> str:
+    """Times of components and errors of the coupling, where they are known, as bars."""
+    charts = []
+    for key, heading in (("component_times", "Time of each component (s)"), ("coupling_errors", "Coupling errors")):
+        known = {n: v for n, v in flattened(info.get(key) or {}).items() if isinstance(v, int | float)}
+        if known:
+            charts.append(f"<h3>{heading}</h3>{_bars(known)}")
+    return "".join(charts)
+
+
+def _bars(values: Mapping[str, float]) -> str:
+    largest = max((abs(v) for v in values.values() if np.isfinite(v)), default=0.0) or 1.0
+    rows = "".join(
+        f'<li><span>{escape(name)}</span><svg viewBox="0 0 200 12" aria-hidden="true" preserveAspectRatio="none">'
+        f'<rect width="{200 * min(abs(value) / largest, 1.0):.4g}" height="12"/></svg>'
+        f"<b>{escape(number(float(value)))}</b></li>"
+        for name, value in sorted(values.items(), key=lambda one: -abs(one[1]))
+    )
+    return f'<ul class="bars">{rows}</ul>'
+
+
+def made(info: Mapping[str, Any]) -> str:
+    """Settings, FMUs with their hashes, and versions."""
+    settings = {
+        name: info[name]
+        for name in ("scenario", "ssp", "osp", "fmu", "seed", "step_size", "start_time", "stop_time", "order",
+                     "record_every", "loop_time_s", "wall_time_s")
+        if info.get(name) is not None
+    }  # fmt: skip
+    extrapolation = info.get("extrapolation")
+    if isinstance(extrapolation, Mapping):
+        settings["extrapolation"] = "; ".join(
+            f"{name}: {len(value)} inputs" if isinstance(value, list) else f"{name} {value}"
+            for name, value in extrapolation.items()
+            if value
+        )
+    parts = []
+    if settings:
+        parts.append(f"<h3>Settings</h3>{pairs(settings, ('setting', 'value'), 'Settings of the run')}")
+    if fmus := info.get("fmus"):
+        rows = [
+            (escape(name), f"<code>{escape(str(f.get('path', '')))}</code>", f"<code>{f.get('sha256', '')}</code>")
+            for name, f in fmus.items()
+        ]
+        parts.append(f"<h3>FMUs</h3>{table(('component', 'file', 'SHA-256'), rows, 'FMUs', 'hashes')}")
+    if versions := info.get("versions"):
+        parts.append(f"<h3>Software</h3>{pairs(versions, ('package', 'version'), 'Versions of the software')}")
+    if files := info.get("files"):
+        hashes = [(f"<code>{escape(name)}</code>", f"<code>{escape(str(sha))}</code>") for name, sha in files.items()]
+        parts.append(f"<h3>Files</h3>{table(('file', 'SHA-256'), hashes, 'Files of the run', 'hashes')}")
+    return "\n".join(parts)
+
+
+def log_text(text: str) -> str:
+    """The log of the FMUs as HTML, shortened in the middle."""
+    lines = text.splitlines()
+    if len(lines) > _MOST_LINES:
+        half = _MOST_LINES // 2
+        left_out = f"... {len(lines) - 2 * half} lines ..."
+        lines = [*lines[:half], left_out, *lines[-half:]]
+    return f'<pre class="log" tabindex="0" role="region" aria-label="Log">{escape(chr(10).join(lines))}</pre>'

@@ -1,0 +1,333 @@
+"""The page of a run: what is in it, how few bytes, and that it works in a browser."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import re
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cosim.__main__ import main
+from cosim.results.columns import TypedColumn
+from cosim.results.page.curves import curves_of
+from cosim.results.page.encoding import column_of, encoded, extremes, times
+from cosim.results.page.folder import read_run
+from cosim.results.page.run_page import run_page
+from cosim.results.results import Results
+from tests.support import some
+from tests.support.browser import Tabs, accessible, chromium, fits, until
+from tests.support.html import Elements
+
+NASTY = "</script><img src=x onerror=alert(1)> & \"quotes\" 'too' <!--"
+T = np.linspace(0.0, 2.0, 501)
+
+
+def decoded(octets: bytes, n: int) -> np.ndarray:
+    """Columns of 32-bit floats, each n long, from what `encoded` makes; by integers without end."""
+    planes = np.frombuffer(octets, "u1").reshape(-1, 4, n).astype(object)
+    columns = []
+    for plane in planes:
+        value = difference = 0
+        bits = []
+        for folded in (plane[0] + plane[1] * 2**8 + plane[2] * 2**16 + plane[3] * 2**24).tolist():
+            difference += folded // 2 if folded % 2 == 0 else -(folded + 1) // 2
+            value += difference
+            bits.append(value % 2**32)
+        columns.append(np.array(bits, dtype="<u4").view("<f4"))
+    return np.array(columns)
+
+
+def results() -> Results:
+    """A run with all that is hard to show: gaps, vectors, flags, texts, constants, tiny changes of large numbers."""
+    values = {
+        "motor.phi": np.sin(5.0 * T),
+        "motor.tau[1]": np.where(np.abs(T - 1.0) < 0.1, np.nan, np.cos(3.0 * T)),
+        "motor.tau[2]": np.cos(4.0 * T),
+        "motor.p": 101325.0 + 1e-4 * np.sin(7.0 * T),
+        "motor.huge": 1e60 * np.sin(T),
+        "load.on": np.zeros(501),
+        "load.said": np.full(501, np.nan),
+        "load.constant": np.full(501, 3.0),
+    }
+    typed = {
+        "load.on": TypedColumn("bool", T > 0.5),
+        "load.said": TypedColumn("string", np.where(T > 1.5, NASTY, "begin").astype(object)),
+    }
+    values["load.on"] = typed["load.on"].numbers
+    info = {
+        "title": f"A run {NASTY}",
+        "status": "completed",
+        "order": "sequential",
+        "step_size": 4e-3,
+        "units": {"motor.phi": "rad", "motor.tau[1]": "N.m", "motor.tau[2]": "N.m", "motor.p": "Pa"},
+        "fmus": {
+            "motor": {"path": f"/a/b/Motor{NASTY}.fmu", "sha256": "ab" * 32},
+            "load": {"path": "c\\Load.fmu", "sha256": "cd" * 32},
+        },
+        "connections": {"load.torque": "motor.tau", "motor.angle": "load.phi", "load.own": "load.out"},
+        "breakpoints": {"motor.u": [0.75]},
+        "messages": {
+            "motor": {
+                "warnings": 1,
+                "errors": 0,
+                "first": [{"time": 1.25, "status": "warning", "category": "", "text": NASTY, "count": 1}],
+            }
+        },
+        "inputs_kept": ["load.friction"],
+        "parameters": {"motor.R": 1.5, "load.name": NASTY},
+        "metrics": {"error": {"max": 1e-3}},
+        "versions": {"python": "3"},
+    }
+    return Results(T, list(values), np.column_stack(list(values.values())), info, typed)
+
+
+@pytest.fixture(scope="module")
+def run() -> Results:
+    return results()
+
+
+@pytest.fixture(scope="module")
+def html(run: Results) -> str:
+    return run_page(run, log=f"t = 1 s: {NASTY}")
+
+
+@pytest.fixture(scope="module")
+def page(html: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path: Path = tmp_path_factory.mktemp("page") / "page.html"
+    path.write_text(html, encoding="utf-8")
+    return path
+
+
+def data(html: str) -> dict[str, Any]:
+    found = re.search(r'<script type="application/json" id="data">(.*?)</script>', html, re.DOTALL)
+    assert found
+    read: dict[str, Any] = json.loads(found[1])
+    return read
+
+
+# ---- numbers
+
+
+def test_32_bit_floats_come_back_bit_for_bit():
+    rng = np.random.default_rng(3)
+    for values in (
+        rng.standard_normal(200),
+        np.cumsum(rng.standard_normal(200)),
+        np.array([np.nan, np.inf, -np.inf, 0.0, -0.0, 1e-45, 3.4e38]),
+        rng.integers(0, 2**32, 300, dtype=np.uint32).view(np.float32),
+    ):
+        floats = values.astype("<f4")
+        np.testing.assert_array_equal(decoded(encoded(floats), len(floats))[0].view("u4"), floats.view("u4"))
+
+
+def test_a_column_keeps_what_32_bits_alone_would_lose():
+    for values in (
+        101325.0 + 1e-4 * np.sin(T),
+        1e60 * np.sin(T),
+        1e-60 * np.cos(T),
+        np.full(501, 1e300),
+        np.zeros(501),
+    ):
+        column = column_of(values)
+        back = column.offset + column.scale * column.numbers.astype(np.float64)
+        assert np.abs(back - values).max() <= 1e-6 * max(np.ptp(values), 1e-10 * np.abs(values).max())
+
+
+def test_smooth_curves_take_few_bytes():
+    time = np.linspace(0.0, 15.0, 15_001)
+    smooth = np.sin(2.0 * time).astype("<f4")
+    assert len(zlib.compress(encoded(smooth), 6)) < 0.6 * len(zlib.compress(smooth.tobytes(), 6))
+
+
+def test_extremes_of_pieces_are_those_of_all_and_come_in_their_order():
+    rng = np.random.default_rng(5)
+    values = rng.standard_normal(1003)
+    found = extremes(values, 10).reshape(-1, 2)
+    for k, (first, second) in enumerate(some(found)):
+        piece = values[10 * k : 10 * k + 10].tolist()
+        assert {first, second} == {min(piece), max(piece)}
+        assert piece.index(first) <= piece.index(second)
+    values[55] = np.nan
+    assert np.isnan(extremes(values, 10)[11])
+    assert np.isnan(extremes(np.full(7, np.nan), 3)).all()
+
+
+def test_times_are_a_start_and_a_step_or_each_one():
+    even = 4.0 + 1e-3 * np.arange(1000)
+    described, content = times(even)
+    assert (described, content) == ({"rows": 1000, "start": 4.0, "step": pytest.approx(1e-3)}, None)
+    uneven = np.cumsum(np.random.default_rng(1).uniform(0.1, 1.0, 50))
+    described, content = times(uneven)
+    assert described == {"rows": 50}
+    octets = np.frombuffer(zlib.decompress(content), "u1").reshape(8, 50).T
+    np.testing.assert_array_equal(np.ascontiguousarray(octets).view("<f8")[:, 0], uneven)
+
+
+def test_too_many_values_become_extremes_within_the_budget_and_the_page_says_so():
+    time = np.linspace(0.0, 100.0, 20_001)
+    rng = np.random.default_rng(2)
+    values = np.cumsum(rng.standard_normal((20_001, 12)), axis=0)
+    values[12_345, 7] = 1e4
+    run = Results(time, [f"c.v[{i}]" for i in range(1, 13)], values)
+    curves = curves_of({"a": run}, budget=100_000)
+    assert sum(len(base64.b64encode(block)) for block in curves.blocks.values()) <= 100_000
+    resolution = curves.data["runs"][0]["resolution"]
+    assert 0.01 < resolution < 1.0
+    (variable,) = curves.data["variables"]
+    rows = curves.data["runs"][0]["time"]["rows"]
+    assert {column["rows"] for column in variable["columns"]} == {rows}
+    assert rows == 2 * -(-20_001 // round(resolution / 0.005))
+    found = decoded(zlib.decompress(curves.blocks["curves-0"]), rows).astype(np.float64)
+    np.testing.assert_array_equal(found.max(axis=1), values.astype("<f4").max(axis=0))
+    np.testing.assert_array_equal(found.min(axis=1), values.astype("<f4").min(axis=0))
+    whole = curves_of({"a": run}, budget=10_000_000)
+    assert whole.data["runs"][0]["resolution"] is None
+    assert f"value of each {resolution:.6g} s" in run_page(run, budget=100_000)
+
+
+# ---- the page as text
+
+
+def test_the_policy_names_the_style_and_the_script_and_nothing_else_is_loaded(html):
+    elements = Elements(html).all
+    (policy,) = [a["content"] for _, a, _ in elements if a.get("http-equiv") == "Content-Security-Policy"]
+    for kind in ("style", "script"):
+        (text,) = re.findall(rf"<{kind}>(.*?)</{kind}>", html, re.DOTALL)
+        digest = base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
+        assert f"{kind}-src 'sha256-{digest}'" in policy
+    assert "unsafe" not in policy
+    assert "default-src 'none'" in policy
+    addresses = [a[k] for _, a, _ in elements for k in ("src", "href", "action", "data", "poster") if k in a]
+    assert all(address.startswith("#") for address in some(addresses))
+    assert not any(name == "style" or name.startswith("on") for _, a, _ in elements for name in a)
+
+
+def test_texts_stay_texts_and_names_are_unique(html):
+    elements = Elements(html)
+    assert elements.open == []
+    assert "<img" not in html
+    ids = [a["id"] for _, a, _ in elements.all if "id" in a]
+    assert len(ids) == len(set(ids))
+    assert html.count("<script") == html.count("</script>") == 2 + len(data(html)["curves"]["variables"])
+
+
+def test_it_says_what_happened_and_how_it_was_made(html):
+    for text in ("Nothing feeds these inputs", "load.friction", "ab" * 32, "motor.R", "error.max", "t = 1 s: ", "0.75"):
+        assert text in html
+    events = data(html)["events"][0]
+    assert [(e["time"], e["kind"]) for e in events] == [(0.75, "input"), (1.25, "message")]
+    assert [len(b["pairs"]) for b in data(html)["diagram"]["bundles"]] == [1, 1, 1]
+
+
+def test_the_commands_write_the_page(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    run = results().thinned(50)
+    run.report("direct.html", title="Direct")
+    assert "<h1>Direct</h1>" in Path("direct.html").read_text(encoding="utf-8")
+    folder = Path("a run")
+    folder.mkdir()
+    run.save(folder / "results.parquet")
+    (folder / "summary.json").write_text(json.dumps(run.info), encoding="utf-8")
+    (folder / "messages.log").write_text("what was said", encoding="utf-8")
+    assert main(["view", "a run", "--out", "there/page.html"]) == 0
+    text = Path("there/page.html").read_text(encoding="utf-8")
+    assert "what was said" in text
+    assert "motor.R" in text
+    found = read_run(folder)
+    assert found.results.names == run.names
+    assert main(["view", "nowhere"]) == 1
+    assert main(["view", "there"]) == 1
+    said = capsys.readouterr().err
+    assert "nowhere: there is no such folder or file" in said
+    assert "name the folder that `cosim run` has written" in said
+
+
+# ---- the page in a browser
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with chromium() as found:
+        yield found
+
+
+@pytest.fixture
+def tabs(browser: Any) -> Iterator[Tabs]:
+    found = Tabs(browser)
+    yield found
+    found.close()
+
+
+def drawn(tab: Any, n: int = 1) -> None:
+    tab.locator(".panels").scroll_into_view_if_needed()
+    until(tab, f"document.querySelectorAll('[data-drawn]').length >= {n}")
+
+
+def test_it_works_in_a_browser(tabs, page, run):
+    tab = tabs.open(page)
+    drawn(tab, 2)
+    # the numbers are those of the run, to the last bit of 32
+    for variable in some(data(page.read_text(encoding="utf-8"))["curves"]["variables"]):
+        columns = tab.evaluate(
+            "([id, columns]) => columnsOf(id, columns).then((all) => all.map((c) => Array.from(c)))",
+            [variable["block"], variable["columns"]],
+        )
+        for column, described in zip(columns, variable["columns"], strict=True):
+            name = variable["name"] + (described["label"] if described["label"].startswith("[") else "")
+            expected = run.values[:, run.names.index(name)]
+            found = np.array(column, dtype=float)
+            limit = 1e-6 * np.nanmax(np.abs(expected - described.get("offset", 0.0)))
+            np.testing.assert_allclose(found, expected, rtol=0.0, atol=limit, equal_nan=True)
+    # by keyboard: cursor, zoom, all
+    tab.locator(".plot-area").first.focus()
+    tab.keyboard.press("ArrowRight")
+    assert "motor.phi at 1.01 s" in tab.locator(".plot [role=status]").first.inner_text()
+    tab.keyboard.press("+")
+    assert float(tab.get_attribute("#signals", "data-to")) - float(tab.get_attribute("#signals", "data-from")) == 1.0
+    tab.keyboard.press("Escape")
+    assert tab.get_attribute("#signals", "data-from") == "0"
+    # by pointer
+    box = tab.locator(".u-over").first.bounding_box()
+    tab.mouse.move(box["x"] + box["width"] / 4, box["y"] + 50)
+    tab.mouse.down()
+    tab.mouse.move(box["x"] + box["width"] / 2, box["y"] + 60, steps=3)
+    tab.mouse.up()
+    assert float(tab.get_attribute("#signals", "data-from")) == pytest.approx(0.5, abs=0.02)
+    tab.click("[data-act=all]")
+    # search and grouping
+    tab.fill(".search", "tau")
+    until(tab, "document.querySelectorAll('.panel').length === 1")
+    tab.fill(".search", "")
+    tab.select_option(".grouping", "unit")
+    until(tab, "document.querySelector('.panel h3').textContent.startsWith('rad')")
+    # the diagram
+    tab.locator(".diagram [role=button]").last.focus()
+    tab.keyboard.press("Enter")
+    assert "torque ← motor.tau" in tab.inner_text(".chosen")
+    assert tab.input_value(".component") == "load"
+    accessible(tab)
+
+
+def test_it_fits_a_phone(tabs, page):
+    tab = tabs.open(page, width=390, height=844, is_mobile=True, has_touch=True)
+    drawn(tab)
+    tab.evaluate("document.querySelectorAll('details').forEach((d) => (d.open = true))")
+    fits(tab)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("width", [390, 1280])
+def test_everybody_can_use_it(tabs, page, width, scheme):
+    tab = tabs.open(page, width=width, color_scheme=scheme)
+    drawn(tab)
+    tab.evaluate("document.querySelectorAll('details').forEach((d) => (d.open = true))")
+    accessible(tab)
+    fits(tab)
