@@ -10,6 +10,7 @@ from importlib import import_module
 from importlib.metadata import entry_points
 
 from cosim.errors import CosimError
+from cosim.master.interrupts import take_as_ctrl_c
 from cosim.versions import versions
 from fmu_export.errors import ModelError
 
@@ -43,7 +44,7 @@ def command_line(chosen: Mapping[str, str] | None = None) -> argparse.ArgumentPa
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command; returns the exit code: 0 only on success, 130 after Ctrl-C.
+    """Run a command; returns the exit code: 0 only on success, 130 after Ctrl-C, SIGTERM or SIGHUP.
 
     Parameters
     ----------
@@ -53,6 +54,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = sys.argv[1:] if arguments is None else arguments
 
     def command() -> int:
+        if arguments is None:
+            take_as_ctrl_c()
         options = command_line(_asked_for(given)).parse_args(given)
         if arguments is not None or not getattr(options, "runs_fmus", False):
             return int(options.run(options))

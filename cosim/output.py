@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import shutil
-import sys
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
@@ -15,12 +13,20 @@ from types import TracebackType
 from typing import Any, Self
 
 from cosim.errors import CosimError
+from cosim.file_lock import FileLock
+from cosim.whole_files import PART, part_of, sync, whole_of, write_json
 
 #: The file that says how a run was made, and which files of the folder belong to it.
 SUMMARY = "summary.json"
 
+#: Status in the summary of a run that is whole.
+COMPLETED = "completed"
+
 #: Folder of files that are not complete yet.
 _UNFINISHED = ".unfinished"
+
+#: Folders in there: for files that are being written, and for all files of a run, about to get their places.
+_NEW, _WHOLE = "new", "whole"
 
 #: Other owners of whole folders: file that marks it -> its name.
 _OTHERS = {"sweep.json": "a sweep"}
@@ -46,24 +52,46 @@ def check_writable(folder: Path) -> None:
         raise OutputError(f"can't write into {folder}: {error.strerror or error}; choose another --out") from error
 
 
+def clear_unfinished(folder: Path) -> list[Path]:
+    """Remove what a process that is gone has left of files that were not whole; those that outlast it are returned."""
+    unfinished = folder / _UNFINISHED
+    lock = FileLock(unfinished / "lock")
+    if not unfinished.is_dir() or not lock.acquire():  # another run has the folder now
+        return []
+    if not (unfinished / _WHOLE).is_dir():  # else the next run places what is there
+        shutil.rmtree(unfinished / _NEW, ignore_errors=True)
+    lock.release()
+    return sorted(folder.glob(f"results.*{PART}"))
+
+
 class ResultFolder:
     """The folder of one run, as a context; `put` writes the results.
 
-    `summary.json` lists the files that belong to the run, each with its SHA-256. Those of an earlier run make room for
-    those of this one; no other file is replaced or removed, nor is one that was changed after that run. While the
-    context lasts, no other run can have the folder.
+    `summary.json` lists the files that belong to the run, each with its SHA-256, and is written last. Files of an
+    earlier run make room for those of this one; no other file is replaced or removed, nor is one that was changed after
+    that run. While the context lasts, no other run can have the folder.
+
+    What a process has begun to place that was killed meanwhile, the next one places.
 
     Parameters
     ----------
     folder : Path
     names : iterable of str
         Names that are known to be written, to refuse them before anything is computed.
+    overwrite : bool
+        Whether files may be replaced that belong to no run.
+    resumes : bool
+        Whether the run goes on from a checkpoint, which has all that a killed run had recorded.
 
     Attributes
     ----------
     folder : Path
     unfinished : Path
-        Folder for files that grow during the run; `put` gives them their places, too.
+        Folder for files of the run until `put` gives them their places.
+    holds_whole_run : bool
+        Whether it has the results of an earlier run that ended well.
+    killed : list of Path
+        What earlier runs had recorded that were killed, under names that nothing else takes.
 
     Raises
     ------
@@ -71,13 +99,19 @@ class ResultFolder:
         The folder can't be written, is in use, or holds something else.
     """
 
-    def __init__(self, folder: Path, names: Iterable[str] = ()) -> None:
+    def __init__(
+        self, folder: Path, names: Iterable[str] = (), *, overwrite: bool = False, resumes: bool = False
+    ) -> None:
         self.folder = folder
-        self.unfinished = folder / _UNFINISHED / "new"
+        self.unfinished = folder / _UNFINISHED / _NEW
+        self.killed: list[Path] = []
+        self._whole = folder / _UNFINISHED / _WHOLE
+        self._journal = folder / _UNFINISHED / "places.json"  # of these
         self._names = tuple(names)
-        self._lock = _Lock(folder / _UNFINISHED / "lock")
-        self._owned: frozenset[str] = frozenset()  # files of the earlier run
-        self._lists_none = False  # the earlier run has none listed
+        self._overwrite, self._resumes = overwrite, resumes
+        self._lock = FileLock(folder / _UNFINISHED / "lock")
+        self._owned: dict[str, str | None] = {}  # files of earlier runs, with their SHA-256
+        self.holds_whole_run = self._lists_none = False
         self._hashes: dict[Path, str] = {}
 
     def __enter__(self) -> Self:
@@ -85,7 +119,8 @@ class ResultFolder:
         for name, what in _OTHERS.items():
             if (self.folder / name).is_file():
                 raise OutputError(f"{self.folder} holds {what}; choose another --out")
-        self._lock.acquire()
+        if not self._lock.acquire():
+            raise OutputError(f"another run is writing into {self.folder}; wait for it, or choose another --out")
         try:
             self._take_over()
         except BaseException:
@@ -98,40 +133,98 @@ class ResultFolder:
     ) -> None:
         self._leave()
 
+    def grow(self) -> Path:
+        """Folder for files with `.part` that have to outlast a kill; those of an earlier run that was not whole go."""
+        for name in [name for name in self._owned if name.endswith(PART)]:
+            (self.folder / name).unlink(missing_ok=True)
+            del self._owned[name]
+        return self.folder
+
+    # What earlier runs have left
+
     def _take_over(self) -> None:
-        """Clear away what a killed run has left, and find out which files are those of an earlier one."""
-        shutil.rmtree(self.unfinished, ignore_errors=True)
+        """Finish or clear away what a killed run has left, and find out which files are those of an earlier one."""
+        if self._whole.is_dir() and self._journal.is_file():
+            self._go_on_placing()
+        for left in (self.unfinished, self._whole):
+            shutil.rmtree(left, ignore_errors=True)
         self.unfinished.mkdir()
+        self._find_owned()
+        self._set_aside()
+        for name in self._names:
+            if reason := self._obstacle(name):
+                raise OutputError(f"{reason}; choose another --out, move it away, or --overwrite it")
+
+    def _go_on_placing(self) -> None:
+        """Place the files of a run that was killed when it was about to, unless something else stands there now."""
+        journal = _read(self._journal)
+        for name in journal["names"]:
+            target = self.folder / name
+            if not (self._whole / name).is_file() or not _exists(target) or journal["overwrite"]:
+                continue
+            if name not in journal["replaced"] or not _is_unchanged(target, journal["replaced"][name]):
+                kept = Path(tempfile.mkdtemp(prefix="results-of-cosim-", dir=self.folder))
+                self._whole.replace(kept)
+                self.killed.append(kept)
+                return
+        self._place()
+
+    def _find_owned(self) -> None:
         summary = self.folder / SUMMARY
+        known: dict[str, str | None] = {}
         if _exists(summary):
             said = _read(summary)
             if "files" in said:
                 known = _listed(said)
             elif "versions" in said:  # version 0.1.0 lists none
                 known, self._lists_none = {path.name: None for path in self.folder.glob("results.*")}, True
-            else:
-                raise OutputError(f"{summary} is there and not that of a run; choose another --out, or move it away")
-            self._owned = frozenset(name for name, sha in known.items() if _is_unchanged(self.folder / name, sha))
-        for name in self._names:
-            if reason := self._obstacle(name):
-                raise OutputError(f"{reason}; choose another --out, or move it away")
+            elif not self._overwrite or not summary.is_file():
+                raise OutputError(
+                    f"{summary} is there and not that of a run; choose another --out, move it away, or --overwrite it"
+                )
+            known[SUMMARY] = None
+            self.holds_whole_run = said.get("status", COMPLETED) == COMPLETED
+        if "files" in (said := _read(part_of(summary))):
+            known |= {**_listed(said), part_of(summary).name: None}
+        self._owned = {name: sha for name, sha in known.items() if _is_unchanged(self.folder / name, sha)}
+
+    def _set_aside(self) -> None:
+        """Give what killed runs had recorded names that no run takes."""
+        for part in sorted(self.folder.glob(f"results.*{PART}")):
+            if part.name in self._owned or not part.is_file():
+                continue
+            if self._overwrite or self._resumes:
+                part.unlink()
+                continue
+            number = 1
+            while _exists(kept := part.with_name(f"killed-{number}-{part.name}")):
+                number += 1
+            part.replace(kept)
+            self.killed.append(kept)
 
     def _obstacle(self, name: str) -> str:
         """Why a file can't have its place; empty when it can."""
         path = self.folder / name
-        if not _exists(path) or name in self._owned or (self._lists_none and path.is_file()):
+        if not _exists(path) or name in self._owned:
+            return ""
+        if path.is_file() and (self._lists_none or self._overwrite):
             return ""
         return f"{path} is there and belongs to no run, or was changed after it"
 
     def _leave(self) -> None:
-        shutil.rmtree(self.unfinished, ignore_errors=True)
+        if not self._whole.is_dir():  # else the next run has to place what is there
+            shutil.rmtree(self.unfinished, ignore_errors=True)
+            self._journal.unlink(missing_ok=True)
         self._lock.release()
 
-    def hash(self, path: Path) -> None:
-        """Hash a file that is whole; `put` does so with all others, but this one may be hashed beside other work."""
+    # What this one leaves
+
+    def finish(self, path: Path) -> None:
+        """Have a file that is whole on the disk, and hash it; `put` does so with all that this was not done for."""
+        sync(path)
         self._hashes[path] = _sha256(path)
 
-    def put(self, write: Callable[[Path], object]) -> None:
+    def put(self, write: Callable[[Path], object], *, whole: bool = True) -> list[str]:
         """Call `write(folder)`, which writes all files of the run, and give them their places in one go.
 
         When that fails, they go into a fresh folder among the temporary files instead, and the results of an earlier
@@ -142,6 +235,14 @@ class ResultFolder:
         write : callable
             Writes files into the folder that it gets, or into folders there, among them `summary.json`, if any; the
             list of files goes in there.
+        whole : bool
+            Whether the run is whole. One that is not leaves a whole one in the folder alone: its files get names with
+            `.part` then.
+
+        Returns
+        -------
+        list of str
+            Names of all files in the folder.
 
         Raises
         ------
@@ -152,49 +253,98 @@ class ResultFolder:
         grown = list(_files(self.unfinished))
         cause: OSError | None = None
         self._hashes.clear()
+        ending = PART if self.holds_whole_run and not whole else ""
         try:
             write(self.unfinished)
-            names = self._list_files(self.unfinished)
+            names = self._list_files(self.unfinished, ending)
             problem = next(filter(None, map(self._obstacle, names)), "")
             if not problem:
-                self._place(names)
+                self._commit(names, ending)
         except OSError as error:
             cause, problem = error, error.strerror or str(error)
         if problem:
             raise OutputError(f"can't write into {self.folder}: {problem}; {self._rescued(write, grown)}") from cause
+        self._place()
+        return names
 
     def _rescued(self, write: Callable[[Path], object], grown: list[Path]) -> str:
         """Write into another folder, into which files that have grown are moved; says how that went."""
         moved = ""
+        self._hashes.clear()
         try:
-            rescue = Path(tempfile.mkdtemp(prefix="cosim_results_", dir=self.folder if grown else None))
+            rescue = Path(tempfile.mkdtemp(prefix="results-of-cosim-", dir=self.folder if grown else None))
             for path in grown:
-                path.replace(rescue / path.name)
+                (path if path.is_file() else path.with_name(path.name + PART)).replace(rescue / path.name)
                 moved = f"; what was recorded is in {rescue}"
             write(rescue)
             self._list_files(rescue)
         except OSError as second:
+            moved = moved or self._left_beside()
             return f"nor {'beside it' if grown else 'among the temporary files'}: {second}; free some space{moved}"
         return f"the results are in {rescue}"
 
-    def _list_files(self, folder: Path) -> list[str]:
-        """Write the names and hashes of all files in a folder into its summary; returns the names."""
-        paths = {path.relative_to(folder).as_posix(): path for path in sorted(_files(folder))}
-        files = {name: self._hashes.get(path) or _sha256(path) for name, path in paths.items() if name != SUMMARY}
-        write_json(folder / SUMMARY, {**_read(folder / SUMMARY), "files": files})
-        return list(files)
+    def _left_beside(self) -> str:
+        """Leave what could be written of the results beside those of the earlier run; says so."""
+        beside = []
+        for path in self.unfinished.glob("results.*"):
+            part = part_of(self.folder / whole_of(path).name)
+            with suppress(OSError):
+                path.replace(part)
+                beside.append(str(part))
+        return f"; what could be written is in {', '.join(beside)}" if beside else ""
 
-    def _place(self, names: Iterable[str]) -> None:
-        """Remove the files of the earlier run, and give those of this one their places."""
-        for name in self._owned:
+    def _list_files(self, folder: Path, ending: str = "") -> list[str]:
+        """Give all files in a folder names with an ending, and write names and hashes into the summary there.
+
+        Returns the names, that of the summary last.
+        """
+        paths = sorted(path for path in _files(folder) if path != folder / SUMMARY)
+        for path in paths:
+            if path not in self._hashes:
+                self.finish(path)
+        if ending:
+            for path in filter(Path.is_file, (*paths, folder / SUMMARY)):
+                path.replace(path.with_name(path.name + ending))
+        files = {path.relative_to(folder).as_posix() + ending: self._hashes[path] for path in paths}
+        summary = folder / f"{SUMMARY}{ending}"
+        write_json(summary, {**_read(summary), "files": files})
+        for path in {summary, folder, *(path.parent for path in paths)}:
+            sync(path)
+        return [*files, summary.name]
+
+    def _commit(self, names: list[str], ending: str) -> None:
+        """Say where all files go, and that they are whole: from here on they get there, if need be by the next run.
+
+        A run that is not whole replaces such a one only.
+        """
+        replaced = {n: sha for n, sha in self._owned.items() if not ending or n.endswith(ending)}
+        overwrite = self._overwrite or self._lists_none
+        write_json(self._journal, {"names": names, "replaced": replaced, "overwrite": overwrite})
+        sync(self._journal)
+        self.unfinished.replace(self._whole)
+        sync(self._whole.parent)
+
+    def _place(self) -> None:
+        """Remove the files of the earlier run, and give those of this one their places, its summary last.
+
+        Without a summary, as in between, the folder holds no whole run.
+        """
+        journal = _read(self._journal)
+        names = list(journal["names"])
+        (self.folder / names[-1]).unlink(missing_ok=True)
+        for name in journal["replaced"].keys() - names:
             (self.folder / name).unlink(missing_ok=True)
             self._remove_empty((self.folder / name).parent)
-        # from here on the summary is that of this run: whatever else is there, is listed in it
-        (self.unfinished / SUMMARY).replace(self.folder / SUMMARY)
         for name in names:
-            (self.folder / name).parent.mkdir(parents=True, exist_ok=True)
-            (self.unfinished / name).replace(self.folder / name)
-        self._owned, self._lists_none = frozenset(names), False
+            source, target = self._whole / name, self.folder / name
+            if source.is_file():
+                target.parent.mkdir(parents=True, exist_ok=True)
+                source.replace(target)
+        sync(self.folder)
+        shutil.rmtree(self._whole, ignore_errors=True)
+        self._journal.unlink(missing_ok=True)
+        self._owned = dict.fromkeys(names)
+        self.unfinished.mkdir(exist_ok=True)
 
     def _remove_empty(self, folder: Path) -> None:
         while folder != self.folder:
@@ -203,51 +353,6 @@ class ResultFolder:
             except OSError:  # something else is in it
                 return
             folder = folder.parent
-
-
-def write_json(path: Path, data: Mapping[str, Any]) -> None:
-    """Write indented JSON; floats round-trip.
-
-    Raises
-    ------
-    OSError
-        The file can't be written.
-    """
-    path.write_text(json.dumps(data, indent=2) + "\n", encoding="utf-8")
-
-
-def write_whole(path: Path, write: Callable[[Path], object]) -> None:
-    """Call `write` with another name, see the file on the disk, and give it its name: it is there whole or not at all.
-
-    Raises
-    ------
-    OSError
-        The file can't be written; one of that name is as it was.
-    """
-    part = part_of(path)
-    try:
-        write(part)
-        _sync(part, os.O_RDWR)
-        part.replace(path)
-    except BaseException:
-        with suppress(OSError):
-            part.unlink(missing_ok=True)
-        raise
-    if os.name != "nt":  # there a folder can't be opened
-        _sync(path.parent, os.O_RDONLY)
-
-
-def part_of(path: Path) -> Path:
-    """Name of a file until it is whole; a kill may leave it behind."""
-    return path.with_name(f".{path.name}.part")
-
-
-def _sync(path: Path, mode: int) -> None:
-    handle = os.open(path, mode)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
 
 
 # Which files belong to a run
@@ -293,78 +398,3 @@ def _files(folder: Path) -> Iterator[Path]:
 def _sha256(path: Path) -> str:
     with path.open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
-
-
-class _Lock:
-    """A file that one process at a time holds; the system lets it go when the process ends, however it does."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        self._handle: int | None = None
-
-    def acquire(self) -> None:
-        """Make the file and hold it.
-
-        Raises
-        ------
-        OutputError
-            Another run holds it.
-        """
-        while self._handle is None:
-            self._path.parent.mkdir(parents=True, exist_ok=True)
-            try:
-                handle = os.open(self._path, os.O_RDWR | os.O_CREAT, 0o666)
-            except FileNotFoundError:  # the run before has just removed the folder
-                continue
-            if not _hold(handle):
-                os.close(handle)
-                raise OutputError(
-                    f"another run is writing into {self._path.parent.parent}; wait for it, or choose another --out"
-                )
-            if self._is_there(handle):
-                self._handle = handle
-            else:
-                os.close(handle)
-
-    def _is_there(self, handle: int) -> bool:
-        """Whether the file still has its name: the run before may have removed it."""
-        try:
-            return self._path.stat().st_ino == os.fstat(handle).st_ino
-        except FileNotFoundError:
-            return False
-
-    def release(self) -> None:
-        """Let go of the file and remove it, with its folder."""
-        if self._handle is None:
-            return
-        if os.name == "nt":  # there a file can't be removed while it is open
-            os.close(self._handle)
-        with suppress(OSError):
-            self._path.unlink(missing_ok=True)
-            self._path.parent.rmdir()
-        if os.name != "nt":
-            os.close(self._handle)
-        self._handle = None
-
-
-if sys.platform == "win32":
-    import msvcrt
-
-    def _hold(handle: int) -> bool:
-        try:
-            msvcrt.locking(handle, msvcrt.LK_NBLCK, 1)
-        except OSError:
-            return False
-        return True
-
-else:
-    import fcntl
-
-    def _hold(handle: int) -> bool:
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            return False
-        except OSError:  # a file system without locks: then the user takes care
-            return True
-        return True

@@ -19,6 +19,7 @@ from typing import Any, Self
 from tqdm import tqdm
 
 from cosim.commands.options import LOG_FILE, log_options
+from cosim.commands.supervision import works_in
 from cosim.errors import CosimError, SetupError, nearest
 from cosim.fmi.message_log import Log
 from cosim.fmi.messages import notes
@@ -26,8 +27,9 @@ from cosim.loop.team import Threads, checked_threads
 from cosim.master.algorithm import EXTRAPOLATIONS
 from cosim.master.checkpoint import Checkpoint
 from cosim.master.failures import SimulationError, SimulationInterrupted
+from cosim.master.recording import NonFinite
 from cosim.master.simulation import Simulation, number_of_steps
-from cosim.output import SUMMARY, OutputError, ResultFolder, check_writable, write_json
+from cosim.output import SUMMARY, OutputError, ResultFolder, check_writable
 from cosim.results.figure_process import FigureProcess
 from cosim.results.formats import FORMATS, format_of
 from cosim.results.results import Results
@@ -35,6 +37,7 @@ from cosim.results.stored import StoredResults, TableWriter
 from cosim.scenario.metrics import Metric, measured
 from cosim.system.system import AsWritten, System
 from cosim.versions import versions
+from cosim.whole_files import PART, part_of, write_json
 
 #: Folder of the checkpoint, in that of the results.
 CHECKPOINT = "checkpoint"
@@ -44,6 +47,10 @@ REPORT = "report.html"
 
 #: A run that records more values than this is written as it goes, and not kept in memory.
 MOST_VALUES_IN_MEMORY = 10_000_000
+
+
+#: So many of the outputs that were not finite are named.
+_MOST_SAID = 5
 
 
 class UsageError(CosimError):
@@ -124,7 +131,11 @@ def run_prepared(prepared: PreparedRun, args: argparse.Namespace, figures: Figur
     """
     formats = args.format or ["csv"]
     names = [f"results.{name}" for name in formats] + ([REPORT] if args.report else [])
-    with ResultFolder(prepared.folder, [*names, LOG_FILE] if args.log or args.log_categories else names) as folder:
+    names += [LOG_FILE] if args.log or args.log_categories else []
+    with ResultFolder(prepared.folder, names, overwrite=args.overwrite, resumes=args.resume) as folder:
+        works_in(prepared.folder)
+        for kept in folder.killed:
+            print(f"note: a run that was killed had recorded what is in {kept}; remove it when you don't need it")
         checkpoint = _checkpoint(prepared.folder, args.checkpoint, args.resume)
         write = partial(
             _write,
@@ -141,23 +152,24 @@ def run_prepared(prepared: PreparedRun, args: argparse.Namespace, figures: Figur
                 prepared,
                 args.realtime,
                 formats,
-                folder.unfinished,
+                folder,
                 checkpoint,
                 build=args.build,
                 log=log,
                 units_row=args.units_row,
                 threads=_threads(args.threads),
                 profile=args.profile,
+                nonfinite=args.nonfinite,
             )
         except SetupError as error:
             raise UsageError(f"{prepared.source}: {error}{_kept_log(folder.unfinished)}") from error
         except SimulationError as error:
             if error.results is None:
                 raise CosimError(f"{error}{_kept_log(folder.unfinished)}") from error
-            where = _rescued(write, error.results, prepared.folder, str(error))
+            where = _rescued(write, error.results, folder, str(error))
             raise CosimError(f"{error}; {where}{_to_go_on(checkpoint)}") from error
         except SimulationInterrupted as interrupt:
-            where = _rescued(write, interrupt.results, prepared.folder, str(interrupt))
+            where = _rescued(write, interrupt.results, folder, str(interrupt))
             print(f"cosim: {interrupt}; {where}{_to_go_on(checkpoint)}", file=sys.stderr)
             return 130
         summary, drawn = write(results)
@@ -217,7 +229,7 @@ def execute(
     prepared: PreparedRun,
     realtime: float | None,
     formats: Sequence[str],
-    folder: Path,
+    folder: ResultFolder,
     checkpoint: Checkpoint | None = None,
     *,
     build: bool = False,
@@ -225,6 +237,7 @@ def execute(
     units_row: bool = False,
     threads: Threads = 1,
     profile: bool = False,
+    nonfinite: NonFinite = "mark",
 ) -> Results | StoredResults:
     """Run a system; a run that is too long for memory goes to the disk as it comes, into a folder.
 
@@ -232,6 +245,8 @@ def execute(
     ------
     SetupError, SimulationError, SimulationInterrupted
         As `Simulation.run`; their results are those on the disk for a long run.
+    OutputError
+        The disk takes no more; what was written stays.
     """
     plan = prepared.plan
     with (
@@ -258,30 +273,55 @@ def execute(
             realtime=realtime,
             progress=progress,
             checkpoint=checkpoint,
+            nonfinite=nonfinite,
         )
         points = number_of_steps(plan.start_time, plan.stop_time, plan.step_size) + 1
         n_values = points // max(1, plan.record_every) * (len(simulation.names) + 1)
         if n_values <= MOST_VALUES_IN_MEMORY:
             return run()
-        path = folder / "results.parquet"
-        files = {folder / f"results.{name}" for name in formats} | {path}
-        _check_room(folder, n_values, files, checkpoint)
+        path = folder.unfinished / "results.parquet"
+        files = sorted({folder.unfinished / f"results.{name}" for name in formats} | {path})
+        _check_room(folder.folder, n_values, files, checkpoint)
         while True:
             names = simulation.names
             try:
-                with TableWriter(
-                    sorted(files), names, simulation.types, simulation.units, units_row=units_row
-                ) as writer:
-                    results = run(sink=writer)
-            except (SimulationError, SimulationInterrupted) as error:
-                if error.results is not None:
-                    error.results = StoredResults(path, error.results.info)
-                raise
+                return _streamed(simulation, run, files, folder, units_row=units_row)
             except SetupError:
                 if simulation.names == names:
                     raise
                 continue  # without what FMUs have refused to give
-            return StoredResults(path, results.info)
+
+
+def _streamed(
+    simulation: Simulation, run: Callable[..., Results], files: Sequence[Path], folder: ResultFolder, *, units_row: bool
+) -> StoredResults:
+    """Run into files as they come; what a run that ends early has recorded is in its results, too."""
+    path = folder.unfinished / "results.parquet"
+    ended: SimulationError | SimulationInterrupted | None = None
+    results: Results | StoredResults
+    kept = ", ".join(str(part_of(folder.folder / each.name)) for each in files)
+    try:
+        with TableWriter(
+            files,
+            simulation.names,
+            simulation.types,
+            simulation.units,
+            units_row=units_row,
+            growing_in=folder.grow(),
+        ) as writer:
+            try:
+                results = run(sink=writer)
+            except (SimulationError, SimulationInterrupted) as error:
+                if error.results is None:
+                    raise
+                ended, results = error, error.results
+    except OSError as error:
+        raise OutputError(f"{error.strerror or error}; what was recorded until then is in {kept}") from error
+    stored = StoredResults(path, results.info)
+    if ended is not None:
+        ended.results = stored
+        raise ended
+    return stored
 
 
 def _check_metrics(metrics: Mapping[str, Metric], recorded: Sequence[str]) -> None:
@@ -294,7 +334,7 @@ def _check_metrics(metrics: Mapping[str, Metric], recorded: Sequence[str]) -> No
                 )
 
 
-def _check_room(folder: Path, n_values: int, files: set[Path], checkpoint: Checkpoint | None) -> None:
+def _check_room(folder: Path, n_values: int, files: Sequence[Path], checkpoint: Checkpoint | None) -> None:
     """A long run must not find out after hours that the disk is full."""
     rows = Checkpoint.BYTES_PER_VALUE if checkpoint is not None else 0
     size = n_values * (sum(format_of(path).bytes_per_value for path in files) + rows)
@@ -323,13 +363,16 @@ def _progress(plan: Plan) -> Iterator[Callable[[float], None]]:
 # What a run leaves
 
 
-def _rescued(write: Callable[..., Any], results: Results | StoredResults, folder: Path, error: str) -> str:
+def _rescued(write: Callable[..., Any], results: Results | StoredResults, folder: ResultFolder, error: str) -> str:
     """Write what a run had recorded when it ended early; says where, or why not."""
+    keeps = folder.holds_whole_run
     try:
         write(results, error=error)
     except OutputError as second:
         return str(second)
-    return f"what was recorded is in {folder}"
+    if keeps:
+        return f"what was recorded is in {folder.folder} as *{PART}, beside the results of the run before"
+    return f"what was recorded is in {folder.folder}"
 
 
 def _write(
@@ -366,7 +409,7 @@ def _write(
     texts = [name for name, kind in results.types.items() if kind in ("string", "binary")]
     if without_texts and texts:
         print(f"note: {', '.join(without_texts)} has no room for texts and leaves out {', '.join(texts)}")
-    drawn = False
+    drawn, beside = False, error is not None and folder.holds_whole_run
 
     def save(where: Path) -> None:
         if isinstance(results, Results):
@@ -376,20 +419,20 @@ def _write(
                     results.to_csv(path, units_row=units_row)
                 else:
                     results.save(path)
-                folder.hash(path)
+                folder.finish(path)
 
     def write(where: Path) -> None:
         nonlocal drawn
         write_json(where / SUMMARY, summary)
         with ThreadPoolExecutor(max_workers=1) as pool:  # tables are written by C++, which lets Python go on
             saved = pool.submit(save, where)
-            if prepared.drawing is not None and len(results.time) > 1:
+            if prepared.drawing is not None and len(results.time) > 1 and not beside:
                 drawn = bool(_drawn(prepared, results, figures, where))
             if report:
                 _write_page(results, summary, where)
         saved.result()
 
-    folder.put(write)
+    folder.put(write, whole=error is None)
     return summary, drawn
 
 
@@ -440,6 +483,10 @@ def _out_of_the_ordinary(info: Mapping[str, Any]) -> Iterator[str]:
     if refused := info.get("not_recorded", {}):
         names = ", ".join(f"{name} ({why})" for name, why in refused.items())
         yield f"FMUs refuse to give these outputs, which are not in the results: {names}"
+    if marks := info.get("nonfinite", {}):
+        said = [f"{name} (from t = {m['time']:.9g} s on, {m['rows']} times)" for name, m in marks.items()]
+        more = f" and {len(said) - _MOST_SAID} more (see {SUMMARY})" if len(said) > _MOST_SAID else ""
+        yield f"these outputs were NaN or infinite: {', '.join(said[:_MOST_SAID])}{more} (--nonfinite error ends there)"
     for component, number in info.get("steps_repeated", {}).items():
         yield f"the FMU of '{component}' discarded {number} steps, which were repeated in shorter ones"
     if ended_by := info.get("ended_by"):

@@ -48,6 +48,15 @@ def add_log_options(parser: argparse._ActionsContainer) -> None:
     )
 
 
+def add_overwrite_option(parser: argparse._ActionsContainer) -> None:
+    """Add --overwrite, for commands that write into a `ResultFolder`."""
+    parser.add_argument(
+        "--overwrite",
+        action="store_true",
+        help="replace files of the names of results that belong to no run, and remove what runs left that were killed",
+    )
+
+
 def log_options(args: argparse.Namespace, folder: Path) -> Log | None:
     """The log that options ask for, in a folder; None where they ask for none.
 

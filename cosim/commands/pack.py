@@ -8,13 +8,13 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 from cosim.commands.options import add_algorithm_options, standard_of
 from cosim.errors import CosimError
 from cosim.scenario.family import families
 from cosim.system.system import System
+from cosim.temporary import TemporaryFolder
 
 
 def register(subparsers: Any) -> None:
@@ -165,8 +165,7 @@ def _reading(args: argparse.Namespace) -> Iterator[_Read]:
     further = {option: getattr(args, dest) for known in args.family_options.values() for option, dest in known.items()}
     refuse({**further, "--fmu": args.fmu, "--seed": args.seed}, "is for scenarios")
     path = Path(args.scenario)
-    # an FMU whose library is still in use can't be removed on Windows
-    with TemporaryDirectory(prefix="cosim_ssp_", ignore_cleanup_errors=True) as unpacked:
+    with TemporaryFolder("ssp") as unpacked:
         try:
             found = read_description(path, standard, Path(unpacked), args)
             for note in found.notes:

@@ -7,7 +7,13 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cosim.commands.options import Standard, add_algorithm_options, add_log_options, standard_of
+from cosim.commands.options import (
+    Standard,
+    add_algorithm_options,
+    add_log_options,
+    add_overwrite_option,
+    standard_of,
+)
 from cosim.results.figure_process import FigureProcess
 from cosim.results.formats import FORMATS, option_help
 from cosim.scenario.family import default_scenario, families, named
@@ -90,9 +96,17 @@ def register(subparsers: Any) -> None:
         action="store_true",
         help="resume from the checkpoint in the folder of the results; the results are equal to the last bit",
     )
+    parser.add_argument(
+        "--nonfinite",
+        choices=("error", "mark"),
+        default="mark",
+        help="a recorded output that is NaN or infinite ends the run (error), or the summary says which one, and from "
+        "when on (mark, the default); one that feeds another component always ends it",
+    )
     add_log_options(parser)
     parser.add_argument("--seed", type=int, help="seed of the random signals")
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder of the results (default results/<scenario>)")
+    add_overwrite_option(parser)
     parser.add_argument(
         "--set",
         action="append",

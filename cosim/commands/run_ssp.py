@@ -8,12 +8,12 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 from cosim.commands.execution import Plan, PreparedRun, UsageError, refuse, results_folder, with_start_values
 from cosim.commands.options import Standard
 from cosim.errors import CosimError
 from cosim.system.read import ReadSystem
+from cosim.temporary import TemporaryFolder
 
 
 @contextmanager
@@ -33,8 +33,7 @@ def prepared_description(args: argparse.Namespace, standard: Standard) -> Iterat
     )
     refuse({"--input": args.input}, "is for a single FMU; an SSP has no signals")
     folder = results_folder(args, path.resolve().stem if path.is_dir() else path.stem)
-    # an FMU whose library is still in use can't be removed on Windows; that must not hide the results
-    with TemporaryDirectory(prefix="cosim_ssp_", ignore_cleanup_errors=True) as unpacked:
+    with TemporaryFolder("ssp") as unpacked:
 
         def in_archive(text: str) -> str:
             """A text in which files in the archive are not named after the folder that they were unpacked to."""

@@ -1,17 +1,21 @@
 """A command in a process of its own: an FMU that ends that process as if all was well does not make it a success.
 
-The program waits for the process, passes signals on to it, and ends as it does. So on Linux; elsewhere a command runs
-in the program itself.
+The program waits for the process, passes signals on to it, and ends as it does. When the process has been told to end
+and an FMU does not let it, the program ends it; and it clears away what a process leaves that an FMU has ended. So on
+Linux; elsewhere a command runs in the program itself.
 """
 
 from __future__ import annotations
 
 import ctypes
+import mmap
 import os
 import signal
 import sys
+import tempfile
 import time
 from collections.abc import Callable
+from pathlib import Path
 from types import FrameType
 from typing import Any, NoReturn
 
@@ -26,8 +30,18 @@ _PASSED_ON = ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGUSR1", "SIGUSR2")
 #: A signal that comes twice within this time (s) is one: to the program, and to its group.
 _SAME_SIGNAL = 0.1
 
+#: Signals that tell the process to end.
+_ENDING = (signal.SIGINT, signal.SIGTERM, *([signal.SIGHUP] if hasattr(signal, "SIGHUP") else []))
+
+#: A process that was told to end is looked at so often (s); one that is in the same call of an FMU each time in so many
+#: looks is ended.
+_LOOK, _MOST_LOOKS = 0.5, 20
+
 #: Of prctl: signal that a process gets when its parent dies.
 _PR_SET_PDEATHSIG = 1
+
+#: Path of the folder where the process writes results, in memory that it shares with the program.
+_folder = mmap.mmap(-1, 4096)
 
 
 def supervised(command: Callable[[], int]) -> int:
@@ -35,6 +49,7 @@ def supervised(command: Callable[[], int]) -> int:
     if sys.platform != "linux":
         return command()
     memory = current_calls.memory_of_calls()
+    _folder.write(b"\0")
     program = os.getpid()
     sys.stdout.flush()
     sys.stderr.flush()
@@ -45,18 +60,21 @@ def supervised(command: Callable[[], int]) -> int:
         code = command()
         current_calls.has_finished(memory)
         return code
-    code = _ended(process)
-    if code < 0:
+    code, stuck = _ended(process, memory)
+    if stuck:
+        how = f"the run was told to end and could not within {_LOOK * _MOST_LOOKS:g} s, so it was killed"
+    elif code < 0:
         how = f"{signal.Signals(-code).name} ended it"
     elif current_calls.is_finished(memory):
         return code
     else:
         how = "it called _exit(), which an FMU must not do; ask its supplier"
         code = code or STATUS_OF_EXIT
-    if text := current_calls.last_line(memory, how):
+    if text := current_calls.last_line(memory, how, "was stuck" if stuck else "ended the process"):
         print(text, file=sys.stderr, end="")
     elif not current_calls.is_told(memory) and code == STATUS_OF_EXIT:
         print("cosim: the process of the command ended before the command did", file=sys.stderr)
+    _clear_away()
     return code if code > 0 else _end_by(-code)
 
 
@@ -69,15 +87,50 @@ def _become_the_process_of(program: int) -> None:
         os._exit(STATUS_OF_EXIT)
 
 
-def _ended(process: int) -> int:
-    """Exit code of a process, once it has ended; of one that a signal has ended its number, negative."""
+def works_in(folder: Path) -> None:
+    """Say that the command writes into a folder of results, for the program to clear up there after a crash."""
+    _folder.seek(0)
+    _folder.write(str(folder.absolute()).encode(errors="surrogateescape")[: len(_folder) - 1] + b"\0")
+
+
+def _clear_away() -> None:
+    """Remove temporary files of a process that has ended without doing so."""
+    from cosim.fmi.unpacking import place_for_fmus
+    from cosim.output import clear_unfinished
+    from cosim.temporary import clear_abandoned
+
+    for place in {place_for_fmus(), Path(tempfile.gettempdir())}:
+        clear_abandoned(place)
+    if folder := _folder[:].partition(b"\0")[0].decode(errors="surrogateescape"):
+        for part in clear_unfinished(Path(folder)):
+            print(f"cosim: what was recorded until then is in {part}", file=sys.stderr)
+
+
+def _ended(process: int, memory: mmap.mmap) -> tuple[int, bool]:
+    """Exit code of a process, once it has ended; of one that a signal has ended its number, negative.
+
+    And whether it was told to end and did not, for an FMU in whose call it was.
+    """
     last: dict[int, float] = {}
+    looks: list[bytes] = []
+
+    def look(_number: int, _frame: FrameType | None) -> None:
+        calls = current_calls.calls_in(memory)
+        if not calls or (looks and looks[-1] != calls):
+            looks.clear()
+        if calls:
+            looks.append(calls)
+        if len(looks) == _MOST_LOOKS:
+            _send(process, signal.SIGKILL)
 
     def pass_on(number: int, _frame: FrameType | None) -> None:
         now = time.monotonic()
         if now - last.get(number, -_SAME_SIGNAL) >= _SAME_SIGNAL:
             last[number] = now
             _send(process, number)
+            if number in _ENDING:
+                signal.signal(signal.SIGALRM, look)
+                signal.setitimer(signal.ITIMER_REAL, _LOOK, _LOOK)
 
     def stop(_number: int, _frame: FrameType | None) -> None:
         _send(process, signal.SIGSTOP)
@@ -89,7 +142,8 @@ def _ended(process: int) -> int:
         if signal.getsignal(number) != signal.SIG_IGN:  # as that of background jobs is
             signal.signal(number, handler)
     _, status = os.waitpid(process, 0)
-    return os.waitstatus_to_exitcode(status)
+    signal.setitimer(signal.ITIMER_REAL, 0.0)
+    return os.waitstatus_to_exitcode(status), len(looks) >= _MOST_LOOKS
 
 
 def _send(process: int, number: int) -> None:

@@ -11,7 +11,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from tqdm import tqdm
@@ -22,6 +21,7 @@ from cosim.scenario.family import ScenarioFamily, default_scenario, families, fa
 from cosim.scenario.scenario import Scenario, ScenarioComponent
 from cosim.sweep.errors import SweepError
 from cosim.sweep.points import DESIGNS, Factor, Levels, Range, advice, design, parse_factor, parse_whole_numbers
+from cosim.temporary import TemporaryFolder
 
 if TYPE_CHECKING:
     from cosim.scenario.metrics import Metric
@@ -120,8 +120,7 @@ def run(args: argparse.Namespace) -> int:
     args.scenario = args.scenario or [default_scenario()]
     if len(set(args.scenario)) < len(args.scenario):
         raise SweepError(f"scenarios {' '.join(args.scenario)}: one is named twice")
-    # an FMU whose library is still in use can't be removed on Windows
-    with TemporaryDirectory(prefix="cosim_sweep_", ignore_cleanup_errors=True) as unpacked:
+    with TemporaryFolder("sweep") as unpacked:
         try:
             return _run(args, Path(unpacked))
         except CosimError as error:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 from cosim.errors import CosimError
 from cosim.file_kinds import NPZ, SSP, WORKBOOK, kind_of, not_read
 from cosim.fmi.fmu_file import read_fmu
 from cosim.fmi.validation import problems_of
+from cosim.temporary import TemporaryFolder
 
 
 def register(subparsers: Any) -> None:
@@ -52,7 +52,7 @@ def _run_references(path: Path, *, build: bool) -> bool:
     from cosim.regression.shipped import shipped_cases
 
     found = False
-    with TemporaryDirectory(prefix="cosim_", ignore_cleanup_errors=True) as folder:
+    with TemporaryFolder() as folder:
         try:
             shipped = shipped_cases(path, Path(folder))
             interfaces = interfaces_of(read_fmu(path, str(path))) if shipped.cases else []

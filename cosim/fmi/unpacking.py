@@ -7,18 +7,23 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
+from cosim.temporary import TemporaryFolder
 
-def folder_for_fmus() -> tempfile.TemporaryDirectory[str]:
+
+def folder_for_fmus() -> TemporaryFolder:
     """A temporary folder whose path FMUs can live with, and from where libraries can be loaded.
 
     FMUs get the address of their resources as a URI, and many don't decode what is escaped in it, at most a space. So
     the folder is elsewhere where the system's folder for temporary files has such a path or is mounted noexec, if there
     is a better one.
     """
+    return TemporaryFolder(place=place_for_fmus())
+
+
+def place_for_fmus() -> Path:
+    """Where such folders are."""
     usual = Path(tempfile.gettempdir())
-    better = next((folder for folder in (usual, *_others()) if is_plain(folder) and _is_for_programs(folder)), usual)
-    # an FMU whose library is still in use can't be removed on Windows; that must not hide the results
-    return tempfile.TemporaryDirectory(prefix="cosim_", dir=better, ignore_cleanup_errors=True)
+    return next((folder for folder in (usual, *_others()) if is_plain(folder) and _is_for_programs(folder)), usual)
 
 
 def is_plain(folder: Path) -> bool:

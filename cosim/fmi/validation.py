@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path, PurePosixPath
-from tempfile import TemporaryDirectory
 
 import fmpy
 
@@ -15,6 +14,7 @@ from cosim.fmi.compilation import has_sources
 from cosim.fmi.fmu_file import LoadedFMU, check_fmu
 from cosim.fmi.load_failure import not_loadable
 from cosim.fmi.shared_library import LibraryError, library_path
+from cosim.temporary import TemporaryFolder
 
 
 def problems_of(path: Path) -> list[str]:
@@ -38,7 +38,7 @@ def problems_of(path: Path) -> list[str]:
     found = checked.findings.wrong + checked.findings.unclean
     if checked.fmu is not None:
         found += violations(checked.readable)
-        with TemporaryDirectory(prefix="cosim_", ignore_cleanup_errors=True) as folder:
+        with TemporaryFolder() as folder:
             with Members(path) as members:
                 members.unpack(Path(folder))
             found += _of_libraries(checked.fmu, Path(folder))

@@ -77,10 +77,10 @@ static void explain(const CurrentCall *call, const char *what, const char *how) 
 }
 
 /* For a process that has mapped the calls of one that has ended without a word: the line, empty if it called no FMU. */
-EXPORT size_t say_how_it_ended(const CurrentCalls *calls, const char *how, char *text, size_t size) {
+EXPORT size_t say_how_it_ended(const CurrentCalls *calls, const char *what, const char *how, char *text, size_t size) {
     const CurrentCall *call = current_call(calls, 0, true);
     *text = 0;
-    return call && !calls->told ? say(calls, call, "ended the process", how, text, size) : 0;
+    return call && !calls->told ? say(calls, call, what, how, text, size) : 0;
 }
 
 /* exit() while a thread is in a call: it comes from the FMU, and is no success whatever status it has. */

@@ -72,7 +72,13 @@ def is_told(memory: mmap.mmap) -> bool:
     return bool(_Calls.from_buffer(memory).told)
 
 
-def last_line(memory: mmap.mmap, how: str) -> str:
+def calls_in(memory: mmap.mmap) -> bytes:
+    """The calls that a process is in which has them in this memory, to compare them later; empty if it is in none."""
+    calls = _Calls.from_buffer(memory).calls
+    return b"".join(bytes(call) for call in calls if call.code)
+
+
+def last_line(memory: mmap.mmap, how: str, what: str = "ended the process") -> str:
     """The line for a process that has ended in a call, empty if it has said why itself, or was in none.
 
     Parameters
@@ -81,10 +87,12 @@ def last_line(memory: mmap.mmap, how: str) -> str:
         With its calls.
     how : str
         What else is known of its end.
+    what : str
+        What the component did, before the name of the function.
     """
     text = ctypes.create_string_buffer(1024)
     address = ctypes.c_void_p(ctypes.addressof(_Calls.from_buffer(memory)))
-    loop_library().say_how_it_ended(address, how.encode(), text, ctypes.c_size_t(len(text)))
+    loop_library().say_how_it_ended(address, what.encode(), how.encode(), text, ctypes.c_size_t(len(text)))
     return text.value.decode(errors="replace")
 
 

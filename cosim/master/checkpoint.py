@@ -29,8 +29,8 @@ from cosim.master.recording import Growing, Sink
 from cosim.master.run import CHUNK_TIME, SHORTEST_TIME, Grid
 from cosim.master.state import RunState
 from cosim.master.stepping import SteppedRun
-from cosim.output import part_of
 from cosim.results.results import Results
+from cosim.whole_files import part_of
 
 #: So many values at most are in memory before they go to the disk, and are read back at once.
 _MOST_VALUES = 1_000_000

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Protocol
+from collections.abc import Callable, Collection, Mapping, Sequence
+from typing import Any, Literal, Protocol
 
 import numpy as np
 
@@ -14,6 +14,9 @@ from cosim.results.columns import TypedColumn
 #: Takes the times (n,) and the values (n, columns) of a chunk; both are only valid during the call. Values are doubles,
 #: or, where something is recorded that is no real number, objects: float, int, bool, str or bytes.
 Sink = Callable[[np.ndarray, np.ndarray], None]
+
+#: What becomes of a run with an output that is not finite, where nothing is connected to it: it ends there, or says so.
+NonFinite = Literal["error", "mark"]
 
 #: Values in the buffer of a run that is passed on.
 _BUFFERED_VALUES = 1_000_000
@@ -29,11 +32,23 @@ class RecordedColumns:
         One a name.
     texts : Texts
         Of the system.
+    inputs : collection of str
+        Names that need not be finite, as far as it is about outputs.
     """
 
-    def __init__(self, names: Sequence[str], types: Sequence[FmiType], texts: Texts) -> None:
+    def __init__(
+        self, names: Sequence[str], types: Sequence[FmiType], texts: Texts, inputs: Collection[str] = ()
+    ) -> None:
+        self._names = list(names)
+        self._real = np.array([t.kind == "real" for t in types], dtype=bool)
+        self._outputs = self._real & np.array([name not in inputs for name in names], dtype=bool)
         self._columns = [(i, n, t) for i, (n, t) in enumerate(zip(names, types, strict=True)) if t.kind != "real"]
         self._texts = texts
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the columns."""
+        return self._names
 
     @property
     def texts(self) -> Texts:
@@ -52,6 +67,26 @@ class RecordedColumns:
             for i, name, fmi_type in self._columns
         }
 
+    def not_finite(self, slots: np.ndarray) -> np.ndarray | None:
+        """Which outputs in slots (n, columns) are not finite, as truth values of that shape; None where all are."""
+        if not slots.size:
+            return None
+        real = slots if self._real.all() else slots[:, self._real]
+        # a sum is finite only if all its terms are, and takes a fraction of the time
+        with np.errstate(all="ignore"):
+            if np.isfinite(real.sum()):
+                return None
+        found = ~np.isfinite(slots) & self._outputs
+        return found if found.any() else None
+
+    def first_not_finite(self, slots: np.ndarray) -> tuple[int, str] | None:
+        """The first row of slots (n, columns) with an output that is not finite, and its name."""
+        found = self.not_finite(slots)
+        if found is None:
+            return None
+        row, column = np.argwhere(found)[0].tolist()
+        return row, self._names[column]
+
     def numbers(self, slots: np.ndarray, typed: Mapping[str, TypedColumn]) -> np.ndarray:
         """Real numbers (n, columns) for slots (n, columns) with these typed columns."""
         if not self._columns:
@@ -69,6 +104,24 @@ class RecordedColumns:
         for i, _, fmi_type in self._columns:
             values[:, i] = fmi_type.from_slots(slots[:, i], self._texts).tolist()
         return values
+
+
+class Marks:
+    """Outputs that were not finite: name -> time (s) of the first such row, and number of such rows."""
+
+    def __init__(self, columns: RecordedColumns) -> None:
+        self._columns = columns
+        self.found: dict[str, dict[str, Any]] = {}
+
+    def look(self, times: np.ndarray, slots: np.ndarray) -> None:
+        """Look at further rows: times (n,) and slots (n, columns)."""
+        not_finite = self._columns.not_finite(slots)
+        if not_finite is None:
+            return
+        for i in np.flatnonzero(not_finite.any(axis=0)).tolist():
+            rows = np.flatnonzero(not_finite[:, i])
+            mark = self.found.setdefault(self._columns.names[i], {"time": float(times[rows[0]]), "rows": 0})
+            mark["rows"] += len(rows)
 
 
 class Recorder(Protocol):

@@ -39,7 +39,7 @@ from cosim.master.function_instance import FunctionInstance, in_one_line
 from cosim.master.interrupts import DeferredInterrupt
 from cosim.master.operations import Exchange, NamedOperation, OperationTable
 from cosim.master.pacing import Pacer
-from cosim.master.recording import PassedOn, RecordedColumns, Recorder
+from cosim.master.recording import Marks, NonFinite, PassedOn, RecordedColumns, Recorder
 from cosim.master.refusals import refused_of
 from cosim.master.sampling import Samples
 from cosim.master.unfinished_steps import EndedBy, UnfinishedSteps
@@ -103,8 +103,12 @@ class Run:
         threads: Threads,
         *,
         profile: bool = False,
+        nonfinite: NonFinite = "mark",
     ) -> None:
         self._columns = columns
+        self._ends_at_nonfinite = nonfinite == "error"
+        #: Of what went elsewhere than into the results.
+        self.marks = Marks(columns)
         self._threads = threads
         self._times = ComponentTimes(exchange, grid.last_point + 1) if profile else None
         self._team = Team(threads, *exchange.units_at_step()) if threads != 1 else None
@@ -342,6 +346,10 @@ class Run:
         """Give results what was recorded: times (n,) and slots (n, columns)."""
         results.time, results.typed = times, self._columns.typed(slots)
         results.values = self._columns.numbers(slots, results.typed)
+        marks = Marks(self._columns)
+        marks.look(times, slots)
+        if found := self.marks.found | marks.found:
+            results.info["nonfinite"] = found
         self._say(results)
 
     # By hand
@@ -432,7 +440,8 @@ class Run:
             row = _rows(point, record_every)
             rows, first = recorder.room(row, row + 1)
             rows[row - first] = self.recorded_now()
-            recorder.recorded(row + 1)
+            self._loop.first_record = first
+            self._recorded_until(recorder, rows, row, row + 1)
 
     def terminate(self, time: float) -> None:
         """Tell all FMUs that the run is over."""
@@ -451,13 +460,14 @@ class Run:
 
     def _perform(self, recorder: Recorder, first: int, end: int, record_every: int, *, exchanged: bool) -> None:
         """Perform points that have samples; at the first one values may have been `exchanged` already."""
-        rows, self._loop.first_record = recorder.room(_rows(first, record_every), _rows(end, record_every))
+        begin = _rows(first, record_every)
+        rows, self._loop.first_record = recorder.room(begin, _rows(end, record_every))
         if rows is not self._records:
             self._records, self._loop.records = rows, _pointer(rows, ctypes.c_double)
         self._loop.call = address_of_call()
         while first < end and not loop_library().loop_run(ctypes.byref(self._loop), first, end, exchanged):
             stepping, point = bool(self._loop.failed_at_step), self._loop.point
-            recorder.recorded(_rows(point + stepping, record_every))
+            begin = self._recorded_until(recorder, rows, begin, _rows(point + stepping, record_every))
             if not stepping:
                 raise self._failure(self._exchange.at_point)
             self._finish_step(point)
@@ -465,7 +475,30 @@ class Run:
             if self.ended_by is not None:
                 self._end_at(recorder, first, record_every)
                 return
-        recorder.recorded(_rows(end, record_every))
+        self._recorded_until(recorder, rows, begin, _rows(end, record_every))
+
+    def _recorded_until(self, recorder: Recorder, rows: np.ndarray, begin: int, end: int) -> int:
+        """Have recorded the rows begin ... end - 1, which the loop has filled; returns the end.
+
+        Raises
+        ------
+        SimulationError
+            An output in them is not finite, where that ends the run; the rows before are recorded.
+        """
+        first = self._loop.first_record
+        found = self._columns.first_not_finite(rows[begin - first : end - first]) if self._ends_at_nonfinite else None
+        if found is None:
+            recorder.recorded(end)
+            return end
+        row, name = begin + found[0], found[1]
+        recorder.recorded(row)
+        component, _, output = name.partition(".")
+        raise SimulationError(
+            component,
+            self._grid.time(row * self._loop.record_every),
+            f"output '{output}' is {rows[row - first, self._columns.names.index(name)]}; --nonfinite mark goes on",
+            self._instances[component].log(),
+        )
 
     def _finish_step(self, point: int) -> None:
         """Finish the step from a communication point on, in which the loop got stuck at an operation."""

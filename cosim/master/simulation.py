@@ -11,7 +11,7 @@ from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
@@ -36,7 +36,7 @@ from cosim.master.function_instance import FunctionInstance
 from cosim.master.interrupts import DeferredInterrupt
 from cosim.master.operations import Exchange
 from cosim.master.pacing import Pacer
-from cosim.master.recording import Growing, InMemory, PassedOn, RecordedColumns, Recorder, Sink
+from cosim.master.recording import Growing, InMemory, Marks, NonFinite, PassedOn, RecordedColumns, Recorder, Sink
 from cosim.master.refusals import Refusals, function_for_derivatives, lacking_of
 from cosim.master.run import Grid, Run
 from cosim.master.sampling import Samples, sample
@@ -172,7 +172,8 @@ class Simulation:
         recorded = [(c, e) for c, e in self._recorded if f"{c}.{e.name}" not in self._refusals.outputs]
         self._layout = ValueLayout(self._resolved, recorded, self._extrapolated)
         self._names = [f"{component}.{element.name}" for component, element in recorded]
-        self._columns = RecordedColumns(self._names, [e.type for _, e in recorded], self._texts)
+        inputs = {n for n, (_, e) in zip(self._names, recorded, strict=True) if e.variable.causality == "input"}
+        self._columns = RecordedColumns(self._names, [e.type for _, e in recorded], self._texts, inputs)
         units = {n: self._ports[c].unit(e) for n, (c, e) in zip(self._names, recorded, strict=True)}
         self._units = {name: unit.name for name, unit in units.items() if unit is not None}
         self._exchange: Exchange | None = None
@@ -396,6 +397,7 @@ class Simulation:
         realtime: float | None = None,
         progress: Callable[[float], None] | None = None,
         checkpoint: Checkpoint | None = None,
+        nonfinite: NonFinite = "mark",
     ) -> Results:
         """Couple the FMUs at a fixed communication step, from their start values.
 
@@ -422,6 +424,10 @@ class Simulation:
             Called now and then with the simulated time (s).
         checkpoint : Checkpoint, optional
             Keeps the state of the run on the disk as it goes on, to resume it; all FMUs must be able to save theirs.
+        nonfinite : str
+            What becomes of a run with a recorded output that is NaN or infinite: "error" ends it there, "mark" goes on,
+            and the results say which output, from when on, and in how many rows (`info["nonfinite"]`). An output that
+            is connected must be finite in any case.
 
         Returns
         -------
@@ -441,21 +447,23 @@ class Simulation:
         grid = Grid(start_time, step_size, number_of_steps(start_time, stop_time, step_size), stop_time)
         samples, starts = self._prepared(grid, start or {}, signals, record_every)
         experiments = self._experiments(grid, tolerance)
+        if nonfinite not in get_args(NonFinite):
+            raise SetupError(f"nonfinite = {nonfinite!r} must be one of {', '.join(map(repr, get_args(NonFinite)))}")
         pacer = None if realtime is None else Pacer(realtime)
         if checkpoint is not None:
             self._check_states()
             times = self._times(grid, record_every)
             known = partial(_fingerprints, self._drives(signals), grid)
-            slots = None if sink is None else self._slot_sink(sink)
-            with self._stepping(grid, samples, starts, record_every, experiments) as (run, growing, results):
+            with self._stepping(grid, samples, starts, record_every, experiments, nonfinite) as (run, growing, results):
                 self._check_sink(sink, names)
+                slots = None if sink is None else self._slot_sink(sink, run.marks)
                 return CheckpointedRun(
                     run, growing, grid, record_every, results, times, known, checkpoint, slots
                 ).to_end(progress, pacer)
         with self._occupied("a run of this simulation is going on") as interrupt:
-            loop, results = self._begun(samples, starts, grid, record_every, experiments, interrupt)
+            loop, results = self._begun(samples, starts, grid, record_every, experiments, interrupt, nonfinite)
             self._check_sink(sink, names)
-            recorder = self._recorder(grid, record_every, sink)
+            recorder = self._recorder(grid, record_every, sink, loop.marks)
             with _timed(results, began):
                 return loop.loop(recorder, record_every, results, progress, pacer)
 
@@ -519,10 +527,11 @@ class Simulation:
         starts: Sequence[StartValue],
         record_every: int,
         experiments: dict[str, ExperimentSetup],
+        nonfinite: NonFinite = "mark",
     ) -> Iterator[tuple[SteppedRun, Growing, Results]]:
         """A run to be stepped, what it records to, and results without rows."""
         with self._occupied("a run of this simulation is being stepped") as interrupt:
-            loop, results = self._begun(samples, starts, grid, record_every, experiments, interrupt)
+            loop, results = self._begun(samples, starts, grid, record_every, experiments, interrupt, nonfinite)
             growing = Growing(self._times(grid, record_every), len(self._names))
             run = SteppedRun(
                 loop,
@@ -622,6 +631,7 @@ class Simulation:
         record_every: int,
         experiments: dict[str, ExperimentSetup],
         interrupt: DeferredInterrupt,
+        nonfinite: NonFinite,
     ) -> tuple[Run, Results]:
         """A run whose FMUs have been initialised, and its results without rows.
 
@@ -642,6 +652,7 @@ class Simulation:
                 self._columns,
                 self._threads,
                 profile=self._profile,
+                nonfinite=nonfinite,
             )
             try:
                 run.initialize(starts, experiments)
@@ -801,16 +812,21 @@ class Simulation:
         self._samples = ((drives, grid), samples)
         return samples
 
-    def _recorder(self, grid: Grid, record_every: int, sink: Sink | None) -> Recorder:
+    def _recorder(self, grid: Grid, record_every: int, sink: Sink | None, marks: Marks) -> Recorder:
         rows, columns = grid.last_point // record_every + 1, len(self._names)
         times = self._times(grid, record_every)
         if sink is None:
             return InMemory(times, rows, columns)
-        return PassedOn(times, rows, columns, self._slot_sink(sink))
+        return PassedOn(times, rows, columns, self._slot_sink(sink, marks))
 
-    def _slot_sink(self, sink: Sink) -> Sink:
-        """Takes what the loop records, and gives a sink its values."""
-        return lambda times, slots: sink(times, self._columns.values(slots))
+    def _slot_sink(self, sink: Sink, marks: Marks) -> Sink:
+        """Takes what the loop records, marks what is not finite, and gives a sink its values."""
+
+        def pass_on(times: np.ndarray, slots: np.ndarray) -> None:
+            marks.look(times, slots)
+            sink(times, self._columns.values(slots))
+
+        return pass_on
 
     @staticmethod
     def _times(grid: Grid, record_every: int) -> Callable[[int, int], np.ndarray]:
@@ -855,6 +871,7 @@ def simulate(
     log: Log | str | None = None,
     threads: Threads = 1,
     profile: bool = False,
+    nonfinite: NonFinite = "mark",
 ) -> Results:
     """Couple the FMUs of a system at a fixed communication step.
 
@@ -881,6 +898,7 @@ def simulate(
             realtime=realtime,
             progress=progress,
             checkpoint=checkpoint,
+            nonfinite=nonfinite,
         )
 
 

@@ -15,7 +15,7 @@ from cosim.fmi.variable_buffer import VariableBuffer
 from cosim.master.failures import Failing, InterruptedInCall, SimulationError, SimulationInterrupted
 from cosim.master.function_instance import FunctionInstance
 from cosim.master.interrupts import DeferredInterrupt
-from cosim.master.recording import Growing
+from cosim.master.recording import Growing, Marks
 from cosim.master.run import Grid, Run
 from cosim.master.state import RunState
 from cosim.master.value_layout import ValueLayout
@@ -156,6 +156,11 @@ class SteppedRun:
     def has_ended(self) -> bool:
         """Whether the run can't go on."""
         return self._ended
+
+    @property
+    def marks(self) -> Marks:
+        """Outputs that were not finite in rows that are not kept here."""
+        return self._run.marks
 
     @property
     def step_size(self) -> float:

@@ -6,11 +6,11 @@ from contextlib import redirect_stdout
 from dataclasses import dataclass
 from io import StringIO
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 
 from cosim.errors import CosimError, needs
+from cosim.temporary import TemporaryFolder
 
 
 class FunnelError(CosimError):
@@ -64,7 +64,7 @@ def funnel(reference: Curve, result: Curve, time_shift: float, allowed: float) -
     values = [(curve.values - middle) / allowed for curve in (reference, result)]
     # it asks for equal ends to the last bit
     times[1][0], times[1][-1] = times[0][0], times[0][-1]
-    with TemporaryDirectory(prefix="cosim_") as folder, redirect_stdout(StringIO()) as said:
+    with TemporaryFolder() as folder, redirect_stdout(StringIO()) as said:
         try:
             status = pyfunnel.compareAndReport(times[0], values[0], times[1], values[1], folder, atolx=1.0, atoly=1.0)
         except Exception as error:

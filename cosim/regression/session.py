@@ -5,13 +5,14 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass, field
 from pathlib import Path
-from tempfile import TemporaryDirectory, mkdtemp
+from tempfile import mkdtemp
 from typing import Any
 
 import pytest
 
 from cosim.regression.page import Part, write_page
 from cosim.regression.rebaseline import reason_against
+from cosim.temporary import TemporaryFolder
 
 
 @dataclass
@@ -33,7 +34,7 @@ WRITTEN = pytest.StashKey[list[str]]()
 PARTS = pytest.StashKey[list[Part]]()
 
 #: Where a session keeps the folder with the files of the cases that FMUs bring along.
-_SHIPPED = pytest.StashKey[TemporaryDirectory[str]]()
+_SHIPPED = pytest.StashKey[TemporaryFolder]()
 
 #: Attribute of a test report that has them; pytest-xdist sends it to the main process.
 _ATTRIBUTE = "cosim_fmu_page"
@@ -87,7 +88,7 @@ def configure(config: pytest.Config) -> None:
 def folder_for_shipped(config: pytest.Config) -> Path:
     """A new folder for the files of the cases that one FMU brings along, which lives as long as the session."""
     if _SHIPPED not in config.stash:
-        config.stash[_SHIPPED] = TemporaryDirectory(prefix="cosim_", ignore_cleanup_errors=True)
+        config.stash[_SHIPPED] = TemporaryFolder()
         config.add_cleanup(config.stash[_SHIPPED].cleanup)
     return Path(mkdtemp(dir=config.stash[_SHIPPED].name))
 

@@ -16,7 +16,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 from urllib.parse import unquote, urlsplit
 from xml.etree import ElementTree
@@ -29,6 +28,7 @@ from cosim.regression.case import Case, CaseError, find_cases
 from cosim.regression.options import Options, write_options
 from cosim.results.results import Results
 from cosim.system.variables import Ports
+from cosim.temporary import TemporaryFolder
 
 #: The folder of the layered standard in an FMU.
 FOLDER = "extra/org.fmi-standard.fmi-ls-ref/"
@@ -288,7 +288,7 @@ class _Reader:
         """Start values of a parameter set: what a component that is bound to it gets, without prefix and mapping."""
         from cosim.ssp import read_ssp
 
-        with TemporaryDirectory(prefix="cosim_", ignore_cleanup_errors=True) as name:
+        with TemporaryFolder() as name:
             folder = Path(name)
             (folder / "set.ssv").write_bytes(self._archive.read(member))
             description = folder / "SystemStructure.ssd"

@@ -19,6 +19,8 @@ import numpy as np
 from cosim.errors import ResultsError
 from cosim.results.assembly import TIME_UNITS, assembled, check_once, check_seconds, is_time, name_and_unit, time_unit
 from cosim.results.formats import TIME, Table
+from cosim.results.unfinished import whole_lines
+from cosim.whole_files import is_part
 
 _SEPARATORS = (",", ";", "\t")
 
@@ -79,6 +81,8 @@ def _text(path: str | PathLike[str]) -> tuple[str, int]:
     """The text from the line of the names on, and how many lines stand before it."""
     try:
         content = Path(path).read_bytes()
+        if is_part(Path(path)):
+            content = whole_lines(content)
         wide = content[:2] in (b"\xff\xfe", b"\xfe\xff")  # spreadsheets write "Unicode text" so
         text = content.decode("utf-16" if wide else "utf-8-sig")
         text = text if "\n" in text else text.replace("\r", "\n")  # as old Macs end lines

@@ -12,9 +12,11 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from cosim.errors import CosimError
+from cosim.results.streams import CsvStream, ParquetStream, StreamWriter
+from cosim.whole_files import part_of, publish
 
 if TYPE_CHECKING:
     import numpy as np
@@ -26,6 +28,9 @@ _Described = TypeVar("_Described", bound=Callable[..., Any])
 
 #: Name of the first column.
 TIME = "time"
+
+#: Values in a group of rows of a file.
+_GROUPED_VALUES = 1_000_000
 
 
 class FormatError(CosimError):
@@ -49,16 +54,6 @@ class Table:
     def types(self) -> dict[str, str]:
         """Name -> type of what is no real number."""
         return {name: column.type for name, column in self.typed.items()}
-
-
-class StreamWriter(Protocol):
-    """A file that grows by batches of rows; pyarrow's writers are such."""
-
-    def write(self, batch: pa.RecordBatch) -> None:
-        """Append rows."""
-
-    def close(self) -> None:
-        """Finish the file."""
 
 
 @dataclass(frozen=True)
@@ -129,70 +124,42 @@ def record_batch(table: Table, wanted: pa.Schema) -> pa.RecordBatch:
     return pa.record_batch(arrays, schema=wanted)
 
 
-class _CsvWriter:
-    """A CSV file that grows, if wanted with a row of units; binary values are written with digits of base 16."""
-
-    def __init__(self, path: Path, schema: pa.Schema, *, units_row: bool = False) -> None:
-        import pyarrow as pa
-        from pyarrow import csv
-
-        self._binary = [i for i, kind in enumerate(schema.types) if pa.types.is_binary(kind)]
-        for i in self._binary:
-            schema = schema.set(i, schema.field(i).with_type(pa.string()))
-        self._schema = schema
-        self._file = pa.OSFile(str(path), "wb")
-        if units_row:
-            units = [(field.metadata or {}).get(b"unit", b"").decode() for field in schema]
-            for row in (schema.names, ["s", *units[1:]]):
-                cells = ('"{}"'.format(cell.replace('"', '""')) for cell in row)
-                self._file.write((",".join(cells) + "\n").encode())
-        options = csv.WriteOptions(include_header=not units_row)
-        # the shortest digits that read back to the same number
-        self._writer = csv.CSVWriter(self._file, schema, write_options=options)
-
-    def write(self, batch: pa.RecordBatch) -> None:
-        import pyarrow as pa
-
-        columns = batch.columns
-        for i in self._binary:
-            columns[i] = pa.array([value.hex() for value in columns[i].to_pylist()], pa.string())
-        self._writer.write(pa.record_batch(columns, schema=self._schema) if self._binary else batch)
-
-    def close(self) -> None:
-        self._writer.close()
-        self._file.close()
-
-
 def write_csv(table: Table, path: Path) -> None:
     """Write a CSV file, whatever the ending of its name."""
-    _write_stream(_CsvWriter, table, path)
+    _write_stream(CsvStream, table, path)
 
 
 def _csv_with_units(path: Path, schema: pa.Schema) -> StreamWriter:
-    return _CsvWriter(path, schema, units_row=True)
+    return CsvStream(path, schema, units_row=True)
 
 
 def _write_csv_with_units(table: Table, path: Path) -> None:
     _write_stream(_csv_with_units, table, path)
 
 
-def _parquet_stream(path: Path, schema: pa.Schema) -> StreamWriter:
-    from pyarrow import parquet
-
-    # numbers of a simulation hardly repeat: dictionaries and compression cost more than they save
-    writer: StreamWriter = parquet.ParquetWriter(str(path), schema, use_dictionary=False, compression="none")
-    return writer
-
-
 def _write_parquet(table: Table, path: Path) -> None:
-    _write_stream(_parquet_stream, table, path)
+    _write_stream(ParquetStream, table, path)
 
 
 def _write_stream(stream: Callable[[Path, Any], StreamWriter], table: Table, path: Path) -> None:
     wanted = schema(table.names, table.units, table.types)
+    batch, size = record_batch(table, wanted), rows_in_group(len(table.names))
     writer = stream(path, wanted)
-    writer.write(record_batch(table, wanted))
-    writer.close()
+    try:
+        for first in range(0, batch.num_rows, size):
+            writer.write(batch.slice(first, size))
+        writer.close()
+    except BaseException:
+        writer.abandon()
+        raise
+
+
+def rows_in_group(columns: int) -> int:
+    """Rows that are written at once into a file with so many columns besides the time.
+
+    Whatever the chunks that rows come in, equal rows make equal files.
+    """
+    return max(1, _GROUPED_VALUES // (columns + 1))
 
 
 def _write_npz(table: Table, path: Path) -> None:
@@ -286,14 +253,14 @@ FORMATS: dict[str, Format] = {
             "csv",
             "everything, and every bit of a number: `Results.from_csv`, spreadsheets",
             write_csv,
-            _CsvWriter,
+            CsvStream,
             bytes_per_value=20,
         ),
         Format(
             "parquet",
             "data frames and long runs: pandas, Polars, DuckDB, MATLAB's `parquetread`",
             _write_parquet,
-            _parquet_stream,
+            ParquetStream,
         ),
         Format("npz", "NumPy: `numpy.load` gives `time`, `names`, `values`, `units`", _write_npz),
         Format(
@@ -330,13 +297,8 @@ def format_of(path: Path, *, streamed: bool = False) -> Format:
     return known
 
 
-def unfinished(path: Path) -> Path:
-    """Name of a file while it is being written."""
-    return path.with_name(f"{path.name}.part")
-
-
 def save(table: Table, path: str | PathLike[str], wanted: Format | None = None) -> None:
-    """Write a table into a file, by default in the format that its ending says.
+    """Write a table into a file, by default in the format that its ending says; it replaces an older one when whole.
 
     Raises
     ------
@@ -346,8 +308,8 @@ def save(table: Table, path: str | PathLike[str], wanted: Format | None = None) 
         The file can't be written; an unfinished one is left behind under the name `<path>.part`.
     """
     target = Path(path)
-    (wanted or format_of(target)).write(table, unfinished(target))
-    unfinished(target).replace(target)
+    (wanted or format_of(target)).write(table, part_of(target))
+    publish(part_of(target), target)
 
 
 def with_endings(function: _Described) -> _Described:

@@ -18,10 +18,14 @@ from cosim.results.assembly import assembled, check_seconds, is_time, name_and_u
 from cosim.results.csv_reading import read_csv
 from cosim.results.formats import Table
 from cosim.results.mat_reading import read_mat
+from cosim.results.unfinished import open_parquet
+from cosim.whole_files import is_part, whole_of
 
 
 def read_table(path: str | PathLike[str]) -> Table:
     """Read a table whose format the ending of its name says; one with another ending is read as CSV.
+
+    Of a CSV or Parquet file that was cut off while this project wrote it (`.part`), all that is whole is read.
 
     Raises
     ------
@@ -31,9 +35,9 @@ def read_table(path: str | PathLike[str]) -> Table:
         It needs a package that is not installed.
     """
     path = Path(path)
-    reader = READERS.get(path.suffix.lower())
+    reader = READERS.get(whole_of(path).suffix.lower())
     try:
-        if why := no_table(path):
+        if not is_part(path) and (why := no_table(path)):
             raise ResultsError(why)
         return read_csv(path) if reader is None else reader(path)
     except OSError as error:
@@ -59,10 +63,9 @@ def _with_time(path: Path, columns: Mapping[str, np.ndarray], units: Mapping[str
 
 def _read_parquet(path: Path) -> Table:
     import pyarrow as pa
-    from pyarrow import parquet
 
     try:
-        table = parquet.ParquetFile(path).read()
+        table = open_parquet(path).read()
     except pa.ArrowInvalid as error:
         raise ResultsError(f"{path}: can't be read as Parquet: {' '.join(str(error).split())}") from error
     columns, units = {}, {}

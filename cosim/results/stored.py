@@ -15,30 +15,30 @@ from cosim.results.formats import (
     CSV_WITH_UNITS,
     FORMATS,
     TIME,
-    StreamWriter,
     Table,
     format_of,
     record_batch,
+    rows_in_group,
     schema,
-    unfinished,
     with_endings,
 )
 from cosim.results.recorded import Recorded
 from cosim.results.results import Results
+from cosim.results.streams import StreamWriter
+from cosim.results.unfinished import open_parquet
+from cosim.whole_files import part_of, publish
 
 if TYPE_CHECKING:
     import pyarrow as pa
-
-
-#: Values in a group of rows of a file; whatever the chunks that come, equal rows make equal files.
-_GROUPED_VALUES = 1_000_000
 
 
 @with_endings
 class TableWriter:
     """Context that writes rows into one or more {streamed} files as they come; a sink for `Simulation.run`.
 
-    Each file is written under the name `<path>.part`, and gets its name when all is written.
+    Each file is written under the name `<path>.part`, and gets its name when all is written. When that fails, or what
+    is done in the context, a file of that name stays as it was, and the one with `.part` has all rows until then:
+    `Results.read` and `StoredResults` read it, also after a kill.
 
     Parameters
     ----------
@@ -52,6 +52,8 @@ class TableWriter:
         Name -> unit.
     units_row : bool
         Whether CSV files have the units in a second line.
+    growing_in : Path, optional
+        Folder of the files with `.part`; that of each file by default.
 
     Raises
     ------
@@ -69,6 +71,7 @@ class TableWriter:
         units: Mapping[str, str] | None = None,
         *,
         units_row: bool = False,
+        growing_in: Path | None = None,
     ) -> None:
         self._names, self._types = list(names), dict(types or {})
         self._schema = schema(names, units, self._types)
@@ -77,26 +80,46 @@ class TableWriter:
             path: CSV_WITH_UNITS.stream if units_row and known is FORMATS["csv"] else known.stream
             for path, known in formats.items()
         }
+        self._parts = {path: part_of(path if growing_in is None else growing_in / path.name) for path in paths}
         self._writers: list[StreamWriter] = []
-        self._group = max(1, _GROUPED_VALUES // (len(names) + 1))
+        self._group = rows_in_group(len(names))
         self._waiting: list[pa.RecordBatch] = []
         self._rows = 0  # of those
+        self._failed = False  # to write
 
     def __enter__(self) -> TableWriter:
-        for path, stream in self._streams.items():
-            assert stream is not None
-            self._writers.append(stream(unfinished(path), self._schema))
+        try:
+            for path, stream in self._streams.items():
+                assert stream is not None
+                self._writers.append(stream(self._parts[path], self._schema))
+        except BaseException:
+            self._abandon()
+            raise
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._rows:
-            self._write(self._rows)
+        if self._failed:
+            self._abandon()
+            return
+        try:
+            if self._rows:
+                self._write(self._rows)
+            for writer in self._writers:
+                writer.close()
+        except OSError:
+            self._abandon()
+            if kind is None:
+                raise
+            return
+        if kind is None:
+            for path, part in self._parts.items():
+                publish(part, path)
+
+    def _abandon(self) -> None:
         for writer in self._writers:
-            writer.close()
-        for path in self._streams:  # what a failed run had recorded is as good as its last row
-            unfinished(path).replace(path)
+            writer.abandon()
 
     def __call__(self, times: np.ndarray, values: np.ndarray) -> None:
         """Append rows."""
@@ -117,13 +140,14 @@ class TableWriter:
         import pyarrow as pa
 
         whole = pa.Table.from_batches(self._waiting).combine_chunks()
-        self._rows = whole.num_rows % size
-        written = whole.num_rows - self._rows
+        written = whole.num_rows - whole.num_rows % size
+        self._failed = True  # unless all goes well
         for first in range(0, written, size):
             for batch in whole.slice(first, size).to_batches():
                 for writer in self._writers:
                     writer.write(batch)
-        self._waiting = whole.slice(written).to_batches()
+        self._failed = False
+        self._rows, self._waiting = whole.num_rows - written, whole.slice(written).to_batches()
 
 
 class StoredResults(Recorded):
@@ -132,7 +156,7 @@ class StoredResults(Recorded):
     Parameters
     ----------
     path : Path
-        File that `TableWriter` or `Results.save` wrote.
+        File that `TableWriter` or `Results.save` wrote, or has not finished (`.part`).
     info : mapping
         How the run was made.
 
@@ -147,9 +171,7 @@ class StoredResults(Recorded):
     """
 
     def __init__(self, path: Path, info: Mapping[str, Any]) -> None:
-        from pyarrow import parquet
-
-        self._file = parquet.ParquetFile(path)
+        self._file = open_parquet(path)
         self.names = self._file.schema_arrow.names[1:]
         self._types = {f.name: str(f.type) for f in self._file.schema_arrow if str(f.type) != "double"}
         self.info = dict(info)

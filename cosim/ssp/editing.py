@@ -7,7 +7,6 @@ import zipfile
 from collections.abc import Iterator, Mapping
 from os import PathLike
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import IO, Any
 from urllib.parse import quote, unquote
 from xml.dom import minidom
@@ -22,6 +21,7 @@ from cosim.ssp.format.schema import NAMESPACES, parse
 from cosim.ssp.format.structure import GIVING, SEPARATOR, TAKING
 from cosim.system.read import Findings
 from cosim.system.variables import Ports
+from cosim.temporary import TemporaryFolder
 
 #: Name of the parameter sets that hold the values of `SSPFile.set_parameter`.
 _EDITED = "edited"
@@ -279,7 +279,7 @@ class SSPFile:
 
     def _ports(self, component: str, element: Tag) -> Ports:
         findings = Findings(SSPError)
-        with Archive(self.path, findings) as archive, TemporaryDirectory(prefix="cosim_ssp_") as folder:
+        with Archive(self.path, findings) as archive, TemporaryFolder("ssp") as folder:
             source = element.getAttribute("source")
             path = self._new_files.get(unquote(source))
             if path is None:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from tqdm import tqdm
 
+from cosim.commands.options import add_overwrite_option
 from cosim.errors import CosimError, needs
 from cosim.output import ResultFolder
 from parallel_robot.commands.robot_fmus import make_ready
@@ -39,6 +40,7 @@ def register(subparsers: Any) -> None:
     parser.add_argument(
         "--robustness", type=Path, metavar="DIR", help="results of `cosim robustness`, for a section of the report"
     )
+    add_overwrite_option(parser)
     parser.set_defaults(run=run)
 
 
@@ -52,7 +54,10 @@ def run(args: argparse.Namespace) -> int:
 
     folder: Path = args.out
     found: list[Reproduction] = []
-    with ResultFolder(folder, reproduction.TABLES) as results, _progress(reproduction.number_of_steps()) as progress:
+    with (
+        ResultFolder(folder, reproduction.TABLES, overwrite=args.overwrite) as results,
+        _progress(reproduction.number_of_steps()) as progress,
+    ):
         study = None if args.robustness is None else (load(args.robustness), args.robustness)
         make_ready(args.fmus, FLAVOUR)
         runs = run_all(args.fmus, progress)

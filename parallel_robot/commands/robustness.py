@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 from tqdm import tqdm
 
+from cosim.commands.options import add_overwrite_option
 from cosim.commands.sweep import sweep_progress, sweep_table
 from cosim.errors import needs
-from cosim.output import SUMMARY, ResultFolder, write_json
+from cosim.output import SUMMARY, ResultFolder
+from cosim.whole_files import write_json
 from parallel_robot.commands.robot_fmus import chosen_flavour, make_ready
 
 if TYPE_CHECKING:
@@ -55,6 +57,7 @@ def register(subparsers: Any) -> None:
         "--workers", type=int, metavar="N", help="processes on this machine (default: one for each core)"
     )
     parser.add_argument("--scheduler", metavar="ADDRESS", help="run on the Dask cluster there, as tcp://head:8786")
+    add_overwrite_option(parser)
     parser.set_defaults(run=run)
 
 
@@ -63,7 +66,7 @@ def run(args: argparse.Namespace) -> int:
     """Run `cosim robustness`; returns the exit code, raises CosimError with one line on bad input."""
     from parallel_robot.paper.robustness.content import BANDS, DATA, TEXT
 
-    with ResultFolder(args.out, (BANDS, DATA, TEXT)) as results:
+    with ResultFolder(args.out, (BANDS, DATA, TEXT), overwrite=args.overwrite) as results:
         return _run(args, results)
 
 

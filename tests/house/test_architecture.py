@@ -14,7 +14,15 @@ TOOLS = ("controller_fmu.membership", "controller_fmu.optimal_gains", "controlle
 
 #: The rooms of `cosim` and what they stand on, from the lowest to the highest: each may import those before it.
 ROOMS = (
-    ("cosim.errors", "cosim.versions", "cosim.file_kinds", "cosim.xml_elements"),
+    (
+        "cosim.errors",
+        "cosim.versions",
+        "cosim.file_kinds",
+        "cosim.xml_elements",
+        "cosim.whole_files",
+        "cosim.file_lock",
+        "cosim.temporary",
+    ),
     ("cosim.loop",),
     ("cosim.fmi",),
     ("cosim.system",),

@@ -386,7 +386,7 @@ def test_a_checkpoint_is_removed_without_what_is_not_its_own(tiny: Path, tmp_pat
         checkpoint = Checkpoint(folder, 0.5)
         simulation.run(1.0, 0.1, checkpoint=checkpoint)
         assert sorted(p.name for p in folder.iterdir()) == ["run.rows", "run.state"]
-        (folder / ".run.state.part").write_bytes(b"half")  # as a kill leaves it
+        (folder / "run.state.part").write_bytes(b"half")  # as a kill leaves it
         checkpoint.remove()
         assert not folder.exists()
         folder.mkdir()

@@ -13,9 +13,10 @@ from pyarrow import parquet
 from scipy.io import loadmat
 
 from cosim import CosimError, Results
-from cosim.results import stored
+from cosim.results import formats
 from cosim.results.formats import FORMATS
 from cosim.results.stored import StoredResults, TableWriter
+from cosim.whole_files import part_of
 from tests.support import some
 
 SPECIAL = [0.1 + 0.2, 5e-324, 1.7976931348623157e308, -0.0, np.pi, 1e-300]
@@ -97,7 +98,7 @@ def test_chunks_make_the_same_table(tmp_path):
 
 @pytest.mark.parametrize("sizes", [(1, 2), (3, 20), (7, 50), (20, 1000)])
 def test_files_do_not_tell_the_chunks_that_their_rows_came_in(tmp_path, monkeypatch, sizes):
-    monkeypatch.setattr(stored, "_GROUPED_VALUES", 50)  # 10 rows
+    monkeypatch.setattr(formats, "_GROUPED_VALUES", 50)  # 10 rows
     results = made(137)
     files = []
     for size in sizes:
@@ -105,6 +106,8 @@ def test_files_do_not_tell_the_chunks_that_their_rows_came_in(tmp_path, monkeypa
         folder.mkdir()
         files.append([path.read_bytes() for path in written_in_chunks(folder, results, size)])
     assert files[0] == files[1]
+    results.save(tmp_path / "whole.parquet")
+    assert files[0][1] == (tmp_path / "whole.parquet").read_bytes()
     groups = parquet.ParquetFile(folder / "r.parquet")
     assert [groups.metadata.row_group(i).num_rows for i in range(groups.num_row_groups)] == [10] * 13 + [7]
     _, table = read(folder / "r.parquet")
@@ -135,4 +138,5 @@ def test_rows_before_a_failure_are_kept(tmp_path):
     with suppress(RuntimeError), writer:
         writer(results.time[:4], results.values[:4])
         raise RuntimeError("the run failed")
-    assert (StoredResults(path, {})["a.x"] == results["a.x"][:4]).all()
+    assert not path.exists()
+    assert (StoredResults(part_of(path), {})["a.x"] == results["a.x"][:4]).all()

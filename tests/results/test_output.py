@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -12,7 +13,8 @@ from pathlib import Path
 
 import pytest
 
-from cosim.output import OutputError, ResultFolder, write_json
+from cosim.output import OutputError, ResultFolder
+from cosim.whole_files import write_json
 
 FIRST = {"results.csv": "time\n1\n", "figures/a.png": "a", "figures/b.png": "b"}
 SECOND = {"results.parquet": "PAR1", "figures/b.png": "another b"}
@@ -212,37 +214,166 @@ def test_what_a_killed_run_leaves_is_cleared_away(tmp_path: Path) -> None:
     is_whole(tmp_path, SECOND)
 
 
-@pytest.mark.parametrize("last", range(12))
-def test_a_kill_while_files_get_their_places_mixes_nothing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, last: int
-) -> None:
-    """Whatever the number of changes to the folder that came through, the next run finds all files its own."""
-    run_into(tmp_path, FIRST)
-    changes = 0
+#: Makes the second of two runs into one folder each time, and ends it before the n-th change of a name in the folder.
+ENDED = """
+import json, os, sys
+from pathlib import Path
+from cosim.output import ResultFolder
+from cosim.whole_files import write_json
 
-    def counted(original: Callable[..., object]) -> Callable[..., object]:
-        def change(path: Path, *arguments: object, **options: object) -> object:
-            nonlocal changes
-            if path.is_relative_to(tmp_path) and path.name != "lock":
-                changes += 1
-                if changes > last:
-                    raise KeyboardInterrupt  # as good as a kill: nothing catches it
+def write(content):
+    def into(folder):
+        for name, text in content.items():
+            (folder / name).parent.mkdir(exist_ok=True)
+            (folder / name).write_text(text)
+        write_json(folder / "summary.json", {"status": "completed", "n": len(content)})
+    return into
+
+def ended_before(last, folder):
+    def counted(original):
+        def change(path, *arguments, **options):
+            global changes
+            changes += 1
+            if changes > last:
+                os._exit(1)  # as good as a kill: nothing catches it
             return original(path, *arguments, **options)
-
         return change
 
-    with monkeypatch.context() as patched:
-        for name in ("replace", "unlink", "rmdir"):
-            patched.setattr(Path, name, counted(getattr(Path, name)))
-        try:
-            run_into(tmp_path, SECOND)
-        except KeyboardInterrupt:
+    for name in ("replace", "unlink", "rmdir"):
+        setattr(Path, name, counted(getattr(Path, name)))
+    with ResultFolder(folder) as results:
+        results.put(write(second))
+
+first, second = json.loads(sys.argv[2])
+changes = 0
+for last in range(40):
+    folder = Path(sys.argv[1]) / str(last)
+    with ResultFolder(folder) as results:
+        results.put(write(first))
+    process = os.fork()
+    if process == 0:
+        ended_before(last, folder)
+        os._exit(0)
+    if os.waitpid(process, 0)[1] == 0:
+        break
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="the script forks")
+def test_a_kill_while_files_get_their_places_mixes_nothing(tmp_path: Path) -> None:
+    """Whatever the number of changes to the folder that came through, the next run finds all files its own."""
+    command = [sys.executable, "-c", ENDED, tmp_path, json.dumps([FIRST, SECOND])]
+    subprocess.run(command, check=True)
+    folders = sorted(tmp_path.iterdir(), key=lambda folder: int(folder.name))
+    assert 8 < len(folders) < 40
+    seen = set()
+    for folder in folders:
+        found = {name: text for name, text in content_of(folder).items() if not name.startswith(".")}
+        if "summary.json" in found:
+            n = json.loads(found["summary.json"])["n"]
+            is_whole_but_hidden(folder, FIRST if n == len(FIRST) else SECOND)
+            seen.add(n)
+        else:  # on its way: each file is that of one run
+            assert all(text in (FIRST.get(name), SECOND.get(name)) for name, text in found.items())
+            seen.add(0)
+        with ResultFolder(folder):  # the next run places what is left, and makes no results of its own
+            pass
+        is_whole(folder, FIRST if "results.csv" in content_of(folder) else SECOND)
+        run_into(folder, SECOND)
+        is_whole(folder, SECOND)
+        assert [path.name for path in (folder / "figures").iterdir()] == ["b.png"]
+    assert seen == {len(FIRST), len(SECOND), 0}
+
+
+def is_whole_but_hidden(folder: Path, content: Mapping[str, str]) -> None:
+    found = {name: text for name, text in content_of(folder).items() if not name.startswith(".unfinished")}
+    assert json.loads(found.pop("summary.json"))["files"].keys() == found.keys()
+    assert found == content
+
+
+def test_a_run_that_is_not_whole_stands_beside_one_that_is(tmp_path: Path) -> None:
+    def failed(folder: Path) -> None:
+        (folder / "results.csv").write_text("until it failed")
+        write_json(folder / "summary.json", {"status": "failed"})
+
+    for _ in range(2):  # the second one replaces what the first one has left
+        run_into(tmp_path, FIRST)
+        for _ in range(2):
+            with ResultFolder(tmp_path, ["results.csv"]) as results:
+                assert results.holds_whole_run
+                results.put(failed, whole=False)
+                assert results.killed == []
             found = content_of(tmp_path)
-            summary = json.loads(found.pop("summary.json"))
-            for name, text in found.items():
-                assert summary["files"][name] == hashlib.sha256(text.encode()).hexdigest()
-        else:
-            assert changes <= last
+            about = json.loads(found.pop("summary.json.part"))
+            assert (found.pop("results.csv.part"), about["status"]) == ("until it failed", "failed")
+            assert about["files"] == {"results.csv.part": hashlib.sha256(b"until it failed").hexdigest()}
+            is_whole(tmp_path, FIRST, {n: t for n, t in content_of(tmp_path).items() if n.endswith(".part")})
     run_into(tmp_path, SECOND)
     is_whole(tmp_path, SECOND)
-    assert [path.name for path in (tmp_path / "figures").iterdir()] == ["b.png"]
+
+
+def test_a_run_that_is_not_whole_has_a_folder_to_itself(tmp_path: Path) -> None:
+    def failed(folder: Path) -> None:
+        (folder / "results.csv").write_text("until it failed")
+        write_json(folder / "summary.json", {"status": "failed"})
+
+    for _ in range(2):
+        with ResultFolder(tmp_path) as results:
+            assert not results.holds_whole_run
+            results.put(failed, whole=False)
+        assert content_of(tmp_path).keys() == {"results.csv", "summary.json"}
+    run_into(tmp_path, FIRST)
+    is_whole(tmp_path, FIRST)
+
+
+def test_what_a_killed_run_had_recorded_is_kept_until_it_may_go(tmp_path: Path) -> None:
+    run_into(tmp_path, FIRST)
+    for number in (1, 2):
+        (tmp_path / "results.parquet.part").write_text(f"rows {number}")
+        with ResultFolder(tmp_path) as results:
+            assert results.killed == [tmp_path / f"killed-{number}-results.parquet.part"]
+            assert results.killed[0].read_text() == f"rows {number}"
+            results.put(writing(FIRST))
+    (tmp_path / "results.parquet.part").write_text("rows")
+    with ResultFolder(tmp_path, overwrite=True) as results:
+        assert results.killed == []
+        results.put(writing(FIRST))
+    kept = {f"killed-{number}-results.parquet.part": f"rows {number}" for number in (1, 2)}
+    is_whole(tmp_path, FIRST, kept)
+
+
+def test_files_that_belong_to_no_run_are_replaced_where_that_is_said(tmp_path: Path) -> None:
+    (tmp_path / "summary.json").write_text('{"name": "summary of another program"}')
+    (tmp_path / "results.csv").write_text("mine")
+    with pytest.raises(OutputError, match="or --overwrite it"):
+        run_into(tmp_path, FIRST)
+    with ResultFolder(tmp_path, ["results.csv"], overwrite=True) as results:
+        results.put(writing(FIRST))
+    is_whole(tmp_path, FIRST)
+
+
+def test_a_file_that_came_into_the_way_of_a_killed_run_stays(tmp_path: Path) -> None:
+    command = [sys.executable, "-c", ENDED.replace("range(40)", "[6]"), tmp_path, json.dumps([FIRST, SECOND])]
+    subprocess.run(command, check=True)
+    folder = tmp_path / "6"
+    assert (folder / ".unfinished" / "whole").is_dir()
+    (folder / "results.parquet").write_text("mine")
+    with ResultFolder(folder) as results:
+        (kept,) = results.killed
+    assert (folder / "results.parquet").read_text() == "mine"
+    assert content_of(kept)["results.parquet"] == SECOND["results.parquet"]
+
+
+def test_a_full_disk_leaves_what_could_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = tmp_path / "out"
+    run_into(folder, FIRST)
+
+    def write(where: Path) -> None:
+        if not where.is_relative_to(folder):
+            raise OSError(28, "No space left on device")
+        (where / "results.csv.part").write_text("as much as could be")
+        raise OSError(28, "No space left on device")
+
+    with ResultFolder(folder) as results, pytest.raises(OutputError, match=r"is in .*out/results\.csv\.part"):
+        results.put(write)
+    is_whole(folder, FIRST, {"results.csv.part": "as much as could be"})
