@@ -49,7 +49,7 @@ REPORT = "report.html"
 MOST_VALUES_IN_MEMORY = 10_000_000
 
 
-#: So many of the outputs that were not finite are named.
+#: So many of the variables that were not finite are named.
 _MOST_SAID = 5
 
 
@@ -486,7 +486,7 @@ def _out_of_the_ordinary(info: Mapping[str, Any]) -> Iterator[str]:
     if marks := info.get("nonfinite", {}):
         said = [f"{name} (from t = {m['time']:.9g} s on, {m['rows']} times)" for name, m in marks.items()]
         more = f" and {len(said) - _MOST_SAID} more (see {SUMMARY})" if len(said) > _MOST_SAID else ""
-        yield f"these outputs were NaN or infinite: {', '.join(said[:_MOST_SAID])}{more} (--nonfinite error ends there)"
+        yield f"these were NaN or infinite: {', '.join(said[:_MOST_SAID])}{more} (--nonfinite error ends there)"
     for component, number in info.get("steps_repeated", {}).items():
         yield f"the FMU of '{component}' discarded {number} steps, which were repeated in shorter ones"
     if ended_by := info.get("ended_by"):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Literal, Protocol
 
 import numpy as np
@@ -15,7 +15,7 @@ from cosim.results.columns import TypedColumn
 #: or, where something is recorded that is no real number, objects: float, int, bool, str or bytes.
 Sink = Callable[[np.ndarray, np.ndarray], None]
 
-#: What becomes of a run with an output that is not finite, where nothing is connected to it: it ends there, or says so.
+#: What becomes of a run with a recorded value that is not finite: it ends there, or goes on and says so.
 NonFinite = Literal["error", "mark"]
 
 #: Values in the buffer of a run that is passed on.
@@ -32,16 +32,11 @@ class RecordedColumns:
         One a name.
     texts : Texts
         Of the system.
-    inputs : collection of str
-        Names that need not be finite, as far as it is about outputs.
     """
 
-    def __init__(
-        self, names: Sequence[str], types: Sequence[FmiType], texts: Texts, inputs: Collection[str] = ()
-    ) -> None:
+    def __init__(self, names: Sequence[str], types: Sequence[FmiType], texts: Texts) -> None:
         self._names = list(names)
         self._real = np.array([t.kind == "real" for t in types], dtype=bool)
-        self._outputs = self._real & np.array([name not in inputs for name in names], dtype=bool)
         self._columns = [(i, n, t) for i, (n, t) in enumerate(zip(names, types, strict=True)) if t.kind != "real"]
         self._texts = texts
 
@@ -68,7 +63,7 @@ class RecordedColumns:
         }
 
     def not_finite(self, slots: np.ndarray) -> np.ndarray | None:
-        """Which outputs in slots (n, columns) are not finite, as truth values of that shape; None where all are."""
+        """Which values in slots (n, columns) are not finite, as truth values of that shape; None where all are."""
         if not slots.size:
             return None
         real = slots if self._real.all() else slots[:, self._real]
@@ -76,11 +71,11 @@ class RecordedColumns:
         with np.errstate(all="ignore"):
             if np.isfinite(real.sum()):
                 return None
-        found = ~np.isfinite(slots) & self._outputs
+        found = ~np.isfinite(slots) & self._real
         return found if found.any() else None
 
     def first_not_finite(self, slots: np.ndarray) -> tuple[int, str] | None:
-        """The first row of slots (n, columns) with an output that is not finite, and its name."""
+        """The first row of slots (n, columns) with a value that is not finite, and its name."""
         found = self.not_finite(slots)
         if found is None:
             return None
@@ -107,7 +102,7 @@ class RecordedColumns:
 
 
 class Marks:
-    """Outputs that were not finite: name -> time (s) of the first such row, and number of such rows."""
+    """Variables that were not finite: name -> time (s) of the first such row, and number of such rows."""
 
     def __init__(self, columns: RecordedColumns) -> None:
         self._columns = columns

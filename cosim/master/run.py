@@ -483,7 +483,7 @@ class Run:
         Raises
         ------
         SimulationError
-            An output in them is not finite, where that ends the run; the rows before are recorded.
+            A value in them is not finite, where that ends the run; the rows before are recorded.
         """
         first = self._loop.first_record
         found = self._columns.first_not_finite(rows[begin - first : end - first]) if self._ends_at_nonfinite else None
@@ -492,11 +492,11 @@ class Run:
             return end
         row, name = begin + found[0], found[1]
         recorder.recorded(row)
-        component, _, output = name.partition(".")
+        component, _, variable = name.partition(".")
         raise SimulationError(
             component,
             self._grid.time(row * self._loop.record_every),
-            f"output '{output}' is {rows[row - first, self._columns.names.index(name)]}; --nonfinite mark goes on",
+            f"'{variable}' is {rows[row - first, self._columns.names.index(name)]}; --nonfinite mark goes on",
             self._instances[component].log(),
         )
 

@@ -172,8 +172,7 @@ class Simulation:
         recorded = [(c, e) for c, e in self._recorded if f"{c}.{e.name}" not in self._refusals.outputs]
         self._layout = ValueLayout(self._resolved, recorded, self._extrapolated)
         self._names = [f"{component}.{element.name}" for component, element in recorded]
-        inputs = {n for n, (_, e) in zip(self._names, recorded, strict=True) if e.variable.causality == "input"}
-        self._columns = RecordedColumns(self._names, [e.type for _, e in recorded], self._texts, inputs)
+        self._columns = RecordedColumns(self._names, [e.type for _, e in recorded], self._texts)
         units = {n: self._ports[c].unit(e) for n, (c, e) in zip(self._names, recorded, strict=True)}
         self._units = {name: unit.name for name, unit in units.items() if unit is not None}
         self._exchange: Exchange | None = None

@@ -159,7 +159,7 @@ class SteppedRun:
 
     @property
     def marks(self) -> Marks:
-        """Outputs that were not finite in rows that are not kept here."""
+        """Variables that were not finite in rows that are not kept here."""
         return self._run.marks
 
     @property
