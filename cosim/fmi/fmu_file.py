@@ -25,6 +25,7 @@ from cosim.fmi.archive.xml_reading import MOST_XML_BYTES, XmlError, read_xml
 from cosim.fmi.compilation import compile_library, has_sources
 from cosim.fmi.fmi3_description import read_further_attributes
 from cosim.fmi.further_libraries import keep_apart
+from cosim.fmi.interfaces import AUTO_INTERFACE, CO_SIMULATION, MODEL_EXCHANGE, is_model_exchange, used_interface
 from cosim.fmi.load_failure import not_loadable
 from cosim.fmi.python_fmus import prepare
 from cosim.fmi.shared_library import Library, LibraryError, library_names, library_path
@@ -127,12 +128,15 @@ class LoadedFMU:
 
     def _check_libraries(self, folder: Path) -> None:
         """Refuse libraries for another machine, that are cut off, or without the functions that a run needs."""
-        if self.description.coSimulation is None:
+        interface = used_interface(self.description)
+        if interface is None:
             return
-        version, identifier = self.description.fmiMajorVersion, self.description.coSimulation.modelIdentifier
+        version, identifier = self.description.fmiMajorVersion, interface.modelIdentifier
         library = library_path(folder, version, identifier)
         if why := not_loadable(library):
             raise SetupError(f"{self.path}: {why}")
+        if is_model_exchange(self.description):  # its instance looks for the functions
+            return
         if missing := missing_functions(library, version, identifier):
             raise SetupError(
                 f"{self.path}: its library {library.name} lacks {', '.join(missing)}; ask its maker for a complete one"
@@ -149,18 +153,43 @@ class LoadedFMU:
                 raise SetupError(f"{self.path}: {error}") from error
 
 
-def load(component: str, path: Path) -> LoadedFMU:
-    """Read the FMU file of a component.
+def load(component: str, path: Path, interface: str = AUTO_INTERFACE) -> LoadedFMU:
+    """Read the FMU file of a component, to use one interface of it: its description then has no other one.
+
+    Parameters
+    ----------
+    component : str
+    path : Path
+    interface : str
+        One of `INTERFACES`; "auto" is co-simulation where the FMU has it, and else model exchange.
 
     Raises
     ------
     SetupError
-        There is no such file, it is no FMU, or not one for co-simulation.
+        There is no such file, it is no FMU, or not one with this interface.
     """
     here = f"component '{component}': {path}"
     fmu = read_fmu(path, here)
-    if fmu.description.coSimulation is None:
-        raise SetupError(f"{here}: has no co-simulation interface; export it for co-simulation")
+    description = fmu.description
+    if interface == AUTO_INTERFACE:
+        only_equations = description.coSimulation is None and description.modelExchange is not None
+        interface = MODEL_EXCHANGE if only_equations else CO_SIMULATION
+    if interface == CO_SIMULATION:
+        if description.coSimulation is None:
+            remedy = "" if description.modelExchange is None else ", or use its model exchange (interface 'auto')"
+            raise SetupError(f"{here}: has no co-simulation interface; export it for co-simulation{remedy}")
+        return fmu
+    if description.modelExchange is None:
+        has = "" if description.coSimulation is None else ", or use its co-simulation (interface 'auto')"
+        raise SetupError(f"{here}: has no model-exchange interface; export it for model exchange{has}")
+    if description.fmiMajorVersion == 1:
+        has = "has no co-simulation interface, and" if description.coSimulation is None else "is of FMI 1.0:"
+        raise SetupError(
+            f"{here}: {has} only the model exchange of FMI 2.0 and 3.0 can be coupled, not that of FMI 1.0"
+        )
+    if any(variable.type == "Clock" for variable in description.modelVariables):
+        raise SetupError(f"{here}: has clocks, which tick in co-simulation only; export it for co-simulation")
+    description.coSimulation = None
     return fmu
 
 

@@ -167,6 +167,9 @@ class Instance:
     #: Whether its steps run Python in this process, where threads take turns.
     runs_python = False
 
+    #: What FMI 2.0 calls the interface that is used.
+    fmi2_type = fmi2.fmi2CoSimulation
+
     def __init__(
         self,
         name: str,
@@ -181,14 +184,14 @@ class Instance:
         self.messages = Messages(name) if messages is None else messages
         self.texts = Texts() if texts is None else texts
         self.version = description.fmiMajorVersion
-        self._co_simulation = description.coSimulation
+        self._interface = self._interface_of(description)
         self._state_functions = _STATE_FUNCTIONS.get(self.version, {})
         self._byte: Any = fmi2.fmi2Byte if self.version == 2 else fmi3.fmi3Byte
         self._asks_for_inputs = tuple(asks_for_inputs)
         self._operation = ctypes.c_void_p()  # FMI 3.0: what answers when the FMU asks for its inputs
         self._component: int | None = None
         self._corrupted = False
-        identifier = description.coSimulation.modelIdentifier
+        identifier = self._interface.modelIdentifier
         try:
             path = library_path(folder, self.version, identifier)
             self._library = Library(path, identifier, f"component '{name}' ({file or identifier})")
@@ -197,6 +200,11 @@ class Instance:
         self.runs_python = self.uses_events or runs_python(folder)
         prepared = {1: self._prepared_fmi1, 2: self._prepared_fmi2, 3: self._prepared_fmi3}[self.version]
         self._instantiate = prepared(description.instantiationToken.encode(), folder.absolute() / "resources")
+
+    @staticmethod
+    def _interface_of(description: ModelDescription) -> Any:
+        """What the model description says of the interface that is used."""
+        return description.coSimulation
 
     def instantiate(self) -> None:
         """Make the instance.
@@ -226,7 +234,7 @@ class Instance:
         uri = resources_uri(resources).encode()
         return partial(
             self._function("fmi2Instantiate"),
-            *(self.name.encode(), fmi2.fmi2CoSimulation, token, uri, ctypes.byref(callbacks)),
+            *(self.name.encode(), self.fmi2_type, token, uri, ctypes.byref(callbacks)),
             *(fmi2.fmi2False, fmi2.fmi2True),  # invisible; says what is wrong
         )
 
@@ -406,7 +414,7 @@ class Instance:
             It has none.
         """
         for capability in ("canGetAndSetFMUstate", "canSerializeFMUstate"):  # fmpy's words, for FMI 3.0 too
-            if not getattr(self._co_simulation, capability):
+            if not getattr(self._interface, capability):
                 raise CallFailed(f"can't save its state ({capability} is not set in its model description)")
 
     # Steps
@@ -419,7 +427,7 @@ class Instance:
     @property
     def takes_any_step(self) -> bool:
         """Whether the length of its communication step may change."""
-        return bool(self._co_simulation.canHandleVariableCommunicationStepSize)
+        return bool(self._interface.canHandleVariableCommunicationStepSize)
 
     def do_step(self, time: float, step: float) -> StepStatus:
         """Compute a step (s) from a time (s) on."""

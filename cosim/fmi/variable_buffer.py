@@ -65,6 +65,11 @@ class VariableBuffer:
         """Address of the values in the type of the FMU; None where these are the slots themselves, or texts."""
         return None if self._buffer is self._own or self.type.is_text else self._buffer.ctypes.data
 
+    @property
+    def size(self) -> int:
+        """Size in bytes of what the loop hands to a function."""
+        return int(self._own.nbytes if self.type.is_text else self._buffer.nbytes)
+
     def function_address(self, name: str) -> int:
         """Address of a function by which the compiled loop gets or sets the values.
 

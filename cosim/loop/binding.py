@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Iterable
 from ctypes import (
     POINTER,
     c_bool,
@@ -18,6 +19,7 @@ from ctypes import (
 )
 from enum import IntEnum
 from functools import cache
+from typing import Any
 
 from cosim.errors import CosimError
 from cosim.loop.source import LIBRARY, source_hash
@@ -40,6 +42,7 @@ class OperationKind(IntEnum):
     TRANSFORM = 5
     CALL = 6
     CONVERT = 7
+    GROUP = 8
 
 
 #: Sources of derivatives in place of a column of the samples: the last values, or none: held.
@@ -169,24 +172,40 @@ class _Field(ctypes.Structure):
     _fields_ = (("name", c_char_p), ("offset", c_size_t), ("size", c_size_t))
 
 
-def _layout_here() -> dict[str, tuple[int, int]]:
-    """Offset and size of each struct and field, as declared above."""
+def _layout_here(structs: Iterable[type[ctypes.Structure]]) -> dict[str, tuple[int, int]]:
+    """Offset and size of each struct and field, as declared in Python."""
     layout = {}
-    for struct in (Cell, Extrapolated, Conversion, Operation, Profile, Loop):
+    for struct in structs:
         layout[struct.__name__] = (0, ctypes.sizeof(struct))
-        for name, _ in struct._fields_:
+        for declared in struct._fields_:
+            name = declared[0]
             field = getattr(struct, name)
             layout[f"{struct.__name__}.{name}"] = (field.offset, field.size)
     return layout
 
 
-def _layout_of(library: ctypes.CDLL) -> dict[str, tuple[int, int]]:
+def _layout_of(fields: Any) -> dict[str, tuple[int, int]]:
     """Offset and size of each struct and field, as the C compiler laid them out."""
     layout: dict[str, tuple[int, int]] = {}
-    fields = library.loop_layout()
     while (field := fields[len(layout)]).name:
         layout[field.name.decode()] = (field.offset, field.size)
     return layout
+
+
+def check_layout(function: Any, structs: Iterable[type[ctypes.Structure]]) -> None:
+    """Whether structs are laid out as the loop has them, by what a function of its library says.
+
+    Raises
+    ------
+    LoopLibraryError
+        They are not.
+    """
+    function.restype = POINTER(_Field)
+    differing = sorted(name for name, _ in set(_layout_of(function()).items()) ^ set(_layout_here(structs).items()))
+    if differing:
+        raise LoopLibraryError(
+            f"the compiled loop {LIBRARY} lays out its data in another way than Python: {differing[0]}"
+        )
 
 
 @cache
@@ -203,14 +222,9 @@ def loop_library() -> ctypes.CDLL:
     except OSError as error:
         raise LoopLibraryError(f"the compiled loop {LIBRARY} can't be loaded: {error}; {_REMEDY}") from error
     library.loop_hash.restype = c_char_p
-    library.loop_layout.restype = POINTER(_Field)
     if library.loop_hash().decode() != source_hash():
         raise LoopLibraryError(f"the compiled loop {LIBRARY} belongs to another version of its source; {_REMEDY}")
-    differing = sorted(name for name, _ in set(_layout_of(library).items()) ^ set(_layout_here().items()))
-    if differing:
-        raise LoopLibraryError(
-            f"the compiled loop {LIBRARY} lays out its data in another way than binding.py: {differing[0]}"
-        )
+    check_layout(library.loop_layout, (Cell, Extrapolated, Conversion, Operation, Profile, Loop))
     library.loop_perform.argtypes = [POINTER(Loop), POINTER(Operation), POINTER(c_uint32), c_int64, c_int64]
     library.loop_run.argtypes = [POINTER(Loop), c_int64, c_int64, c_bool]
     for function in (library.cells_get, library.cells_set):

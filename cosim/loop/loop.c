@@ -267,6 +267,8 @@ static int perform(const Loop *loop, const Operation *op, int64_t point, double 
             return loop_do_step(op, time, op->every * loop->step_size);
         case CALL:
             return ((Called *)op->function)(time);
+        case GROUP:
+            return ((OfGroup *)op->function)(loop, op, point, time);
     }
     return 0;
 }
@@ -401,12 +403,6 @@ static bool rest_of_step(Loop *loop, int64_t failed, int64_t point) {
 }
 
 EXPORT const char *loop_hash(void) { return LOOP_HASH; }
-
-/* Where each field of the structs lies that binding.py lays out once more; the structs themselves, without a field, too. */
-typedef struct {
-    const char *name;
-    size_t offset, size;
-} Field;
 
 #define STRUCT(type) {#type, 0, sizeof(type)}
 #define FIELD(type, field) {#type "." #field, offsetof(type, field), sizeof(((type *)0)->field)}

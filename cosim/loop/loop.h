@@ -11,7 +11,7 @@
 
 #include "current_calls.h"
 
-typedef enum { SAMPLE, SET, GET, EXTRAPOLATE, STEP, TRANSFORM, CALL, CONVERT } Kind;
+typedef enum { SAMPLE, SET, GET, EXTRAPOLATE, STEP, TRANSFORM, CALL, CONVERT, GROUP } Kind;
 
 /* A C type of values is its class and its size in bytes: REAL + 4 is a float. A value stands in a slot of 8 bytes, real
  * ones as a double, whole ones as an integer; so `values`, an array of slots, is one of doubles by name only. */
@@ -51,7 +51,8 @@ typedef struct {
     const uint32_t *references;
     void *data; /* SET, GET: buffer for values in the type of the function; NULL where that is the type of the slots.
                    EXTRAPOLATE: its Extrapolated. STEP: a double, the time at which the FMU stopped.
-                   TRANSFORM: factors and, after them, offsets. CONVERT: a Conversion each. */
+                   TRANSFORM: factors and, after them, offsets. CONVERT: a Conversion each.
+                   GROUP: what its function works on. */
     const int32_t *targets; /* positions, and after them, as many:
                                SET, TRANSFORM, CONVERT: positions of the sources; TRANSFORM: then of what is added, or NONE.
                                SAMPLE: columns.
@@ -93,6 +94,15 @@ typedef struct Loop {
     int64_t point, failed;
     int32_t status, failed_at_step;
 } Loop;
+
+/* Function of a GROUP operation. */
+typedef int OfGroup(const Loop *loop, const Operation *op, int64_t point, double time);
+
+/* Where a field of a struct lies that Python lays out once more; a struct itself, without a field, too. */
+typedef struct {
+    const char *name;
+    size_t offset, size;
+} Field;
 
 /* Beyond the statuses of FMI. */
 enum { NOT_FINITE = 100, WANTS_TO_END, RETURNED_EARLY, DOES_NOT_FIT };

@@ -31,17 +31,22 @@ class ExtrapolatedInputs:
         (component, element) of those that are.
     held : tuple of str
         Names `component.variable` of fed inputs that are not.
+    exact : tuple of str
+        Names of inputs that are neither: both ends of their connection are in model exchange.
     """
 
     algorithm: Algorithm
     elements: Mapping[str, tuple[Element, ...]]
     moving: frozenset[tuple[str, str]]
     held: tuple[str, ...]
+    exact: tuple[str, ...] = ()
 
     def summary(self) -> dict[str, object]:
         """For people: what was asked for, and the names of what is extrapolated and of what is held."""
         extrapolation = self.algorithm.extrapolation
         moving = {extrapolation.name: [".".join(key) for key in sorted(self.moving)]} if extrapolation.degree else {}
+        if self.exact:
+            moving["model_exchange"] = list(self.exact)
         return {"mode": extrapolation.name if self.algorithm.demanded else AUTO, **moving, "hold": list(self.held)}
 
 
@@ -85,17 +90,20 @@ def extrapolated_inputs(
         component: tuple(e for e in port.all_elements() if (component, e.variable.name) in variables)
         for component, port in system.ports.items()
     }
+    exact = sorted(f"{k.target_component}.{k.target.name}" for k in system.links if system.couples_equations(k))
     return ExtrapolatedInputs(
-        algorithm, {c: e for c, e in elements.items() if e}, frozenset(moving), tuple(sorted(held))
+        algorithm, {c: e for c, e in elements.items() if e}, frozenset(moving), tuple(sorted(held)), tuple(exact)
     )
 
 
 def _fed(system: ResolvedSystem) -> Iterable[tuple[str, Element, int, bool]]:
-    """Every fed input, with the number of communication steps between two values of what feeds it; 1 for a signal.
+    """Every input that is fed at communication points, with the number of steps between two values; 1 for a signal.
 
     And whether that is an FMU's output that keeps its value from event to event, which a slope would miss.
     """
     for link in system.links:
+        if system.couples_equations(link):
+            continue
         source = system.components[link.source_component]
         jumps = source.function is None and link.source.variable.variability == "discrete"
         yield link.target_component, link.target, source.every, jumps
@@ -111,6 +119,8 @@ def _obstacle(system: ResolvedSystem, component: str, element: Element, every: i
         return f"it is of type {element.variable.type}"
     if element.variable.variability not in (None, "continuous"):
         return f"it is {element.variable.variability} and changes at communication points only"
+    if system.ports[component].is_model_exchange:
+        return None
     if description.fmiMajorVersion < 3 and not description.coSimulation.canInterpolateInputs:
         return "its FMU can't interpolate inputs (canInterpolateInputs)"
     if description.fmiMajorVersion == 3:

@@ -13,12 +13,13 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from operator import attrgetter
-from typing import Any, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
 from cosim.fmi.event_mode import CLOCK, EventBuffer, EventInstance
 from cosim.fmi.instance import Instance
+from cosim.fmi.model_exchange import ModelExchangeInstance
 from cosim.fmi.types import FmiType, type_code
 from cosim.fmi.variable_buffer import VariableBuffer
 from cosim.loop.arena import Arena
@@ -48,8 +49,34 @@ class NamedOperation:
     function: str = ""
     finite: tuple[tuple[str, int], ...] = ()  # names and positions of values that must be finite
     converted: tuple[Link, ...] = ()  # whose values must fit their targets
-    raised: Callable[[], BaseException] | None = None  # gives the error that it ended with
-    transfer: Transfer | None = None  # GET: what is read
+    raised: Callable[[], BaseException | NamedOperation] | None = (
+        None  # gives the error, or the row, that it failed with
+    )
+    transfer: Transfer | None = None  # GET: what is read; EXTRAPOLATE: what is set
+
+
+class Group(Protocol):
+    """Components in model exchange, see `cosim.master.model_exchange`, as an exchange needs to know them."""
+
+    def around_exchange(self) -> tuple[NamedOperation, NamedOperation]:
+        """What is to be done before and after an exchange at a communication point."""
+        ...
+
+    def advance(self) -> NamedOperation:
+        """Goes on to the next communication point."""
+        ...
+
+    def set_in_event_mode(self, component: str, buffer: VariableBuffer, operation: Operation) -> None:
+        """Let an operation set inputs in event mode, which their component enters if they change."""
+        ...
+
+    def numbers(self) -> list[float]:
+        """What of it belongs to the state of a run."""
+        ...
+
+    def restore(self, numbers: list[float]) -> None:
+        """Take what `numbers` gave, and more, from the front of a list."""
+        ...
 
 
 class OperationTable:
@@ -98,6 +125,8 @@ class Exchange:
         Which inputs are extrapolated, and the algorithm.
     layout : ValueLayout
         Where the values of the system stand.
+    group : Group, optional
+        The components in model exchange.
 
     Attributes
     ----------
@@ -121,8 +150,10 @@ class Exchange:
         instances: Mapping[str, Instance],
         extrapolated: ExtrapolatedInputs,
         layout: ValueLayout,
+        group: Group | None = None,
     ) -> None:
         self._system = system
+        self._group = group
         self._instances = instances
         self._layout = layout
         self._extrapolation = extrapolated.algorithm.extrapolation
@@ -161,9 +192,11 @@ class Exchange:
         self.at_point = OperationTable([*samples, *begin, *exchange, *finish], instances)
         self.exchanged_again = (len(samples) + len(begin), len(samples) + len(begin) + len(exchange))
         sets_of = _grouped(layout.sets, attrgetter("component"))
-        self.at_step = OperationTable(
-            [row for c in system.components for row in self._extrapolate_and_step(c, sets_of.get(c, ()))], instances
-        )
+        steps = {c: self._extrapolate_and_step(c, sets_of.get(c, ())) for c in system.components}
+        alone = [row for c, rows in steps.items() if not self._is_in_group(c) for row in rows]
+        together = [row for c, rows in steps.items() if self._is_in_group(c) for row in rows]
+        together += [] if group is None else [group.advance()]
+        self.at_step = OperationTable([*alone, *together], instances)
         self._let_fmus_ask_for_inputs()
 
     @property
@@ -172,11 +205,17 @@ class Exchange:
         return self._system.components
 
     def units_at_step(self) -> tuple[list[int], list[bool]]:
-        """For each component that is stepped: where its operations end, and whether Python has a part in them."""
+        """For what is stepped by itself: where its operations end, and whether they stay in the thread of Python.
+
+        That is a component, or all those in model exchange together.
+        """
         ends: dict[str, int] = {}
         for i, row in enumerate(self.at_step.rows):
-            ends[row.component] = i + 1
-        return list(ends.values()), [self._instances[component].runs_python for component in ends]
+            ends["" if self._is_in_group(row.component) else row.component] = i + 1
+        return list(ends.values()), [not unit or self._instances[unit].runs_python for unit in ends]
+
+    def _is_in_group(self, component: str) -> bool:
+        return not component or isinstance(self._instances[component], ModelExchangeInstance)
 
     def value(self, component: str, element: Element) -> Any:
         """Current value of an element."""
@@ -193,7 +232,8 @@ class Exchange:
 
     def history(self) -> np.ndarray:
         """Values of extrapolated inputs at earlier communication points, as numbers (n,)."""
-        return np.array([number for inputs, n in self._extrapolated for number in _history_of(inputs, n)])
+        numbers = [number for inputs, n in self._extrapolated for number in _history_of(inputs, n)]
+        return np.array(numbers if self._group is None else [*numbers, *self._group.numbers()])
 
     def forget_history(self) -> None:
         """Hold extrapolated inputs over their next step, as after a jump; the values after it count again."""
@@ -208,6 +248,8 @@ class Exchange:
             for pointer, count in _arrays_of(inputs, n):
                 for i in range(count):
                     pointer[i] = rest.pop(0)
+        if self._group is not None:
+            self._group.restore(rest)
 
     def refusing(self) -> set[str]:
         """Components whose FMUs have refused inputs during a step, which were held then (FMI 3.0)."""
@@ -228,18 +270,22 @@ class Exchange:
 
     def _around_exchange(self) -> tuple[list[NamedOperation], list[NamedOperation]]:
         """What is to be done before and after the exchange at a communication point."""
-        if self.events is None:
-            return [], []
-        begin, finish = self.events.operations
-        return [NamedOperation(begin, "", raised=self.events.raised)], [
-            NamedOperation(finish, "", raised=self.events.raised)
-        ]
+        before: list[NamedOperation] = []
+        after: list[NamedOperation] = []
+        if self.events is not None:
+            for rows, operation in zip((before, after), self.events.operations, strict=True):
+                rows.append(NamedOperation(operation, "", raised=self.events.raised))
+        if self._group is not None:
+            begin, finish = self._group.around_exchange()
+            before, after = [begin, *before], [*after, finish]
+        return before, after
 
     def _let_fmus_ask_for_inputs(self) -> None:
         """FMI 3.0: the first operation that extrapolates an FMU's inputs answers, and finds the others behind it."""
         asking: set[str] = set()
         for row, operation in zip(self.at_step.rows, self.at_step.operations, strict=True):
-            if operation.kind == OperationKind.EXTRAPOLATE and operation.version == 3 and row.component not in asking:
+            extrapolates = operation.kind == OperationKind.EXTRAPOLATE and operation.function
+            if extrapolates and operation.version == 3 and row.component not in asking:
                 self._instances[row.component].let_ask_for_inputs(operation)
                 asking.add(row.component)
 
@@ -284,6 +330,7 @@ class Exchange:
 
     def _exchange(self, kind: OperationKind, transfer: Transfer, **fields: Any) -> tuple[Operation, str]:
         instance, n = self._instances[transfer.component], len(transfer.elements)
+        of_group = self._group if isinstance(instance, ModelExchangeInstance) else None
         variables, slots = variables_of(transfer.elements), self.values[transfer.first : transfer.first + n]
         timing, buffer = transfer.elements[0].timing, VariableBuffer(instance, variables, slots)
         if isinstance(instance, EventInstance) and timing:
@@ -305,6 +352,8 @@ class Exchange:
             n=n,
             **fields,
         )
+        if of_group is not None and timing and kind is OperationKind.SET:
+            of_group.set_in_event_mode(transfer.component, buffer, operation)
         return operation, name
 
     def _get(self, transfer: Transfer) -> NamedOperation:
@@ -392,7 +441,8 @@ class Exchange:
         moving = [self._extrapolate(transfer) for transfer in sets if self._layout.extrapolated_elements(transfer)]
         for row in moving[:-1]:
             row.operation.more = 1
-        if isinstance(self._instances[component], FunctionInstance):  # nothing happens between communication points
+        # nothing happens to functions between communication points, and what is in model exchange steps together
+        if isinstance(self._instances[component], FunctionInstance | ModelExchangeInstance):
             return moving
         return [*moving, self._step(component)]
 
@@ -414,10 +464,11 @@ class Exchange:
         inputs.degree, inputs.points = degree, points
         self._extrapolated.append((inputs, n))
         name = f"fmi{instance.version}SetRealInputDerivatives" if instance.version < 3 else "fmi3SetFloat64"
+        in_stages = isinstance(instance, ModelExchangeInstance)
         operation = self._operation(
             OperationKind.EXTRAPOLATE,
             transfer.component,
-            function=instance.function_address(name),
+            function=None if in_stages else instance.function_address(name),
             references=self._arena.references(references),
             n_references=len(references),
             first=transfer.first + len(transfer.elements) - n,
@@ -426,7 +477,9 @@ class Exchange:
             n_targets=n - by_extrapolation,
             data=ctypes.addressof(inputs),
         )
-        return NamedOperation(operation, transfer.component, name)
+        if in_stages:  # which ask for inputs as FMUs of FMI 3.0 do
+            operation.version = 3
+        return NamedOperation(operation, transfer.component, name, transfer=transfer)
 
     def _step(self, component: str) -> NamedOperation:
         instance = self._instances[component]

@@ -37,6 +37,7 @@ from cosim.master.component_times import ComponentTimes
 from cosim.master.failures import Failing, InterruptedInCall, SimulationError, SimulationInterrupted
 from cosim.master.function_instance import FunctionInstance, in_one_line
 from cosim.master.interrupts import DeferredInterrupt
+from cosim.master.model_exchange import ModelExchangeGroup
 from cosim.master.operations import Exchange, NamedOperation, OperationTable
 from cosim.master.pacing import Pacer
 from cosim.master.recording import Marks, NonFinite, PassedOn, RecordedColumns, Recorder
@@ -101,6 +102,7 @@ class Run:
         interrupt: DeferredInterrupt,
         columns: RecordedColumns,
         threads: Threads,
+        group: ModelExchangeGroup | None = None,
         *,
         profile: bool = False,
         nonfinite: NonFinite = "mark",
@@ -112,6 +114,7 @@ class Run:
         self._threads = threads
         self._times = ComponentTimes(exchange, grid.last_point + 1) if profile else None
         self._team = Team(threads, *exchange.units_at_step()) if threads != 1 else None
+        self._group = group
         self._instances = instances
         self._exchange = exchange
         self._samples = samples
@@ -139,7 +142,7 @@ class Run:
             codes_at_step=exchange.at_step.codes,
             profile=None if self._times is None else ctypes.pointer(self._times.profile),
             team=None if self._team is None else self._team.address,
-            warned=_counting_warnings(instances),
+            warned=_counting_warnings(instances, {} if group is None else group.addresses),
         )
         this = weakref.ref(self)  # what FMUs say when the run is gone has no time, and must not keep its memory
         for instance in instances.values():
@@ -186,7 +189,8 @@ class Run:
                 _set_start_values(instance, own)
                 instance.enter_initialization_mode(experiments[component])
                 _set_start_elements(instance, own)
-        for instance in self._instances.values() if self._exchange.events is not None else ():
+        repeats = self._exchange.events is not None or self._group is not None
+        for instance in self._instances.values() if repeats else ():
             if isinstance(instance, FunctionInstance):  # after an event its inputs may be others
                 instance.is_stepped = True
         if self._samples.cover(0, 1, lambda: False) < 1:
@@ -196,6 +200,8 @@ class Run:
         for component, instance in self._instances.items():
             with Failing(component, time, instance):
                 instance.exit_initialization_mode()
+        if self._group is not None:
+            self._group.begin(experiments, self._grid.step_size)
 
     def refused_derivatives(self) -> dict[str, str]:
         """Component -> how its FMU refuses derivatives of its inputs, all zero, after the initialisation mode.
@@ -340,6 +346,8 @@ class Run:
             }
         if self._not_terminated:
             results.info["not_terminated"] = dict(self._not_terminated)
+        if self._group is not None:
+            results.info["model_exchange"] = self._group.summary()
         results.info |= summary(instance.messages for instance in self._instances.values())
 
     def hand_over(self, times: np.ndarray, slots: np.ndarray, results: Results) -> None:
@@ -511,6 +519,12 @@ class Run:
                 if self._has_rest_of_step_gone_well(k, point):
                     return
                 continue
+            if operation.kind == OperationKind.GROUP and loop.status == WANTS_TO_END:
+                assert self._group is not None
+                self.ended_by = self.ended_by or self._group.ended()
+                if self._has_rest_of_step_gone_well(k, point):
+                    return
+                continue
             if operation.kind != OperationKind.STEP:
                 raise self._failure(table)
             time, step = self._grid.time(point), operation.every * self._grid.step_size
@@ -577,10 +591,13 @@ class Run:
     def _failure(self, table: OperationTable) -> BaseException:
         """The error that the loop has ended with."""
         row, time = table.rows[self._loop.failed], self._grid.time(self._loop.point)
-        self._failed = row
         if row.raised is not None:
-            error: BaseException = row.raised()
-            return error
+            error = row.raised()
+            if isinstance(error, BaseException):
+                self._failed = row
+                return error
+            row = error
+        self._failed = row
         instance = self._instances[row.component]
         if isinstance(instance, FunctionInstance) and row.operation.kind == OperationKind.CALL:
             return _failure_of_call(row.component, time, instance.raised())
@@ -619,12 +636,17 @@ _DOINGS = {
     OperationKind.SET: "setting inputs",
     OperationKind.GET: "reading outputs",
     OperationKind.EXTRAPOLATE: "setting derivatives of inputs",
+    OperationKind.GROUP: "model exchange",
 }
 
 
-def _counting_warnings(instances: Mapping[str, Instance]) -> Any:
-    """What the loop calls where an operation returns a warning; it must not know the run, or both would stay."""
+def _counting_warnings(instances: Mapping[str, Instance], further: Mapping[int, str]) -> Any:
+    """What the loop calls where an operation returns a warning; it must not know the run, or both would stay.
+
+    `further` are addresses that operations have in place of that of an instance, with their components.
+    """
     messages = {instance.address: instance.messages for instance in instances.values()}
+    messages |= {address: instances[name].messages for address, name in further.items()}
 
     def warned(operation: Any) -> None:
         told = operation.contents

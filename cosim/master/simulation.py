@@ -19,8 +19,10 @@ from cosim.errors import SetupError, nearest
 from cosim.fmi.event_mode import EventInstance
 from cosim.fmi.fmu_file import LoadedFMU, load
 from cosim.fmi.instance import INITIALIZING, CallFailed, ExperimentSetup, Instance
+from cosim.fmi.interfaces import AUTO_INTERFACE, INTERFACES, MODEL_EXCHANGE, is_model_exchange, used_interface
 from cosim.fmi.message_log import Log, LogWriter
 from cosim.fmi.messages import Messages, summary
+from cosim.fmi.model_exchange import ModelExchangeInstance
 from cosim.fmi.structure import depends_on_start_values, is_size
 from cosim.fmi.types import Texts
 from cosim.fmi.unpacking import folder_for_fmus
@@ -34,6 +36,7 @@ from cosim.master.extrapolated_inputs import extrapolated_inputs
 from cosim.master.failures import Failing, InterruptedInCall, SimulationError, SimulationInterrupted
 from cosim.master.function_instance import FunctionInstance
 from cosim.master.interrupts import DeferredInterrupt
+from cosim.master.model_exchange import ModelExchangeGroup, Solver, check_components, group_of
 from cosim.master.operations import Exchange
 from cosim.master.pacing import Pacer
 from cosim.master.recording import Growing, InMemory, Marks, NonFinite, PassedOn, RecordedColumns, Recorder, Sink
@@ -96,6 +99,15 @@ class Simulation:
     threads : int or "auto"
         Threads that step components at the same time; results are equal to the last bit. "auto" measures whether that
         is faster than one component after the other. FMUs that run Python, and components with events, stay in one.
+    interface : str
+        Interface of the FMUs of components that do not choose one (`System.add`): "co-simulation", "model-exchange", or
+        "auto", which is co-simulation where an FMU has it and else model exchange. Components in model exchange are
+        integrated together, and are coupled exactly.
+    solver : str
+        What integrates them: "rk4", with a fixed step, or "dopri5", with error control by the tolerance. "auto" is rk4
+        where model exchange was chosen, and dopri5 where an FMU has nothing else.
+    solver_step : float, optional
+        Step (s) of a fixed method, which divides the communication step; that itself by default.
 
     profile : bool
         Measure how long the steps and the exchange of each component take, at one communication point in 61; results
@@ -125,22 +137,31 @@ class Simulation:
         log: Log | str | None = None,
         threads: Threads = 1,
         profile: bool = False,
+        interface: str = AUTO_INTERFACE,
+        solver: str = AUTO,
+        solver_step: float | None = None,
     ) -> None:
         chosen = algorithm(order, extrapolation)
         self._threads = checked_threads(threads)
         self._profile = profile
+        if interface not in INTERFACES:
+            raise SetupError(f"interface {interface!r} is unknown; {nearest(str(interface), INTERFACES)}")
         if not system.components:
             raise SetupError("the system has no components; add one with System.add")
         loop_library()
         self._system = dataclasses.replace(system, signals=list(system.signals))
         self._order = order
-        self._fmus = _loaded(system)
+        self._fmus = _loaded(system, interface)
         self._build = build
         for name, fmu in self._fmus.items():
             with self._setting_up(name):
                 fmu.check_binary(build=build)
         self._functions = {name: c.function for name, c in system.components.items() if c.function is not None}
         descriptions = {name: fmu.description for name, fmu in self._fmus.items()}
+        asked = [(c.interface or interface) == MODEL_EXCHANGE for c in system.components.values() if c.fmu]
+        with_equations = [is_model_exchange(description) for description in descriptions.values()]
+        chosen_interface = all(a for a, used in zip(asked, with_equations, strict=True) if used)
+        self._solver = Solver(solver, solver_step).chosen(interface_chosen=chosen_interface)
         descriptions |= {name: function.description() for name, function in self._functions.items()}
         self._ports: dict[str, Ports] = {}
         known: dict[int, Ports] = {}
@@ -152,6 +173,7 @@ class Simulation:
         self._resolved = resolve(
             system, self._ports, needs_levels=chosen.order.needs_levels, strict_inputs=strict_inputs
         )
+        check_components(self._resolved)
         self._texts = Texts()
         self._algorithm = chosen
         self._recorded, self._records_all = _recorded(record, self._ports), record is None
@@ -165,6 +187,7 @@ class Simulation:
         self._reset: set[str] = set()
         self._occupied_by = ""
         self._samples: tuple[Any, Samples] | None = None
+        self._group: ModelExchangeGroup | None = None
 
     def _lay_out(self) -> None:
         """Decide what is extrapolated and recorded, and where all values stand, by what the FMUs have not refused."""
@@ -223,7 +246,7 @@ class Simulation:
             folders: dict[str, Path] = {}
             for name, fmu in self._fmus.items():
                 # an instance of an FMU that allows one in a process has a library, and its global variables, of its own
-                alone = fmu.description.coSimulation.canBeInstantiatedOnlyOncePerProcess
+                alone = used_interface(fmu.description).canBeInstantiatedOnlyOncePerProcess
                 if alone or fmu.sha256 not in folders:
                     folders[fmu.sha256] = Path(stack.enter_context(folder_for_fmus()))
                     with self._setting_up(name):
@@ -257,7 +280,10 @@ class Simulation:
         fmu = self._fmus[name]
         asks = [v.valueReference for v in variables_of(self._extrapolated.elements.get(name, ()))]
         with self._setting_up(name):
-            kind = EventInstance if self._ports[name].uses_events else Instance
+            port = self._ports[name]
+            kind: type[Instance] = EventInstance if port.uses_events else Instance
+            if port.is_model_exchange:
+                kind = ModelExchangeInstance
             self._instances[name] = kind(
                 name, self._folders[name], fmu.description, asks, self._texts, self._messages[name], fmu.path.name
             )
@@ -324,7 +350,12 @@ class Simulation:
         if self._exchange is None:
             self._do_without_absent()
             try:
-                self._exchange = Exchange(self._resolved, self._instances, self._extrapolated, self._layout)
+                self._group = group_of(self._resolved, self._instances, self._extrapolated, self._solver)
+                self._exchange = Exchange(
+                    self._resolved, self._instances, self._extrapolated, self._layout, self._group
+                )
+                if self._group is not None:
+                    self._group.attach(self._exchange, self._layout)
             except CallFailed as error:
                 raise SetupError(f"an FMU {error}") from error
         self._exchange.values[:] = 0.0  # of all types: the first text is the empty one
@@ -344,7 +375,8 @@ class Simulation:
         for component in self._extrapolated.elements:
             instance = self._instances[component]
             name = function_for_derivatives(instance.version)
-            if component not in self._fmus or instance.version == 3 or not instance.lacks(name):
+            takes = instance.version == 3 or self._ports[component].is_model_exchange or not instance.lacks(name)
+            if component not in self._fmus or takes:
                 continue
             lacks = f"it lacks the function {name.replace('fmi1', 'fmi')}"
             if self._algorithm.demanded:
@@ -642,14 +674,16 @@ class Simulation:
         assumed: list[str] = []
         while True:
             is_at(grid.start_time)
+            exchange = self._fresh_exchange()
             run = Run(
                 self._instances,
-                self._fresh_exchange(),
+                exchange,
                 samples,
                 grid,
                 interrupt,
                 self._columns,
                 self._threads,
+                self._group,
                 profile=self._profile,
                 nonfinite=nonfinite,
             )
@@ -721,6 +755,7 @@ class Simulation:
                     "instance": "reset" if name in self._reset else "new",
                     "tolerance": experiments[name].tolerance,
                     **({"event_mode": True} if self._instances[name].uses_events else {}),
+                    **({"interface": MODEL_EXCHANGE} if self._ports[name].is_model_exchange else {}),
                 }
                 for name, f in self._fmus.items()
             },
@@ -871,6 +906,9 @@ def simulate(
     threads: Threads = 1,
     profile: bool = False,
     nonfinite: NonFinite = "mark",
+    interface: str = AUTO_INTERFACE,
+    solver: str = AUTO,
+    solver_step: float | None = None,
 ) -> Results:
     """Couple the FMUs of a system at a fixed communication step.
 
@@ -886,6 +924,9 @@ def simulate(
         log=log,
         threads=threads,
         profile=profile,
+        interface=interface,
+        solver=solver,
+        solver_step=solver_step,
     ) as simulation:
         return simulation.run(
             stop_time,
@@ -922,7 +963,7 @@ def _timed(results: Results, began: float) -> Iterator[None]:
         results.info["wall_time_s"] = clock.perf_counter() - began
 
 
-def _loaded(system: System) -> dict[str, LoadedFMU]:
+def _loaded(system: System, interface: str) -> dict[str, LoadedFMU]:
     """The FMU of each component; a file that several have is read once, unless start values change its description.
 
     Raises
@@ -931,13 +972,14 @@ def _loaded(system: System) -> dict[str, LoadedFMU]:
         A file is missing, or can't be read.
     """
     found: dict[str, LoadedFMU] = {}
-    read: dict[Path, LoadedFMU] = {}
+    read: dict[tuple[Path, str], LoadedFMU] = {}
     for name, component in system.components.items():
         if component.fmu is None:
             continue
-        fmu = read.get(component.fmu) or load(name, component.fmu)
+        key = (component.fmu, component.interface or interface)
+        fmu = read.get(key) or load(name, *key)
         if not depends_on_start_values(fmu.description):
-            read[component.fmu] = fmu
+            read[key] = fmu
         found[name] = fmu
     return found
 

@@ -11,6 +11,7 @@ import numpy as np
 from cosim.errors import SetupError
 from cosim.fmi.event_mode import EventBuffer, EventInstance
 from cosim.fmi.instance import CallFailed, Instance
+from cosim.fmi.model_exchange import ModelExchangeInstance
 from cosim.fmi.variable_buffer import VariableBuffer
 from cosim.master.failures import Failing, InterruptedInCall, SimulationError, SimulationInterrupted
 from cosim.master.function_instance import FunctionInstance
@@ -57,6 +58,7 @@ class _Quantity:
             if isinstance(instance, EventInstance) and timing
             else VariableBuffer(instance, variables, self._whole)
         )
+        self._enters_event_mode = instance if timing and isinstance(instance, ModelExchangeInstance) else None
         # a single element of an array of FMI 3.0 is set by way of the whole array
         self._own = slice(elements[0].offset, elements[0].offset + len(elements))
         bounds = [(e.variable.min, e.variable.max) for e in elements]
@@ -74,6 +76,8 @@ class _Quantity:
 
     def set(self, slots: Any) -> None:
         """Hand slots (n,) to the FMU."""
+        if self._enters_event_mode is not None:
+            self._enters_event_mode.enter_event_mode()
         if len(self._whole) > len(self.elements):
             self._buffer.get()
         self._whole[self._own] = slots

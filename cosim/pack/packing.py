@@ -15,6 +15,7 @@ from typing import Literal
 
 from cosim.errors import SetupError
 from cosim.fmi.fmu_file import LoadedFMU, load
+from cosim.fmi.interfaces import CO_SIMULATION, MODEL_EXCHANGE
 from cosim.fmi.types import Texts
 from cosim.fmi.unpacking import folder_for_fmus
 from cosim.master.algorithm import AUTO, Algorithm, algorithm
@@ -288,7 +289,9 @@ def _loaded(system: System) -> Iterator[tuple[str, LoadedFMU]]:
     for name, component in system.components.items():
         if component.fmu is None:
             raise SetupError(f"component '{name}' is a function in Python, which can't be packed; make it an FMU first")
-        fmu = load(name, component.fmu)
+        if component.interface == MODEL_EXCHANGE:
+            raise SetupError(f"component '{name}' is in model exchange, which can't be packed; use its co-simulation")
+        fmu = load(name, component.fmu, CO_SIMULATION)
         if fmu.description.fmiMajorVersion == 1:
             raise SetupError(
                 f"component '{name}': {fmu.path} is of FMI 1.0, which can't be packed; export it as FMI 2.0"

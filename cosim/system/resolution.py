@@ -111,6 +111,10 @@ class ResolvedSystem:
     kept: tuple[str, ...]
     unticked: tuple[str, ...]
 
+    def couples_equations(self, link: Link) -> bool:
+        """Whether both ends of a link are in model exchange: it carries values at any time, not at points only."""
+        return all(self.ports[name].is_model_exchange for name in (link.source_component, link.target_component))
+
 
 def resolve(
     system: System, ports: Mapping[str, Ports], *, needs_levels: bool, strict_inputs: bool = False
@@ -148,7 +152,7 @@ def resolve(
         [f"{c}.{e.name}" for c, e in unfed if (e.variable.type == "Clock") == tick] for tick in (False, True)
     )
     feedthrough = _feedthrough(ports, links, drives)
-    order = _levels(ports, feedthrough, links, needs_levels)
+    order = levels_of(ports, feedthrough, links, needs_levels=needs_levels)
     return ResolvedSystem(
         system.components, ports, links, drives, starts, order, feedthrough, tuple(kept), tuple(unticked)
     )
@@ -446,12 +450,20 @@ def _feedthrough(
     return found
 
 
-def _levels(
+def levels_of(
     ports: Mapping[str, Ports],
     feedthrough: Mapping[str, Mapping[str, Set[str]]],
     links: Iterable[Link],
+    *,
     needs_levels: bool,
 ) -> dict[Node, int] | None:
+    """Levels of outputs and inputs, see `cosim.system.levels`; None where there is an algebraic loop.
+
+    Raises
+    ------
+    SetupError
+        There is one, and levels are needed.
+    """
     feeds: dict[Node, set[Node]] = {}
     inputs: set[Node] = set()
     for component, port in ports.items():

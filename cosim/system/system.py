@@ -8,7 +8,8 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, Literal, Protocol, cast
 
-from cosim.errors import SetupError
+from cosim.errors import SetupError, nearest
+from cosim.fmi.interfaces import INTERFACES
 from cosim.system.function import PythonFunction, VariableSpecs
 
 #: A function of time (s) that gives the value of an input: a number, or a sequence for a vector.
@@ -42,6 +43,7 @@ class Component:
     start: Mapping[str, Any]
     every: int
     function: PythonFunction | None = None
+    interface: str | None = None
 
 
 @dataclass(frozen=True)
@@ -92,6 +94,7 @@ class System:
         fmu: str | PathLike[str],
         start: Mapping[str, float | int | bool | str | Sequence[float]] | None = None,
         every: int = 1,
+        interface: str | None = None,
     ) -> None:
         """Add a component.
 
@@ -100,20 +103,27 @@ class System:
         name : str
             Name of the instance; names of variables in results begin with it.
         fmu : path
-            FMU file (FMI 1.0, 2.0 or 3.0 co-simulation).
+            FMU file: for co-simulation of FMI 1.0, 2.0 or 3.0, or for model exchange of FMI 2.0 or 3.0.
         start : mapping, optional
             Start values of parameters and inputs; whole vectors by their common name. An input that has one needs
             no connection. Sizes of arrays follow start values of structural parameters.
         every : int
             The component communicates at every so many communication points; its step is that multiple of the
             communication step. Its last step may end after the stop time.
+        interface : {"auto", "co-simulation", "model-exchange"}, optional
+            Interface of the FMU that is used; that of the simulation by default. "auto" is co-simulation where the FMU
+            has it, and else model exchange.
 
         Raises
         ------
         SetupError
-            The name is taken or malformed, or `every` is not a positive integer.
+            The name is taken or malformed, `every` is not a positive integer, or the interface is unknown.
         """
-        self._add(Component(name, Path(fmu), dict(start or {}), every))
+        if interface is not None and interface not in INTERFACES:
+            raise SetupError(
+                f"component '{name}': interface {interface!r} is unknown; {nearest(str(interface), INTERFACES)}"
+            )
+        self._add(Component(name, Path(fmu), dict(start or {}), every, interface=interface))
 
     def add_function(
         self,

@@ -19,6 +19,8 @@ from fmpy.model_description import ModelDescription, ModelVariable, Unit
 
 from cosim.errors import ArgumentError, SetupError, nearest
 from cosim.fmi.event_mode import CLOCK, DISCRETE, set_intervals, timing_of, uses_events
+from cosim.fmi.interfaces import is_model_exchange
+from cosim.fmi.model_exchange import timing_in_model_exchange
 from cosim.fmi.structure import resize
 from cosim.fmi.types import FMI_TYPES, FmiType
 
@@ -29,7 +31,8 @@ _ELEMENT = re.compile(r"(?P<vector>.+)\[\d+(,\d+)*\]$")
 class Element:
     """One scalar value of a variable: the variable itself in FMI 2.0, an element of an array in FMI 3.0.
 
-    `timing` says when its values are exchanged, see `cosim.fmi.event_mode.timing_of`; empty in FMUs without events.
+    `timing` says when its values are exchanged, see `cosim.fmi.event_mode.timing_of` and
+    `cosim.fmi.model_exchange.timing_in_model_exchange`; empty in FMUs whose events are their own.
     """
 
     name: str
@@ -121,12 +124,14 @@ class Ports:
         resize(description, start or {})
         set_intervals(description, start or {})
         self.uses_events = uses_events(description)
+        self.is_model_exchange = is_model_exchange(description)
+        timing = timing_in_model_exchange if self.is_model_exchange else timing_of if self.uses_events else _at_any_time
         self.description = description
         self._elements: dict[str, Element] = {}
         self._variables = {v.name: v for v in description.modelVariables}
         self._vectors: dict[str, list[Element]] = {}
         for variable in description.modelVariables:
-            for element in _elements_of(variable, timing_of(variable) if self.uses_events else ""):
+            for element in _elements_of(variable, timing(variable)):
                 self._elements[element.name] = element
                 match = _ELEMENT.match(element.name)
                 if match:
@@ -227,6 +232,11 @@ class Ports:
         """
         declared = element.variable.declaredType
         return bool(element.variable.relativeQuantity or (declared is not None and declared.relativeQuantity))
+
+
+def _at_any_time(_: ModelVariable) -> str:
+    """Timing of the variables of an FMU whose events are its own."""
+    return ""
 
 
 def is_alias(variable: ModelVariable) -> bool:

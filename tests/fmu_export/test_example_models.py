@@ -308,16 +308,19 @@ def test_every_example_is_compared_with_something() -> None:
     assert {example.module for example in EXAMPLES} == {path.stem for path in FOLDER.glob("*.py")}
 
 
-@pytest.mark.parametrize("importer", ["fmpy", "fmpy_me", "our_master"])
+@pytest.mark.parametrize("importer", ["fmpy", "fmpy_me", "our_master", "our_master_me"])
 @pytest.mark.parametrize(("example", "flavour"), BUILT)
 def test_example_is_right(example: Example, flavour: str, importer: str, fmu_of: Callable[[str, str], Path]) -> None:
     fmu = fmu_of(example.module, flavour)
-    if importer == "fmpy_me" and example.stop_me:
+    if importer.endswith("_me") and example.stop_me:
         example = replace(example, stop=example.stop_me)
     expected = example.expected
     shapes = {name: values.shape[1:] for name, values in expected.items()}
     if importer == "our_master":
         found, tolerance = by_our_master(fmu, example, shapes), example.tolerance
+    elif importer == "our_master_me":
+        found = by_our_master(fmu, example, shapes, model_exchange=True)
+        tolerance = min(example.tolerance_me, 1e-8) if example.module != "van_der_pol" else 1e-7
     elif importer == "fmpy":
         found, tolerance = by_fmpy(fmu, example, shapes, "CoSimulation"), example.tolerance
     else:

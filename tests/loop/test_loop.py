@@ -120,7 +120,7 @@ def test_a_library_with_another_layout_is_refused(
     fields = change(list(getattr(cosim.loop.binding, struct)._fields_))
     other = type(struct, (ctypes.Structure,), {"_fields_": fields})
     monkeypatch.setattr(cosim.loop.binding, struct, other)
-    with pytest.raises(LoopLibraryError, match=rf"lays out its data in another way than binding\.py: {named}$"):
+    with pytest.raises(LoopLibraryError, match=rf"lays out its data in another way than Python: {named}$"):
         Simulation(integrator(fmus))
 
 

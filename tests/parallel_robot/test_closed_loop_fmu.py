@@ -22,7 +22,7 @@ from parallel_robot.wiring import CONNECTIONS
 from tests.support.compilation import shared_compilation
 from tests.support.continuous_loop import end_effector, solve
 from tests.support.fmu_documentation import members_of, parsed, terminals
-from tests.support.native_fmus import require_compiler
+from tests.support.native_fmus import DEFAULT_FLAVOUR, require_compiler
 
 ENDS = ["plant.x_E", "plant.y_E"]
 #: Torque of the disturbance (N m) and mass change (kg) of the runs here.
@@ -143,6 +143,43 @@ def test_coupled_fmus_tend_to_it_with_the_order_of_their_coupling(
     orders = [np.log2(a / b) for a, b in itertools.pairwise(errors)]
     print(coupling, [f"{e:.2e}" for e in errors], [f"{o:.3f}" for o in orders])
     assert np.abs(np.array(orders) - order).max() < 0.15
+
+
+@pytest.mark.parametrize("order", ["sequential", "parallel"])
+@pytest.mark.parametrize("step", [1e-3, 24e-3])
+def test_fmus_in_model_exchange_are_the_composed_model(folder: Path, robot_fmus: Path, order: str, step: float) -> None:
+    """Their equations are coupled: at the same steps of one method nothing but rounding tells them from one model."""
+    system = System()
+    for name in MODELS:
+        start = {"tau_d": TAU_D, "dm": DM} if name == "plant" else {}
+        system.add(name, fmu_path(robot_fmus, DEFAULT_FLAVOUR, name), start)
+    for source, target in CONNECTIONS:
+        system.connect(source, target)
+    coupled = simulate(system, STOP_TIME, step, order=order, interface="model-exchange", solver="rk4")
+    one = System()
+    one.add("loop", fmu_path(folder, "fmi3", CLOSED_LOOP), {"plant.tau_d": TAU_D, "plant.dm": DM})
+    together = simulate(one, STOP_TIME, step, interface="model-exchange", solver="rk4")
+    names = [name for name in coupled.names if f"loop.{name}" in together.names]
+    assert {"plant.x_E", "plant.omega_b[3]", "controller.tau_a[1]", "trajectory.theta_ref[2]"} <= set(names)
+    for name in names:
+        np.testing.assert_allclose(coupled[name], together[f"loop.{name}"], rtol=0.0, atol=1e-12, err_msg=name)
+    assert coupled.info["extrapolation"]["linear"] == []
+    assert coupled.info["model_exchange"]["steps"] == round(STOP_TIME / step)
+
+
+@pytest.mark.parametrize("step", [24e-3, 12e-3])
+def test_model_exchange_has_the_order_of_its_method(robot_fmus: Path, path: np.ndarray, step: float) -> None:
+    """At steps at which hold and linear extrapolation are off by millimetres."""
+    system = System()
+    for name in MODELS:
+        start = {"tau_d": TAU_D, "dm": DM} if name == "plant" else {}
+        system.add(name, fmu_path(robot_fmus, DEFAULT_FLAVOUR, name), start)
+    for source, target in CONNECTIONS:
+        system.connect(source, target)
+    with Simulation(system, interface="model-exchange") as simulation:
+        errors = [distance(ends(simulation.run(STOP_TIME, h)), path) for h in (step, step / 2.0)]
+    assert errors[0] < 1e-5
+    assert np.log2(errors[0] / errors[1]) > 3.7
 
 
 def test_parameters_of_the_parts_take_effect(folder: Path, robot_fmus: Path) -> None:

@@ -379,7 +379,7 @@ FILES = [
     ("bad xml", "not a readable FMU"),
     ("other xml", "not a readable FMU"),
     ("FMI 4.0", "is of FMI '4.0'"),
-    ("model exchange", "no co-simulation interface; export it for co-simulation"),
+    ("model exchange", "lacks the function fmi2SetTime"),
     ("no binary", f"has no binary for {fmpy.platform}"),
     ("other library", "can't be loaded"),
     ("other identifier", f"has no binaries/{fmpy.platform}/Other"),

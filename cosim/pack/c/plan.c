@@ -262,6 +262,7 @@ static void read_operation(Reader *in, Operation *operation, Component **owner, 
         }
         case SAMPLE:
         case CALL:
+        case GROUP:
             break;
     }
 }
