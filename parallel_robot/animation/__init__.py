@@ -1,0 +1,1 @@
+"""The robot in motion, for pages of any run that has it."""
