@@ -15,7 +15,20 @@ from cosim.versions import versions
 from fmu_export.errors import ModelError
 
 #: Commands of the program itself -> modules.
-_OWN = {name: f"cosim.commands.{name}" for name in ("run", "pack", "sweep", "validate", "compare", "view")}
+_OWN = {
+    name: f"cosim.commands.{name}"
+    for name in (
+        "run",
+        "view",
+        "compare",
+        "sweep",
+        "pack",
+        "info",
+        "scenarios",
+        "validate",
+        "completion",
+    )
+}
 
 #: Entry-point group by which other packages add commands: name -> module with a function `register(subparsers)`.
 COMMAND_GROUP = "cosim.commands"
@@ -37,6 +50,7 @@ def command_line(chosen: Mapping[str, str] | None = None) -> argparse.ArgumentPa
     parser = argparse.ArgumentParser(prog="cosim", description="Co-simulation of FMUs at a fixed communication step.")
     parser.add_argument("--version", action="version", version=versions()["closed-chain-cosim"])
     parser.add_argument("--debug", action="store_true", help="show the traceback of an error")
+    parser.set_defaults(command_line=command_line)  # for what needs to know all commands
     subparsers = parser.add_subparsers(required=True, metavar="COMMAND")
     for module in (commands() if chosen is None else chosen).values():
         import_module(module).register(subparsers)
