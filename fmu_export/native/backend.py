@@ -193,13 +193,13 @@ def build_native(
         if page is not None:
             from fmu_export.package.documentation import documentation_members
 
-            members |= documentation_members(model, interface, page, flavour, figures, metadata, sources)
+            members |= documentation_members(model, interface, page, flavour, figures, metadata, sources, unchecked)
         if sources and flavour == "fmi3":
             members["sources/buildDescription.xml"] = description_fmi3.build_description(model, c_files)
         if reference is not False:
             runs_here = targets is None or host_target() in targets
             asked_for = None if reference is True else reference
-            members |= reference_members(model, interface, asked_for, members if runs_here else None)
+            members |= reference_members(model, interface, asked_for, members if runs_here else None, unchecked)
         path = Path(folder) / f"{model.name}.fmu"
         write_archive(path, members)
     return path

@@ -13,11 +13,12 @@ from io import BytesIO
 import numpy as np
 
 from fmu_export.errors import DocumentationError, needs
-from fmu_export.modelling.functions import numeric, rk4_step
+from fmu_export.modelling.functions import rk4_step
 from fmu_export.modelling.hybrid import HybridRun
 from fmu_export.modelling.model import Model
 from fmu_export.modelling.variables import Array, Layout
 from fmu_export.package.description_common import DISTRIBUTION, package_version
+from fmu_export.package.evaluation import Functions, functions_of
 from fmu_export.package.icon import model_icon, terminal_icons
 from fmu_export.package.interface import Interface, ScalarVariable, text_of
 from fmu_export.package.metadata import NO_METADATA, Metadata
@@ -70,6 +71,7 @@ def documentation_members(
     figures: Mapping[str, bytes] | None = None,
     metadata: Metadata = NO_METADATA,
     sources: bool = True,
+    unchecked: bool = False,
 ) -> dict[str, bytes]:
     """Members of the archive that explain it; the same arguments give the same bytes.
 
@@ -88,6 +90,8 @@ def documentation_members(
         Who made the model and under which terms.
     sources : bool, optional
         Whether the archive has the sources.
+    unchecked : bool, optional
+        Whether the traced equations were not compared with what numpy computes.
 
     Raises
     ------
@@ -98,7 +102,7 @@ def documentation_members(
     for name in _shown_figures(page):
         if name not in figures:
             raise DocumentationError(f"{model.name}: the page shows {name}, which is not among its figures")
-    run = reference_run(model)
+    run = reference_run(model, unchecked)
     reference = f"documentation/reference/{model.name}"
     icons = (
         terminal_icons(model, with_terminals=not interface.arrays)
@@ -129,8 +133,8 @@ def _shown_figures(page: str) -> list[str]:
     return re.findall(r"!\[[^\]]*\]\(([^):]+)\)", page)
 
 
-@cache  # the same for all flavours, and the slowest part of a build
-def reference_run(model: Model) -> ReferenceRun:
+@cache  # the same for all flavours
+def reference_run(model: Model, unchecked: bool = False) -> ReferenceRun:
     """Run a model for two seconds, each input on a small sine of its own about its start value.
 
     Raises
@@ -147,7 +151,10 @@ def reference_run(model: Model) -> ReferenceRun:
     inputs = model.inputs.starts + _AMPLITUDE * swings * np.sin(2.0 * np.pi * np.outer(time - start, frequencies))
     inputs = np.round(inputs, 6)  # the last digits of a sine depend on the platform
     try:
-        outputs = (_continuous_run if model.is_continuous else _hybrid_run)(model, time, inputs, p)
+        if model.is_continuous:
+            outputs = _continuous_run(model, functions_of(model, unchecked=unchecked), time, inputs, p)
+        else:
+            outputs = _hybrid_run(model, time, inputs, p)
     except ArithmeticError as error:
         raise DocumentationError(
             f"the reference run: {error}; change the start values, or leave out the page"
@@ -158,14 +165,13 @@ def reference_run(model: Model) -> ReferenceRun:
     return run
 
 
-def _continuous_run(model: Model, time: Array, inputs: Array, p: Array) -> list[Array]:
-    x = numeric(model.initial_state)(p)
-    n_y = len(model.outputs)  # locals follow them
-    outputs = [model.output_values(time[0], x, inputs[0], p)[:n_y]]
-    advance = _advance(model)
+def _continuous_run(model: Model, functions: Functions, time: Array, inputs: Array, p: Array) -> list[Array]:
+    x = functions.initial_state(p)
+    outputs = [functions.outputs(time[0], x, inputs[0], p)]
+    advance = _advance(model, functions)
     for t, t_end, u in zip(time, time[1:], inputs, strict=False):
         x = advance(t, x, u, p)
-        outputs.append(model.output_values(t_end, x, u, p)[:n_y])
+        outputs.append(functions.outputs(t_end, x, u, p))
     return outputs
 
 
@@ -179,17 +185,16 @@ def _hybrid_run(model: Model, time: Array, inputs: Array, p: Array) -> list[Arra
     return outputs
 
 
-def _advance(model: Model) -> Callable[[float, Array, Array, Array], Array]:
+def _advance(model: Model, functions: Functions) -> Callable[[float, Array, Array, Array], Array]:
     """A function (t, x, u, p) -> states a row later, with constant inputs."""
     if not model.states:
         return lambda t, x, u, p: x
     if model.solver == "rk4":
-        derivatives = numeric(model.derivatives)
 
         def runge_kutta(t: float, x: Array, u: Array, p: Array) -> Array:
             h = _ROW / _SUBSTEPS
             for i in range(_SUBSTEPS):
-                x = rk4_step(derivatives, t + i * h, x, u, p, h)
+                x = rk4_step(functions.derivatives, t + i * h, x, u, p, h)
             return x
 
         return runge_kutta
@@ -234,6 +239,7 @@ def _plot(model: Model, run: ReferenceRun) -> str:
             axes.tick_params(labelsize=8)
             axes.yaxis.get_offset_text().set_fontsize(8)
             axes.margins(x=0.0)
+            axes.locator_params(nbins=4)
             axes.grid(alpha=0.3)
             if v.size:
                 axes.legend(fontsize=7, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)

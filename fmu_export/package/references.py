@@ -20,12 +20,13 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from fmu_export.errors import ArgumentError, DocumentationError
-from fmu_export.modelling.functions import numeric, rk4_step
+from fmu_export.modelling.functions import rk4_step
 from fmu_export.modelling.model import Model
 from fmu_export.modelling.names import check_text
 from fmu_export.modelling.variables import Array, Layout
 from fmu_export.package.archive import write_archive
 from fmu_export.package.description_common import to_bytes
+from fmu_export.package.evaluation import functions_of
 from fmu_export.package.interface import Interface, text_of
 
 FOLDER = "extra/org.fmi-standard.fmi-ls-ref"
@@ -92,7 +93,11 @@ class _Run:
 
 
 def reference_members(
-    model: Model, interface: Interface, reference: Reference | None, archive: Mapping[str, bytes] | None
+    model: Model,
+    interface: Interface,
+    reference: Reference | None,
+    archive: Mapping[str, bytes] | None,
+    unchecked: bool = False,
 ) -> dict[str, bytes]:
     """Members of an archive for the run that it brings along; the same arguments give the same bytes.
 
@@ -104,6 +109,8 @@ def reference_members(
     archive : mapping, optional
         The members that there are so far, with a library for this machine: they are run for models with events and
         for other solvers than "rk4", whose results are not computed here.
+    unchecked : bool, optional
+        Whether the traced equations were not compared with what numpy computes.
 
     Raises
     ------
@@ -119,7 +126,7 @@ def reference_members(
         u = _values(f"{here}: input", model.inputs, reference.inputs)
         p = _values(f"{here}: parameter", model.parameters, reference.parameters)
         start, step, rows = _grid(here, model, interface, reference, asked_for=asked_for)
-        run = _run(here, model, interface, u, p, (start, step, rows), reference, archive)
+        run = _run(here, model, interface, u, p, (start, step, rows), reference, archive, unchecked)
     except DocumentationError:
         if asked_for:
             raise
@@ -196,11 +203,12 @@ def _run(
     grid: tuple[float, float, int],
     reference: Reference,
     archive: Mapping[str, bytes] | None,
+    unchecked: bool,
 ) -> _Run | None:
     """The run; None where it can't be made here."""
     if model.is_continuous and model.solver == "rk4":
         internal = _internal_steps(model, interface, grid[1])
-        run = _by_numpy(model, tuple(u.tolist()), tuple(p.tolist()), grid, internal)
+        run = _by_equations(model, tuple(u.tolist()), tuple(p.tolist()), grid, internal, unchecked)
     elif archive is None:
         return None
     else:
@@ -211,15 +219,18 @@ def _run(
 
 
 @lru_cache(64)  # the same for all flavours
-def _by_numpy(
-    model: Model, u: tuple[float, ...], p: tuple[float, ...], grid: tuple[float, float, int], internal: int
+def _by_equations(
+    model: Model,
+    u: tuple[float, ...],
+    p: tuple[float, ...],
+    grid: tuple[float, float, int],
+    internal: int,
+    unchecked: bool,
 ) -> _Run:
-    """The run by the author's own functions, with the steps that the FMU makes."""
+    """The run without the FMU, with the steps that the FMU makes."""
     start, step, rows = grid
     inputs, parameters = np.array(u), np.array(p)
-    n_y = len(model.outputs)  # locals follow them
-
-    derivatives = numeric(model.derivatives)
+    functions = functions_of(model, unchecked=unchecked)
 
     def holds(time: float, x: Array, at: str) -> None:
         for requirement in model.requirements:
@@ -228,17 +239,17 @@ def _by_numpy(
 
     with np.errstate(all="ignore"):
         holds(start, np.empty(0), "start")
-        x = numeric(model.initial_state)(parameters)
-        times, outputs = [start], [model.output_values(start, x, inputs, parameters)[:n_y]]
+        x = functions.initial_state(parameters)
+        times, outputs = [start], [functions.outputs(start, x, inputs, parameters)]
         h = step / internal
         for row in range(1, rows + 1):
             for i in range(internal if model.states else 0):
                 time = times[-1] + i * h
                 holds(time, x, "step")
-                x = rk4_step(derivatives, time, x, inputs, parameters, h)
+                x = rk4_step(functions.derivatives, time, x, inputs, parameters, h)
             times.append(start + row * step)
-            outputs.append(model.output_values(times[-1], x, inputs, parameters)[:n_y])
-    return _Run(np.array(times), np.array(outputs, dtype=float).reshape(rows + 1, n_y))
+            outputs.append(functions.outputs(times[-1], x, inputs, parameters))
+    return _Run(np.array(times), np.array(outputs, dtype=float).reshape(rows + 1, len(model.outputs)))
 
 
 def _by_fmu(

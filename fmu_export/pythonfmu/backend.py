@@ -148,9 +148,10 @@ def build_pythonfmu(
     if page is not None:
         from fmu_export.package.documentation import documentation_members
 
-        members |= documentation_members(model, interface, page, "pythonfmu", figures, metadata)
+        members |= documentation_members(model, interface, page, "pythonfmu", figures, metadata, unchecked=unchecked)
     if reference is not False:
-        members |= reference_members(model, interface, None if reference is True else reference, None)
+        asked_for = None if reference is True else reference
+        members |= reference_members(model, interface, asked_for, None, unchecked)
     write_archive(path, members)
     return path
 
