@@ -6,6 +6,7 @@ import gc
 import os
 import signal
 from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +16,7 @@ import pytest
 from cosim.fmi.unpacking import folder_for_fmus
 from cosim.results.figure_process import FigureProcess
 from fmu_export.native import toolchain
-from fmu_export.native.backend import build_native
 from parallel_robot.fmus import build
-from parallel_robot.models import MODELS
 from tests.support import compilation
 from tests.support.compilation import built_once
 from tests.support.fmi3_gain import build_gain
@@ -81,7 +80,7 @@ def compile_fast() -> Iterator[None]:
     """FMUs that tests build in their own process: compilation is what takes the time of most of these tests.
 
     Without optimisation it takes a third, and gives the same bits, which tests of the elementary functions show. The
-    robot's FMUs are optimised as for users, and so is what commands build.
+    robot's FMUs, which run for long, are optimised a little; what commands build is optimised as for users.
     """
     before, toolchain.OPTIMISATION = toolchain.OPTIMISATION, "-O0"
     yield
@@ -95,20 +94,20 @@ def plain_path() -> Iterator[Path]:
         yield Path(folder)
 
 
+def _built(folder: Path, *flavours: str) -> Path:
+    """The robot's FMUs in a folder, laid out as `build_fmus.py` does: <folder>/pythonfmu/RobotPlant.fmu and so on."""
+    for flavour in flavours:
+        built_once(f"robot-{flavour}", partial(build, flavour=flavour), folder)
+    return folder
+
+
 @pytest.fixture(scope="session")
 def robot_fmus(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Folder of built FMUs, laid out as `build_fmus.py` does: <folder>/pythonfmu/RobotPlant.fmu and so on.
+    """Folder of built FMUs: <folder>/pythonfmu/RobotPlant.fmu and so on.
 
     Also of the flavour that is the default here: fmi2 where there is a C compiler.
     """
-    folder = tmp_path_factory.mktemp("fmus")
-
-    def build_both(common: Path) -> None:
-        for flavour in {"pythonfmu", DEFAULT_FLAVOUR}:
-            build(common, flavour)
-
-    built_once("robot", build_both, folder)
-    return folder
+    return _built(tmp_path_factory.mktemp("fmus"), *{"pythonfmu": None, DEFAULT_FLAVOUR: None})
 
 
 @pytest.fixture(scope="session")
@@ -121,15 +120,7 @@ def fmus(robot_fmus: Path) -> Path:
 def native_fmus(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder of the FMUs in C: <folder>/fmi2/RobotPlant.fmu, <folder>/fmi3/RobotPlant.fmu and so on."""
     require_compiler()
-    folder = tmp_path_factory.mktemp("native")
-
-    def build_all(common: Path) -> None:
-        for flavour in FLAVOURS:
-            for model in MODELS.values():
-                build_native(model, common / flavour, flavour)
-
-    built_once("native", build_all, folder)
-    return folder
+    return _built(tmp_path_factory.mktemp("native"), *FLAVOURS)
 
 
 @pytest.fixture(scope="session")

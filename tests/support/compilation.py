@@ -16,6 +16,9 @@ from fmu_export.native.toolchain import Target, compile_library, compiler_identi
 #: Set by conftest before any FMU is built: a folder of the session, the same in all workers.
 folder: Path | None = None
 
+#: Of what `built_once` builds, as the robot's FMUs, which run for long.
+OPTIMISATION = "-O1"
+
 
 @contextmanager
 def shared_compilation(optimisation: str | None = None) -> Iterator[None]:
@@ -55,7 +58,7 @@ def built_once(name: str, build: Callable[[Path], object], destination: Path) ->
     with _locked(folder / f"{name}.lock"):
         if not common.exists():
             part = Path(tempfile.mkdtemp(dir=folder))
-            with shared_compilation("-O3"):  # the robot, which runs for long
+            with shared_compilation(OPTIMISATION):
                 build(part)
             if not common.exists():
                 part.rename(common)

@@ -33,10 +33,12 @@ from fmu_export.modelling.variables import Layout
 from fmu_export.native import backend, toolchain
 from fmu_export.native.backend import build_native
 from fmu_export.package.start_values import StartValueError, write_start_values
+from parallel_robot.fmus import build
 from parallel_robot.models import MODELS
 from parallel_robot.scenario import load_scenario
 from plant_fmu.model import INPUTS, OUTPUTS, PARAMETERS
 from plant_fmu.model import MODEL as PLANT
+from tests.support.compilation import OPTIMISATION
 from tests.support.native_fmus import (
     DISCARD,
     ERROR,
@@ -187,15 +189,13 @@ def test_derivatives_belong_to_their_states(native_fmus: Path, flavour: str, nam
 def test_same_sources_same_bytes(
     native_fmus: Path, tmp_path: Path, flavour: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(toolchain, "OPTIMISATION", "-O3")  # as those of the robot are built
-    again = build_native(MODELS["controller"], tmp_path, flavour)
+    monkeypatch.setattr(toolchain, "OPTIMISATION", OPTIMISATION)  # as those of the robot are built
+    (again,) = build(tmp_path, flavour, ["controller"])
     assert again.read_bytes() == (native_fmus / flavour / again.name).read_bytes()
 
 
 @BOTH
-def test_guid_changes_with_content(
-    native_fmus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, flavour: str
-) -> None:
+def test_guid_changes_with_content(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, flavour: str) -> None:
     controller = MODELS["controller"]
     # by its sources alone, whatever a compiler makes of them
     monkeypatch.setattr(backend, "compile_library", lambda *_, **__: b"")
@@ -204,13 +204,13 @@ def test_guid_changes_with_content(
         return fmpy.read_model_description(str(path)).guid
 
     changed = [replace(v, start=13.0) if v.name == "k" else v for v in controller.parameters.variables]
-    original = guid(native_fmus / flavour / "RobotController.fmu")
+    original = guid(build_native(controller, tmp_path / "original", flavour))
     start = replace(controller, parameters=Layout(changed))
     equations = replace(controller, derivatives=lambda t, x, u, p: 2.0 * controller.derivatives(t, x, u, p))
     guids = [original, *(guid(build_native(m, tmp_path / str(i), flavour)) for i, m in enumerate((start, equations)))]
     assert len(set(guids)) == 3
     other = "fmi3" if flavour == "fmi2" else "fmi2"
-    assert guid(native_fmus / other / "RobotController.fmu") != original
+    assert guid(build_native(controller, tmp_path / "original", other)) != original
 
 
 # 3. Model exchange

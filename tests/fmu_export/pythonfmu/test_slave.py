@@ -1,7 +1,8 @@
 """What an FMU does when it is called: in the right order, in the wrong order, and with rubbish.
 
-Most tests drive the built files through fmpy in a fresh process, which must end with exit code 0; some drive the class
-itself, in this process, through a small harness that stands in for pythonfmu's binary.
+Most tests drive the built files in a fresh process, which must end with exit code 0: by ctypes alone, some through
+fmpy, whose import takes longer than the rest; some drive the class itself, in this process, through a small harness
+that stands in for pythonfmu's binary.
 """
 
 import json
@@ -28,7 +29,7 @@ from fmpy.fmi1 import FMICallException
 from fmpy.fmi2 import FMU2Slave, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE, defaultCallbacks
 
 
-class Fmpy:
+class Importer:
     def __init__(self, folder, identifier, guid, name, log):
         self.slave = FMU2Slave(guid=guid, unzipDirectory=folder, modelIdentifier=identifier, instanceName=name)
         callbacks = fmi2CallbackFunctions()
@@ -48,13 +49,19 @@ class Fmpy:
     def free(self):
         self.slave.fmi2FreeInstance(self.slave.component)
         self.slave.freeLibrary()
+"""
 
+#: The host's own importer, by ctypes alone.
+CTYPES = """
+Importer = Library
+"""
 
+HEAD = """
 OK, WARNING, DISCARD, ERROR, FATAL = range(5)
 
 
 def open_fmu(name, **keywords):
-    return Host(f"{A.fmus}/{name}.fmu", library=Fmpy, **keywords)
+    return Host(f"{A.fmus}/{name}.fmu", library=Importer, **keywords)
 
 
 def state_of(host):
@@ -77,15 +84,21 @@ MEASURED = ["theta_a[1]", "theta_b[3]", "omega_a[2]", "x_E", "y_E"]
 
 @pytest.fixture
 def run(fmus, tmp_path):
-    """Run a script in a fresh process with the fmpy host."""
-    return lambda script, **arguments: fresh(tmp_path, FMPY + script, fmus=str(fmus), **arguments)
+    """Run a script in a fresh process that calls the FMUs by ctypes alone."""
+    return lambda script, **arguments: fresh(tmp_path, CTYPES + HEAD + script, fmus=str(fmus), **arguments)
+
+
+@pytest.fixture
+def run_in_fmpy(fmus, tmp_path):
+    """Run a script in a fresh process that calls the FMUs by fmpy."""
+    return lambda script, **arguments: fresh(tmp_path, FMPY + HEAD + script, fmus=str(fmus), **arguments)
 
 
 # Values
 
 
-def test_plant_and_trajectory_give_what_the_numpy_models_give(run):
-    rows = run("""
+def test_plant_and_trajectory_give_what_the_numpy_models_give(run_in_fmpy):
+    rows = run_in_fmpy("""
 plant, trajectory = open_fmu("RobotPlant"), open_fmu("RobotTrajectory")
 assert plant.initialize() == trajectory.initialize() == OK
 report([plant.run(50, inputs=torques), trajectory.run(50, h=0.25)])
@@ -94,7 +107,7 @@ report([plant.run(50, inputs=torques), trajectory.run(50, h=0.25)])
     close(rows[1], oracle(TRAJECTORY, 50, h=0.25))
 
 
-def test_controller_gives_what_the_numpy_model_gives(run):
+def test_controller_gives_what_the_numpy_model_gives(run_in_fmpy):
     def measurements(t):
         return {
             "theta_a[1]": 0.3 * np.sin(3 * t),
@@ -103,7 +116,7 @@ def test_controller_gives_what_the_numpy_model_gives(run):
             "omega_ref[3]": -t,
         }
 
-    rows = run("""
+    rows = run_in_fmpy("""
 controller = open_fmu("RobotController")
 assert controller.initialize({"psi_start[1]": 0.5}) == OK
 report(controller.run(50, inputs=measurements))
@@ -324,8 +337,8 @@ report(texts)
 # Values that are not numbers
 
 
-def test_nan_input_discards_the_step_and_a_number_repairs_it(run):
-    said = run("""
+def test_nan_input_discards_the_step_and_a_number_repairs_it(run_in_fmpy):
+    said = run_in_fmpy("""
 texts = []
 for name, variable, good in (("RobotPlant", "tau_d[2]", 0.1), ("RobotController", "theta_a[1]", 0.2)):
     host = open_fmu(name)
@@ -560,8 +573,8 @@ assert same(trajectory.get(), before[0])
 # Wrong calls
 
 
-def test_wrong_value_references_and_types_are_refused(run):
-    said = run("""
+def test_wrong_value_references_and_types_are_refused(run_in_fmpy):
+    said = run_in_fmpy("""
 host = open_fmu("RobotController")
 assert host.initialize() == OK
 host.run(1)
@@ -650,11 +663,11 @@ again.free()
     )
 
 
-def test_failing_initialisations_again_and_again_harm_no_host(run):
-    run("""
+def test_failing_initialisations_again_and_again_harm_no_host(run_in_fmpy):
+    run_in_fmpy("""
 import gc
 for i in range(50):
-    host = open_fmu("RobotPlant", folder="plant") if i == 0 else Host(None, folder="plant", library=Fmpy)
+    host = open_fmu("RobotPlant", folder="plant") if i == 0 else Host(None, folder="plant", library=Importer)
     assert host.initialize({"x_E_start": 9.0}) >= ERROR
     assert host.leave() >= ERROR
     host.free()
@@ -776,7 +789,7 @@ assert host.reset() == OK
 assert host.initialize() >= ERROR
 texts = [host.said()]
 host.free()
-host = Host(None, folder="unpacked", library=Fmpy)
+host = Host(None, folder="unpacked", library=Importer)
 assert host.initialize() >= ERROR
 texts.append(host.said())
 report(texts)
@@ -789,14 +802,14 @@ report(texts)
 # Many instances
 
 
-def test_two_hundred_instances_one_after_another(run):
-    run("""
+def test_two_hundred_instances_one_after_another(run_in_fmpy):
+    run_in_fmpy("""
 import gc
 library = None
 rows = set()
 open_fmu("RobotController", folder="unpacked").free()
 for i in range(200):
-    host = Host(None, folder="unpacked", library=Fmpy)
+    host = Host(None, folder="unpacked", library=Importer)
     if i % 4:
         assert host.initialize({"psi_start[1]": 0.5, "theta_a[1]": 0.1}) == OK
         rows.add(tuple(host.run(2)[-1]))
@@ -814,7 +827,7 @@ for i in range(3):
     assert plant.initialize({"x_E_start": 0.2 + 0.01 * i, "dm": 0.1 * i, "tau_a[1]": 0.1 * i}) == OK
     alone.append(plant.run(10))
     plant.free()
-plants = [Host(None, folder=plant.folder, library=Fmpy, name=f"p{i}") for i in range(3)]
+plants = [Host(None, folder=plant.folder, library=Importer, name=f"p{i}") for i in range(3)]
 for i, plant in enumerate(plants):
     assert plant.initialize({"x_E_start": 0.2 + 0.01 * i, "dm": 0.1 * i, "tau_a[1]": 0.1 * i}) == OK
 together = [[], [], []]
@@ -824,7 +837,7 @@ for k in range(10):
     if k == 4:  # what one does wrong is of no concern to the others
         assert plants[1].step(0.0, nan) == DISCARD
         assert "positive finite" in plants[1].said()
-        extra = Host(None, folder=plant.folder, library=Fmpy)
+        extra = Host(None, folder=plant.folder, library=Importer)
         extra.setup(nan)
         extra.free()
 assert together == alone and alone[0] != alone[1]
@@ -872,8 +885,8 @@ assert all(same(a, b) for a, b in zip(host.run(2, start=3), expected))
 """)
 
 
-def test_states_of_other_phases(run):
-    run("""
+def test_states_of_other_phases(run_in_fmpy):
+    run_in_fmpy("""
 host = open_fmu("RobotController")
 new = host.save()
 assert host.setup() == host.enter() == OK
@@ -1054,7 +1067,7 @@ def test_a_state_of_another_version_of_the_fmu_is_refused(run, tmp_path):
     other = pythonfmu_backend.build_pythonfmu(changed, tmp_path / "other")
     run(
         """
-host, other = open_fmu("RobotController"), Host(A.other, library=Fmpy)
+host, other = open_fmu("RobotController"), Host(A.other, library=Importer)
 assert host.initialize() == other.initialize() == OK
 status, state = host.from_bytes(state_of(other))
 assert status >= ERROR or host.restore(state) >= ERROR
