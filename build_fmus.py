@@ -11,7 +11,7 @@ from pathlib import Path
 from cosim.errors import CosimError
 from fmu_export import ModelError
 from parallel_robot.choices import FLAVOURS, WASM
-from parallel_robot.fmus import INSTANCES, build
+from parallel_robot.fmus import BUILDABLE, build
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -20,7 +20,7 @@ def main(arguments: list[str] | None = None) -> int:
         description="Build the FMUs of robot, controller and trajectory, and the closed loop as one FMU."
     )
     parser.add_argument("--flavour", choices=(*FLAVOURS, WASM), action="append", help="flavour to build (default: all)")
-    parser.add_argument("--fmu", choices=INSTANCES, action="append", help="FMU to build (default: all)")
+    parser.add_argument("--fmu", choices=BUILDABLE, action="append", help="FMU to build (default: all)")
     parser.add_argument("--fmus", type=Path, default=Path("fmus"), metavar="DIR", help="folder (default: fmus)")
     parser.add_argument(
         "--all-platforms", action="store_true", help="compile for all platforms, by zig (pip install ziglang)"
@@ -34,7 +34,7 @@ def main(arguments: list[str] | None = None) -> int:
         flavours.remove(WASM)
     for flavour in flavours:
         try:
-            for path in build(options.fmus, flavour, options.fmu or INSTANCES, all_platforms=options.all_platforms):
+            for path in build(options.fmus, flavour, options.fmu or BUILDABLE, all_platforms=options.all_platforms):
                 print(f"{path}  {path.stat().st_size / 1024:.0f} kB")
         except (CosimError, ModelError) as error:  # the other flavours may still be built
             print(f"build_fmus.py: {error}", file=sys.stderr)

@@ -15,7 +15,7 @@ from interop.tools import TOOLS
 from interop.tools.launch import tool
 from interop.validators import validate
 from parallel_robot.choices import FLAVOURS
-from parallel_robot.fmus import INSTANCES, build
+from parallel_robot.fmus import BUILDABLE, build
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -27,7 +27,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--page", type=Path, default=Path("docs/interop.md"), help="page to write when all is run")
     options = parser.parse_args(arguments)
     for flavour in FLAVOURS:
-        build(options.fmus, flavour, INSTANCES)
+        build(options.fmus, flavour, BUILDABLE)
     chosen = [e for e in ENTRIES if (e.quick or not options.quick) and (not options.tool or e.tool in options.tool)]
     references, outcomes = References(options.fmus), []
     for outcome in run_entries(chosen, references):

@@ -11,7 +11,7 @@ import numpy as np
 
 from cosim import Results, System, simulate
 from interop.references import distance
-from parallel_robot.fmus import CLOSED_LOOP, INSTANCES, build, fmu_path
+from parallel_robot.fmus import BUILDABLE, CLOSED_LOOP, build, fmu_path
 from parallel_robot.models import MODELS
 from parallel_robot.wiring import CONNECTIONS
 
@@ -90,7 +90,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--fmus", type=Path, default=Path("fmus"), help="folder of the FMUs (default: fmus)")
     parser.add_argument("--page", type=Path, default=Path("docs/recipes.md"), help="page to write")
     options = parser.parse_args(arguments)
-    build(options.fmus, "fmi2", INSTANCES)
+    build(options.fmus, "fmi2", BUILDABLE)
     options.page.write_text(recipes(options.fmus), encoding="utf-8")
     return 0
 

@@ -29,7 +29,7 @@ from parallel_robot.models import MODELS, closed_loop_model
 CLOSED_LOOP = "closed_loop"
 
 #: All that can be built.
-INSTANCES = (*MODELS, CLOSED_LOOP)
+BUILDABLE = (*MODELS, CLOSED_LOOP)
 
 #: The run that each FMU brings along: its end (s), and how far each input is from its start value, by turns.
 _REFERENCE_TIME, _OFF = 0.02, 0.05
@@ -47,17 +47,17 @@ class BuildError(CosimError):
     """FMUs can't be built."""
 
 
-def fmu_path(folder: Path, flavour: str, instance: str) -> Path:
-    """Path of the FMU behind an instance name: `<folder>/<flavour>/<FMU name>.fmu`, or `.wasm` of that flavour."""
-    return folder / flavour / f"{_model(instance).name}.{'wasm' if flavour == WASM else 'fmu'}"
+def fmu_path(folder: Path, flavour: str, component: str) -> Path:
+    """Path of the FMU behind a component: `<folder>/<flavour>/<FMU name>.fmu`, or `.wasm` of that flavour."""
+    return folder / flavour / f"{_model(component).name}.{'wasm' if flavour == WASM else 'fmu'}"
 
 
-def _model(instance: str) -> Model:
-    return closed_loop_model() if instance == CLOSED_LOOP else MODELS[instance]
+def _model(component: str) -> Model:
+    return closed_loop_model() if component == CLOSED_LOOP else MODELS[component]
 
 
 def build(
-    folder: Path, flavour: str, instances: Iterable[str] = tuple(MODELS), *, all_platforms: bool = False
+    folder: Path, flavour: str, components: Iterable[str] = tuple(MODELS), *, all_platforms: bool = False
 ) -> list[Path]:
     """Build FMUs of a flavour into `<folder>/<flavour>`; those that are there and would come out the same stay.
 
@@ -66,7 +66,7 @@ def build(
     folder : Path
     flavour : str
         One of `FLAVOURS`, or `WASM`.
-    instances : iterable of str
+    components : iterable of str
         Which of the models, by default all that are coupled; `CLOSED_LOOP` has to be asked for.
     all_platforms : bool
         Compile the native flavours for all platforms that the FMI version knows, by zig, not only for this machine.
@@ -80,10 +80,10 @@ def build(
         raise BuildError(f"flavour '{flavour}' is unknown; {nearest(flavour, [*FLAVOURS, WASM])}")
     try:
         wanted = _recipe(flavour, all_platforms)
-        paths = {instance: fmu_path(folder, flavour, instance) for instance in instances}
-        for instance, path in paths.items():
+        paths = {component: fmu_path(folder, flavour, component) for component in components}
+        for component, path in paths.items():
             if not is_current(path, wanted):
-                _build_one(_model(instance), instance, folder, flavour, all_platforms)
+                _build_one(_model(component), component, folder, flavour, all_platforms)
                 remember(path, wanted)
         return list(paths.values())
     except ToolchainError as error:
@@ -97,7 +97,7 @@ def build(
         ) from error
 
 
-def _build_one(model: Model, instance: str, folder: Path, flavour: str, all_platforms: bool) -> None:
+def _build_one(model: Model, component: str, folder: Path, flavour: str, all_platforms: bool) -> None:
     # CasADi and matplotlib take a while to import, and only building needs them
     from fmu_export.native.backend import build_native
     from fmu_export.package.documentation import figures_of
@@ -109,7 +109,7 @@ def _build_one(model: Model, instance: str, folder: Path, flavour: str, all_plat
     if flavour == WASM:
         build_wasm(model, folder / flavour)
         return
-    package, name = _PAGES[instance]
+    package, name = _PAGES[component]
     page = (files(package) / name).read_text(encoding="utf-8")
     figures = figures_of(page, files(package))
     inputs = {v.name: [s + _OFF * (-1.0) ** i for i, s in enumerate(v.starts)] for v in model.inputs.variables}

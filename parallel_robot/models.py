@@ -1,4 +1,4 @@
-"""The models of the system by the instance names that scenarios, results and analyses use."""
+"""The models of the system by the component names that scenarios, results and analyses use."""
 
 from __future__ import annotations
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 #: Names of the components in scenarios, results and analyses.
 COMPONENTS = ("plant", "controller", "trajectory")
 
-#: (source, target) as `instance.variable`, whole vectors.
+#: (source, target) as `component.variable`, whole vectors.
 CONNECTIONS = (
     ("plant.theta_a", "controller.theta_a"),
     ("plant.omega_a", "controller.omega_a"),

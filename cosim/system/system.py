@@ -101,7 +101,7 @@ class System:
         Parameters
         ----------
         name : str
-            Name of the instance; names of variables in results begin with it.
+            Name of the component; names of variables in results begin with it.
         fmu : path
             FMU file: for co-simulation of FMI 1.0, 2.0 or 3.0, or for model exchange of FMI 2.0 or 3.0.
         start : mapping, optional
