@@ -49,9 +49,9 @@ def _evaluated(function: Any) -> Callable[..., Array]:
     result = np.zeros(function.numel_out(0))
     for i, argument in enumerate(arguments):
         if argument.size:
-            buffer.set_arg(i, memoryview(argument))
+            buffer.set_arg(i, argument.data)
     if result.size:
-        buffer.set_res(0, memoryview(result))
+        buffer.set_res(0, result.data)
 
     def call(*values: Any) -> Array:
         for argument, value in zip(arguments, values, strict=True):
