@@ -17,6 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -306,8 +307,12 @@ class _Interpreter:
         ]
         keys += [("output", *node) for node in dict.fromkeys(system.sources.values())]
         keys += [("input", *node) for node in system.sources]
+        moving = [node for node in system.sources if self._is_extrapolated(node)]
         past = range(1, self._extrapolation.points)
-        keys += [(f"past {j}", *node) for j in past for node in system.sources if self._is_extrapolated(node)]
+        keys += [(f"past {j}", *node) for j in past for node in moving]
+        if self._extrapolation.uses_rates:
+            keys += [("output rate", *node) for node in dict.fromkeys(system.sources[node] for node in moving)]
+            keys += [(f"rate {j}", *node) for j in (0, *past) for node in moving]
         self._positions = {key: i for i, key in enumerate(keys)}
 
     def _is_extrapolated(self, node: Node) -> bool:
@@ -328,9 +333,11 @@ class _Interpreter:
             for transfer in self._at_point:
                 if point % self._every[transfer.component] == 0:
                     (self._set if transfer.sets else self._get)(transfer, values)
-            for name, every in self._every.items():
-                if point % every == 0:
-                    self._step_component(name, values)
+            present = [name for name, every in self._every.items() if point % every == 0]
+            if self._extrapolation.uses_rates:
+                self._exchange_rates(present, values)
+            for name in present:
+                self._step_component(name, values)
         return _essential(values, self._system.states)
 
     def _at(self, kind: str, component: str, names: Sequence[str]) -> list[int]:
@@ -353,6 +360,44 @@ class _Interpreter:
         from_outputs = [self._positions["output", *source] for source in sources]
         values[..., self._at("input", transfer.component, transfer.names), :] = values[..., from_outputs, :]
 
+    def _exchange_rates(self, present: Sequence[str], values: np.ndarray) -> None:
+        """Derivatives of outputs, scaled by the steps of the components that they feed, level by level."""
+        system = self._system
+        nodes: dict[int, list[tuple[bool, Node]]] = {}
+        for node, source in system.sources.items():
+            if self._is_extrapolated(node) and node[0] in present:
+                for is_input, key in ((True, node), (False, source)):
+                    nodes.setdefault(0 if system.levels is None else system.levels[key], []).append((is_input, key))
+        for _, of_level in sorted(nodes.items()):
+            for is_input, node in sorted(of_level, reverse=True):  # inputs before outputs
+                if is_input:
+                    source = system.sources[node]
+                    step = self._step * self._every[node[0]]
+                    values[..., self._positions["rate 0", *node], :] = (
+                        step * values[..., self._positions["output rate", *source], :]
+                    )
+                else:
+                    values[..., self._positions["output rate", *node], :] = self._output_rate(node, values)
+
+    def _output_rate(self, node: Node, values: np.ndarray) -> np.ndarray:
+        """Derivative of an output by time (1/s): C (A x + B u) + D u', with the u' that are known."""
+        name, component = node[0], self._system.components[node[0]]
+        row = [component.outputs.index(node[1])]
+        inputs = self._fed(name)
+        columns = [component.inputs.index(n) for n in inputs]
+        states = component.A @ values[..., self._states_of(name), :]
+        states = states + component.B[..., columns] @ values[..., self._at("input", name, inputs), :]
+        rate = component.C[..., row, :] @ states
+        moving = self._moving(name)
+        columns = [component.inputs.index(n) for n in moving]
+        step = self._step * self._every[name]
+        rate = rate + component.D[..., row, :][..., columns] @ values[..., self._at("rate 0", name, moving), :] / step
+        return np.asarray(rate[..., 0, :])
+
+    def _moving(self, name: str) -> list[str]:
+        """Inputs of a component that are extrapolated."""
+        return [n for n in self._fed(name) if self._is_extrapolated((name, n))]
+
     def _states_of(self, name: str) -> list[int]:
         return self._at("state", name, [str(i) for i in range(self._system.components[name].states)])
 
@@ -362,19 +407,27 @@ class _Interpreter:
     def _step_component(self, name: str, values: np.ndarray) -> None:
         """States and inputs at the end of the step; inputs go on as the extrapolation says."""
         states, inputs = self._states_of(name), self._at("input", name, self._fed(name))
-        moving = [n for n in self._fed(name) if self._is_extrapolated((name, n))]
+        moving = self._moving(name)
         past = [self._at(f"past {j}", name, moving) for j in range(1, self._extrapolation.points)]
         known = [self._at("input", name, moving), *past]
+        rates = [
+            self._at(f"rate {j}", name, moving)
+            for j in range(self._extrapolation.points if self._extrapolation.uses_rates else 0)
+        ]
         series = [values[..., states, :], values[..., inputs, :]]
-        for weights in self._extrapolation.weights if moving else ():
+        of_rates = self._extrapolation.rate_weights or ((),) * self._extrapolation.degree
+        for weights, more in zip(self._extrapolation.weights, of_rates, strict=True) if moving else ():
             # scaled by step^d: the exponential below is that of a step of 1
             derivative = np.zeros_like(series[1])
             of_moving = [inputs.index(position) for position in known[0]]
-            derivative[..., of_moving, :] = sum(w * values[..., at, :] for w, at in zip(weights, known, strict=True))
+            terms = zip((*weights, *more), (*known, *rates), strict=True)
+            derivative[..., of_moving, :] = sum(w * values[..., at, :] for w, at in terms)
             series.append(derivative)
         before = values[..., known[0], :]
         after = self._steps[name] @ np.concatenate(series, axis=-2)
-        for older, newer in reversed(list(zip(past[1:], past, strict=False))):
+        for newer, older in reversed(list(pairwise(rates))):
+            values[..., older, :] = values[..., newer, :]
+        for newer, older in reversed(list(pairwise(past))):
             values[..., older, :] = values[..., newer, :]
         if past:
             values[..., past[0], :] = before

@@ -563,13 +563,17 @@ _ORDINALS = ("first", "second", "third", "fourth")
 def _extrapolation(found: dict[str, Any]) -> str:
     """What inputs do between communication points, in words."""
     held = found["hold"]
-    name = next((n for n in found if n in EXTRAPOLATIONS and n != "hold" and found[n]), "hold")
-    if name == "hold":
+    names = sorted((n for n in found if n in EXTRAPOLATIONS and n != "hold" and found[n]), key=lambda n: -len(found[n]))
+    if not names:
         return "inputs held between communication points (zero-order hold, first-order coupling)"
-    accuracy = f"{_ORDINALS[EXTRAPOLATIONS[name].degree]}-order coupling"
-    if not held:
-        return f"inputs {name} between communication points ({accuracy})"
-    return f"inputs {name} between communication points, except {len(held)} that are held (see summary.json)"
+    accuracy = f"{_ORDINALS[min(EXTRAPOLATIONS[name].degree for name in names)]}-order coupling"
+    main, *others = names
+    if not held and not others:
+        return f"inputs {main} between communication points ({accuracy})"
+    exceptions = [f"{len(found[name])} that are {name}" for name in others] + [f"{len(held)} that are held"] * bool(
+        held
+    )
+    return f"inputs {main} between communication points, except {' and '.join(exceptions)} (see summary.json)"
 
 
 # Options that all kinds of systems have in common

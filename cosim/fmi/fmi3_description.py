@@ -51,6 +51,9 @@ def read_further_attributes(root: ElementTree.Element, description: ModelDescrip
     """Read them into the variables of a model description; an alias has those of its variable."""
     if description.fmiMajorVersion != 3:
         return
+    for element in root.iterfind("CoSimulation"):  # in FMI 2.0 its name is in the singular
+        directional = _is_true(element.get("providesDirectionalDerivatives", "false"))
+        description.coSimulation.providesDirectionalDerivative = directional
     variables = {v.name: v for v in description.modelVariables}
     for element in root.iterfind("ModelVariables/*"):
         names = [element.get("name"), *(alias.get("name") for alias in element.iterfind("Alias"))]

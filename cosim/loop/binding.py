@@ -43,6 +43,7 @@ class OperationKind(IntEnum):
     CALL = 6
     CONVERT = 7
     GROUP = 8
+    DIFFERENTIATE = 9
 
 
 #: Sources of derivatives in place of a column of the samples: the last values, or none: held.
@@ -74,6 +75,7 @@ class Extrapolated(ctypes.Structure):
 
     _fields_ = (
         ("history", POINTER(c_double)),
+        ("rates", POINTER(c_double)),
         ("derivatives", POINTER(c_double)),
         ("buffer", POINTER(c_double)),
         ("orders", POINTER(c_int32)),
@@ -83,6 +85,21 @@ class Extrapolated(ctypes.Structure):
         ("degree", c_int32),
         ("known", c_int32),
         ("refused", c_int32),
+        ("first_rate", c_int32),
+    )
+
+
+class Rates(ctypes.Structure):
+    """What rates of outputs depend on besides time and states; see loop.c."""
+
+    _fields_ = (
+        ("function", c_void_p),
+        ("knowns", POINTER(c_uint32)),
+        ("positions", POINTER(c_int32)),
+        ("orders", POINTER(c_int32)),
+        ("seed", POINTER(c_double)),
+        ("change", POINTER(c_double)),
+        ("n", c_int32),
     )
 
 
@@ -224,7 +241,7 @@ def loop_library() -> ctypes.CDLL:
     library.loop_hash.restype = c_char_p
     if library.loop_hash().decode() != source_hash():
         raise LoopLibraryError(f"the compiled loop {LIBRARY} belongs to another version of its source; {_REMEDY}")
-    check_layout(library.loop_layout, (Cell, Extrapolated, Conversion, Operation, Profile, Loop))
+    check_layout(library.loop_layout, (Cell, Extrapolated, Rates, Conversion, Operation, Profile, Loop))
     library.loop_perform.argtypes = [POINTER(Loop), POINTER(Operation), POINTER(c_uint32), c_int64, c_int64]
     library.loop_run.argtypes = [POINTER(Loop), c_int64, c_int64, c_bool]
     for function in (library.cells_get, library.cells_set):

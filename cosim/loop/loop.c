@@ -29,6 +29,11 @@
 typedef int Exchange2(void *, const uint32_t *, size_t, void *);
 typedef int Exchange3(void *, const uint32_t *, size_t, void *, size_t);
 typedef int Derivatives2(void *, const uint32_t *, size_t, const int32_t *, const double *);
+typedef int OutputDerivatives2(void *, const uint32_t *, size_t, const int32_t *, double *);
+typedef int OutputDerivatives3(void *, const uint32_t *, size_t, const int32_t *, double *, size_t);
+typedef int Directional2(void *, const uint32_t *, size_t, const uint32_t *, size_t, const double *, double *);
+typedef int Directional3(void *, const uint32_t *, size_t, const uint32_t *, size_t, const double *, size_t, double *,
+                         size_t);
 typedef int Step2(void *, double, double, int);
 typedef int Called(double);
 typedef int Step3(void *, double, double, bool, bool *, bool *, bool *, double *);
@@ -132,21 +137,27 @@ static bool jumps_within(const Loop *loop, int64_t first, int64_t last) {
     return false;
 }
 
-/* One derivative of n inputs: the weighted sum of the `known` values at `now` and in the history, newest first. */
-static void differentiate(double *restrict derivative, const double *weights, double scale, const double *restrict now,
-                          const double *restrict history, int32_t known, int32_t n) {
-    for (int32_t i = 0; i < n; i++) {
-        double sum = weights[0] * now[i];
-        for (int32_t j = 1; j < known; j++) sum += weights[j] * history[(j - 1) * n + i];
-        derivative[i] = sum * scale;
-    }
+/* Add to n sums, or begin them with, a weight times values. */
+static void add(double *restrict sums, double weight, const double *restrict values, int32_t n, bool begin) {
+    if (begin)
+        for (int32_t i = 0; i < n; i++) sums[i] = weight * values[i];
+    else
+        for (int32_t i = 0; i < n; i++) sums[i] += weight * values[i];
 }
 
-/* All derivatives of n inputs, and the history with the values of `now`. */
-static void go_on(const Extrapolated *in, const double *restrict now, double per_second, int32_t n) {
-    const double *weights = in->weights + (int64_t)(in->known - 1) * in->degree * in->points;
+/* Put the newest of n values before those of earlier points. */
+static void push(double *history, const double *now, int32_t points, int32_t n) {
+    if (points > 2) memmove(history + n, history, (size_t)(points - 2) * (size_t)n * sizeof *history);
+    memcpy(history, now, (size_t)n * sizeof *history);
+}
+
+/* All derivatives of n inputs, and the history with the values of `now`; `rates` are those times the step, NULL for none. */
+static void go_on(const Extrapolated *in, const double *restrict now, const double *restrict rates, double per_second,
+                  int32_t n) {
+    int64_t size = (int64_t)in->degree * in->points;
+    const double *weights = in->weights + (in->known - 1) * size, *of_rates = weights + in->points * size;
     double *restrict history = in->history, *restrict derivative = in->derivatives;
-    if (in->points == 2 && in->known == 2) { /* linear extrapolation in one go; the general case costs twice the time */
+    if (in->points == 2 && in->known == 2 && !rates) { /* linear in one go; the general case costs twice the time */
         double w0 = weights[0], w1 = weights[1];
         for (int32_t i = 0; i < n; i++) {
             double value = now[i];
@@ -156,14 +167,52 @@ static void go_on(const Extrapolated *in, const double *restrict now, double per
         return;
     }
     double scale = 1.0;
-    for (int32_t d = 0; d < in->degree; d++, weights += in->points, derivative += n) {
+    for (int32_t d = 0; d < in->degree; d++, weights += in->points, of_rates += in->points, derivative += n) {
         scale *= per_second;
-        if (d + 1 >= in->known) /* no polynomial of this degree goes through so few points */
-            for (int32_t i = 0; i < n; i++) derivative[i] = 0.0;
-        else differentiate(derivative, weights, scale, now, history, in->known, n);
+        if (d + 1 >= in->known && !rates) { /* no polynomial of this degree goes through so few points */
+            memset(derivative, 0, (size_t)n * sizeof *derivative);
+            continue;
+        }
+        add(derivative, weights[0], now, n, true);
+        for (int32_t j = 1; j < in->known; j++) add(derivative, weights[j], history + (j - 1) * n, n, false);
+        if (rates) add(derivative, of_rates[0], rates, n, false);
+        for (int32_t j = 1; rates && j < in->known; j++) add(derivative, of_rates[j], in->rates + j * n, n, false);
+        for (int32_t i = 0; i < n; i++) derivative[i] *= scale;
     }
-    if (in->points > 2) memmove(history + n, history, (size_t)(in->points - 2) * (size_t)n * sizeof *history);
-    memcpy(history, now, (size_t)n * sizeof *history);
+    push(history, now, in->points, n);
+    if (rates && in->points > 1) push(in->rates + n, rates, in->points, n);
+}
+
+/* Derivatives of the polynomial through the next value of a signal, this one, and up to two before, times the step^order;
+ * with fewer before its degree is lower. */
+static const double through[3][3][4] = {
+    {{1.0, -1.0}},
+    {{1.0 / 2, 0.0, -1.0 / 2}, {1.0, -2.0, 1.0}},
+    {{1.0 / 3, 1.0 / 2, -1.0, 1.0 / 6}, {1.0, -2.0, 1.0, 0.0}, {1.0, -3.0, 3.0, -1.0}},
+};
+
+/* How many samples before this point belong to the polynomial of the step ahead: none from before a jump. */
+static int32_t samples_before(const Loop *loop, int64_t point, int64_t every, int32_t degree) {
+    int32_t n = 0;
+    while (n < 2 && n + 1 < degree && point - (n + 1) * every >= loop->first_sample &&
+           !jumps_within(loop, point - (n + 1) * every, point - n * every))
+        n++;
+    return n;
+}
+
+/* All derivatives of a signal by its samples. */
+static void interpolate(const Loop *loop, int64_t point, int64_t every, int32_t before, int32_t column,
+                        double per_second, int32_t degree, double *derivatives, int32_t n) {
+    double scale = 1.0;
+    for (int32_t d = 0; d < degree; d++, derivatives += n) {
+        double sum = 0.0;
+        scale *= per_second;
+        for (int32_t k = 0; d <= before && k < before + 2; k++) {
+            int64_t row = point + (1 - k) * every - loop->first_sample;
+            sum += through[before][d][k] * loop->samples[row * loop->n_samples + column];
+        }
+        *derivatives = sum * scale;
+    }
 }
 
 /* How inputs of an FMU change over its next step. */
@@ -176,11 +225,20 @@ static int extrapolate(const Loop *loop, const Operation *op, int64_t point, dou
     bool fresh = point == 0 || jumps_within(loop, point - op->every, point); /* what was before says nothing */
     bool ahead = row < loop->n_rows && !jumps_within(loop, point, next);
     in->known = fresh ? 1 : in->known < in->points ? in->known + 1 : in->points;
-    go_on(in, now, per_second, n);
+    if (in->rates) {
+        double step = op->every * loop->step_size;
+        for (int32_t i = 0; i < n; i++) in->rates[i] = step * loop->values[in->first_rate + i];
+    }
+    go_on(in, now, in->rates, per_second, n);
     int32_t first = n - op->n_targets;
+    int32_t before = in->degree > 1 && first < n ? samples_before(loop, point, op->every, in->degree) : 0;
     for (int32_t i = first; i < n; i++) {
         int32_t column = op->targets[i - first];
         if (column == EXTRAPOLATED || (column != HELD && !ahead)) continue;
+        if (column != HELD && in->degree > 1) {
+            interpolate(loop, point, op->every, before, column, per_second, in->degree, in->derivatives + i, n);
+            continue;
+        }
         for (int32_t d = 0; d < in->degree; d++) in->derivatives[d * n + i] = 0.0;
         if (column != HELD) in->derivatives[i] = (loop->samples[row * loop->n_samples + column] - now[i]) * per_second;
     }
@@ -191,6 +249,26 @@ static int extrapolate(const Loop *loop, const Operation *op, int64_t point, dou
     }
     return ((Derivatives2 *)op->function)(op->instance, op->references, (size_t)op->n_references, in->orders,
                                           in->derivatives);
+}
+
+/* Rates of n outputs, as functions of time, and of inputs with direct feedthrough. */
+static int differentiate(const Operation *op, double *values) {
+    const Rates *rates = op->data;
+    double *part = values + op->first;
+    size_t n = (size_t)op->n, m = (size_t)rates->n;
+    int status = op->version < 3 ? ((OutputDerivatives2 *)op->function)(op->instance, op->references, n, rates->orders,
+                                                                        part)
+                                 : ((OutputDerivatives3 *)op->function)(op->instance, op->references, n, rates->orders,
+                                                                        part, n);
+    if (status > 1 || !rates->function) return status;
+    for (size_t i = 0; i < m; i++) rates->seed[i] = values[rates->positions[i]];
+    int also = op->version < 3 ? ((Directional2 *)rates->function)(op->instance, op->references, n, rates->knowns, m,
+                                                                   rates->seed, rates->change)
+                               : ((Directional3 *)rates->function)(op->instance, op->references, n, rates->knowns, m,
+                                                                   rates->seed, m, rates->change, n);
+    if (also <= 1)
+        for (size_t i = 0; i < n; i++) part[i] += rates->change[i];
+    return also > status ? also : status;
 }
 
 void loop_evaluate(const Extrapolated *in, double since, int32_t n) {
@@ -250,6 +328,10 @@ static int perform(const Loop *loop, const Operation *op, int64_t point, double 
         }
         case EXTRAPOLATE:
             return extrapolate(loop, op, point, time);
+        case DIFFERENTIATE: {
+            int status = differentiate(op, values);
+            return status <= 1 && !all_finite(values, targets, op->n_targets) ? NOT_FINITE : status;
+        }
         case TRANSFORM:
             for (int32_t i = 0, n = op->n_targets; i < n; i++) {
                 const double *factors = op->data, *offsets = factors + n;
@@ -413,6 +495,7 @@ static const Field layout[] = {
     FIELD(Cell, size),
     STRUCT(Extrapolated),
     FIELD(Extrapolated, history),
+    FIELD(Extrapolated, rates),
     FIELD(Extrapolated, derivatives),
     FIELD(Extrapolated, buffer),
     FIELD(Extrapolated, orders),
@@ -422,6 +505,15 @@ static const Field layout[] = {
     FIELD(Extrapolated, degree),
     FIELD(Extrapolated, known),
     FIELD(Extrapolated, refused),
+    FIELD(Extrapolated, first_rate),
+    STRUCT(Rates),
+    FIELD(Rates, function),
+    FIELD(Rates, knowns),
+    FIELD(Rates, positions),
+    FIELD(Rates, orders),
+    FIELD(Rates, seed),
+    FIELD(Rates, change),
+    FIELD(Rates, n),
     STRUCT(Conversion),
     FIELD(Conversion, smallest),
     FIELD(Conversion, largest),

@@ -11,7 +11,7 @@
 
 #include "current_calls.h"
 
-typedef enum { SAMPLE, SET, GET, EXTRAPOLATE, STEP, TRANSFORM, CALL, CONVERT, GROUP } Kind;
+typedef enum { SAMPLE, SET, GET, EXTRAPOLATE, STEP, TRANSFORM, CALL, CONVERT, GROUP, DIFFERENTIATE } Kind;
 
 /* A C type of values is its class and its size in bytes: REAL + 4 is a float. A value stands in a slot of 8 bytes, real
  * ones as a double, whole ones as an integer; so `values`, an array of slots, is one of doubles by name only. */
@@ -23,18 +23,32 @@ enum { EXTRAPOLATED = -1, HELD = -2 };
 
 enum { NONE = -1 };
 
-/* How n inputs of an FMU change over a step: polynomials of a degree, through their values at so many points. */
+/* How n inputs of an FMU change over a step: polynomials of a degree, by their values, or also their rates, at so many
+ * points. */
 typedef struct {
     double
         *history; /* points rows of n: values at this point (before it is reached: at the last one), before it, ... */
+    double *rates; /* the same of their rates, times the step; NULL where none are used */
     double *derivatives; /* degree rows of n: by time, the first, the second, ... */
     double *buffer; /* FMI 3.0: n values during the step */
     const int32_t *orders; /* of the derivatives, as fmi2SetRealInputDerivatives wants them */
-    const double *weights; /* for 1, 2, ... points known values: degree rows of points, times the step^-order */
+    const double *weights; /* for 1, 2, ... points known values: degree rows of points, times the step^-order; then, where
+                              rates are used, as many for these */
     double time; /* of this point */
     int32_t points, degree, known;
     int32_t refused; /* FMI 3.0: status with which the FMU refused a value during a step; -1 once that was told */
+    int32_t first_rate; /* position of the first of n rates */
 } Extrapolated;
+
+/* What rates of outputs depend on besides time and states: the rates of inputs with direct feedthrough. */
+typedef struct {
+    void *function; /* fmi2GetDirectionalDerivative or fmi3GetDirectionalDerivative; NULL where nothing is fed through */
+    const uint32_t *knowns;
+    const int32_t *positions; /* of their rates */
+    const int32_t *orders;    /* 1 for each output */
+    double *seed, *change;
+    int32_t n;
+} Rates;
 
 /* What a connection between two types may carry: slots of REAL, SIGNED or UNSIGNED, to a C type with these bounds. */
 typedef struct {
@@ -51,7 +65,7 @@ typedef struct {
     const uint32_t *references;
     void *data; /* SET, GET: buffer for values in the type of the function; NULL where that is the type of the slots.
                    EXTRAPOLATE: its Extrapolated. STEP: a double, the time at which the FMU stopped.
-                   TRANSFORM: factors and, after them, offsets. CONVERT: a Conversion each.
+                   TRANSFORM: factors and, after them, offsets. CONVERT: a Conversion each. DIFFERENTIATE: its Rates.
                    GROUP: what its function works on. */
     const int32_t *targets; /* positions, and after them, as many:
                                SET, TRANSFORM, CONVERT: positions of the sources; TRANSFORM: then of what is added, or NONE.

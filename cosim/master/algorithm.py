@@ -43,7 +43,7 @@ class Order:
 
 @dataclass(frozen=True)
 class Extrapolation:
-    """A polynomial through the last values of a connected input, which it follows between two communication points.
+    """A polynomial through what is known of a connected input, which it follows between two communication points.
 
     Attributes
     ----------
@@ -57,6 +57,9 @@ class Extrapolation:
         the value j steps ago. No row: the input is held.
     start : str
         Extrapolation that is used while fewer values than weights are known: at the start and after a jump.
+    rate_weights : tuple of tuple of float
+        The same for the first derivatives of the input, times h, that the FMU which gives it knows; empty where none
+        are used.
     """
 
     name: str
@@ -64,6 +67,7 @@ class Extrapolation:
     text: str
     weights: tuple[tuple[float, ...], ...] = ()
     start: str = ""
+    rate_weights: tuple[tuple[float, ...], ...] = ()
 
     @property
     def degree(self) -> int:
@@ -72,12 +76,17 @@ class Extrapolation:
 
     @property
     def points(self) -> int:
-        """Number of values that it goes through, that of this communication point included."""
+        """Number of values that it goes by, that of this communication point included."""
         return len(self.weights[0]) if self.weights else 1
 
-    def weights_of(self, known: int) -> tuple[tuple[float, ...], ...]:
-        """Weights of the extrapolation that is used while `known` values are known, at least 1."""
-        return self.weights if known >= self.points else EXTRAPOLATIONS[self.start].weights_of(known)
+    @property
+    def uses_rates(self) -> bool:
+        """Whether it goes by derivatives of outputs, too."""
+        return bool(self.rate_weights)
+
+    def used(self, known: int) -> Extrapolation:
+        """The extrapolation that is used while `known` values are known, at least 1."""
+        return self if known >= self.points else EXTRAPOLATIONS[self.start].used(known)
 
 
 def _sequential(sets: Levelled, gets: Levelled) -> list[Any]:
@@ -102,6 +111,9 @@ AUTO = "auto"
 #: The extrapolation that `AUTO` stands for where an FMU can.
 _AUTO_MEANS = "linear"
 
+#: Derivatives of inputs of a higher order than this are passed to no FMU.
+MOST_DEGREE = 3
+
 
 def register(entry: Order | Extrapolation) -> None:
     """Add an order or an extrapolation to those that can be named.
@@ -115,11 +127,27 @@ def register(entry: Order | Extrapolation) -> None:
     if entry.name in registry or entry.name == AUTO:
         raise SetupError(f"{type(entry).__name__.lower()} '{entry.name}' is registered already; choose another name")
     if isinstance(entry, Extrapolation) and entry.weights:
-        if any(len(row) != entry.points for row in entry.weights) or entry.points < 2:
-            raise SetupError(f"extrapolation '{entry.name}': all rows of weights must have the same length, at least 2")
-        if entry.start not in EXTRAPOLATIONS or EXTRAPOLATIONS[entry.start].points >= entry.points:
-            raise SetupError(f"extrapolation '{entry.name}': start must name a registered one that needs fewer values")
+        _check_weights(entry)
     registry[entry.name] = entry
+
+
+def _check_weights(entry: Extrapolation) -> None:
+    least = 1 if entry.uses_rates else 2
+    if any(len(row) != entry.points for row in entry.weights) or entry.points < least:
+        raise SetupError(
+            f"extrapolation '{entry.name}': all rows of weights must have the same length, at least {least}"
+        )
+    if entry.uses_rates and [len(row) for row in entry.rate_weights] != [entry.points] * entry.degree:
+        raise SetupError(f"extrapolation '{entry.name}': rate_weights must have the shape of weights, or be empty")
+    needs_start = entry.points > 1
+    if needs_start and (entry.start not in EXTRAPOLATIONS or EXTRAPOLATIONS[entry.start].points >= entry.points):
+        raise SetupError(f"extrapolation '{entry.name}': start must name a registered one that needs fewer values")
+    if entry.degree > MOST_DEGREE:
+        raise SetupError(f"extrapolation '{entry.name}': its degree is {entry.degree}, more than {MOST_DEGREE}")
+    if needs_start and EXTRAPOLATIONS[entry.start].degree > entry.degree:
+        raise SetupError(f"extrapolation '{entry.name}': start must name a registered one of no higher degree")
+    if needs_start and EXTRAPOLATIONS[entry.start].uses_rates and not entry.uses_rates:
+        raise SetupError(f"extrapolation '{entry.name}': start must name a registered one that uses no derivatives")
 
 
 register(
@@ -148,6 +176,79 @@ register(
         "inputs go on as from the last communication point to this one",
         weights=((1.0, -1.0),),
         start="hold",
+    )
+)
+
+
+def _over(*rows: tuple[int, tuple[int, ...]]) -> tuple[tuple[float, ...], ...]:
+    """Weights, each row whole numbers over one denominator."""
+    return tuple(tuple(number / denominator for number in numbers) for denominator, numbers in rows)
+
+
+register(
+    Extrapolation(
+        "quadratic",
+        "quadratic extrapolation",
+        "a parabola through the last three values",
+        _over((2, (3, -4, 1)), (1, (1, -2, 1))),
+        start="linear",
+    )
+)
+register(
+    Extrapolation(
+        "cubic",
+        "cubic extrapolation",
+        "a cubic through the last four values",
+        _over((6, (11, -18, 9, -2)), (1, (2, -5, 4, -1)), (1, (1, -3, 3, -1))),
+        start="quadratic",
+    )
+)
+# those by least squares go through the last value, or inputs would jump; they grow less where a loop oscillates
+register(
+    Extrapolation(
+        "quadratic-least-squares",
+        "smoothed quadratic extrapolation",
+        "a parabola through the last value, by least squares along the three before",
+        _over((38, (42, -31, -26, 15)), (19, (10, -11, -8, 9))),
+        start="quadratic",
+    )
+)
+register(
+    Extrapolation(
+        "cubic-least-squares",
+        "smoothed cubic extrapolation",
+        "a cubic through the last value, by least squares along the four before",
+        _over((414, (625, -706, -183, 398, -134)), (23, (30, -51, -4, 41, -16)), (69, (35, -71, 3, 67, -34))),
+        start="cubic",
+    )
+)
+register(
+    Extrapolation(
+        "tangent",
+        "first-order Taylor extrapolation",
+        "from the last value on at the rate that its FMU gives",
+        _over((1, (0,))),
+        rate_weights=_over((1, (1,))),
+    )
+)
+register(
+    Extrapolation(
+        "hermite",
+        "cubic Hermite extrapolation",
+        "a cubic through the last two values and the rates there that their FMU gives",
+        _over((1, (0, 0)), (1, (-6, 6)), (1, (-12, 12))),
+        start="tangent",
+        rate_weights=_over((1, (1, 0)), (1, (4, 2)), (1, (6, 6))),
+    )
+)
+register(
+    Extrapolation(
+        "hermite-least-squares",
+        "smoothed cubic Hermite extrapolation",
+        "a cubic through the last value, by least squares along the two before and the rates of all three",
+        _over((93, (25, -22, -3)), (31, (-22, 2, 20)), (31, (-26, 8, 18))),
+        start="hermite",
+        rate_weights=_over((558, (497, -112, 5)), (31, (54, -34, 22)), (93, (121, -98, 109))),
     )
 )
 
@@ -199,10 +300,20 @@ def algorithm(order: str = "sequential", extrapolation: str = AUTO) -> Algorithm
     """
     if order not in ORDERS:
         raise SetupError(f"order {order!r} is unknown; use {_choices(ORDERS)}")
-    if extrapolation != AUTO and extrapolation not in EXTRAPOLATIONS:
-        raise SetupError(f"extrapolation {extrapolation!r} is unknown; use '{AUTO}', {_choices(EXTRAPOLATIONS)}")
-    demanded = extrapolation != AUTO
-    return Algorithm(ORDERS[order], EXTRAPOLATIONS[extrapolation if demanded else _AUTO_MEANS], demanded)
+    return Algorithm(ORDERS[order], *extrapolation_named(extrapolation))
+
+
+def extrapolation_named(name: str) -> tuple[Extrapolation, bool]:
+    """The extrapolation of this name, and whether an FMU that can't is an error, which it isn't for "auto".
+
+    Raises
+    ------
+    SetupError
+        The name is unknown; the message offers those that are known.
+    """
+    if name != AUTO and name not in EXTRAPOLATIONS:
+        raise SetupError(f"extrapolation {name!r} is unknown; use '{AUTO}', {_choices(EXTRAPOLATIONS)}")
+    return EXTRAPOLATIONS[_AUTO_MEANS if name == AUTO else name], name != AUTO
 
 
 def _choices(registry: Mapping[str, Order] | Mapping[str, Extrapolation]) -> str:

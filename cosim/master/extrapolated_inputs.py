@@ -3,8 +3,9 @@
 A held input is late by half a step on average, which makes the coupling first-order accurate. An FMU that can
 interpolate its inputs takes their derivatives with them (`fmi2SetRealInputDerivatives`), or asks for its inputs during
 a step (FMI 3.0, intermediate update). The derivatives of a connection come from its last values, see
-`cosim.master.algorithm`; the rate of a signal, which is known beforehand, is that to its next value. After a jump
-nothing is known of a connection's derivatives, and it is held for one step.
+`cosim.master.algorithm`, and, for some extrapolations, from their rates, which the FMU gives that they are outputs of.
+Those of a signal, which is known beforehand, come from its values on both sides of the step. After a jump nothing is
+known of a connection's derivatives, and they are found anew.
 """
 
 from __future__ import annotations
@@ -13,9 +14,12 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 
 from cosim.errors import SetupError
-from cosim.master.algorithm import AUTO, Algorithm, can_be_extrapolated
-from cosim.system.resolution import ResolvedSystem
+from cosim.master.algorithm import AUTO, Algorithm, Extrapolation, can_be_extrapolated, extrapolation_named
+from cosim.system.resolution import Link, ResolvedSystem
 from cosim.system.variables import Element
+
+#: An element, by component and name.
+Key = tuple[str, str]
 
 
 @dataclass(frozen=True)
@@ -27,27 +31,36 @@ class ExtrapolatedInputs:
     algorithm : Algorithm
     elements : mapping
         Component -> all elements of the variables of which at least one element is extrapolated.
-    moving : frozenset
-        (component, element) of those that are.
+    moving : mapping
+        (component, element) -> how it is extrapolated, of those that are.
+    by_variable : mapping
+        (component, variable) -> how those of its elements are extrapolated that are.
     held : tuple of str
         Names `component.variable` of fed inputs that are not.
     exact : tuple of str
         Names of inputs that are neither: both ends of their connection are in model exchange.
+    rated_inputs, rated_outputs : tuple of (component, element)
+        Elements whose derivatives by time are exchanged.
     """
 
     algorithm: Algorithm
     elements: Mapping[str, tuple[Element, ...]]
-    moving: frozenset[tuple[str, str]]
+    moving: Mapping[Key, Extrapolation]
+    by_variable: Mapping[Key, Extrapolation]
     held: tuple[str, ...]
     exact: tuple[str, ...] = ()
+    rated_inputs: tuple[tuple[str, Element], ...] = ()
+    rated_outputs: tuple[tuple[str, Element], ...] = ()
 
     def summary(self) -> dict[str, object]:
-        """For people: what was asked for, and the names of what is extrapolated and of what is held."""
+        """For people: what was asked for, and the names of what is extrapolated, and how, and of what is held."""
         extrapolation = self.algorithm.extrapolation
-        moving = {extrapolation.name: [".".join(key) for key in sorted(self.moving)]} if extrapolation.degree else {}
+        names: dict[str, list[str]] = {extrapolation.name: []} if extrapolation.degree else {}
+        for key in sorted(self.moving):
+            names.setdefault(self.moving[key].name, []).append(".".join(key))
         if self.exact:
-            moving["model_exchange"] = list(self.exact)
-        return {"mode": extrapolation.name if self.algorithm.demanded else AUTO, **moving, "hold": list(self.held)}
+            names["model_exchange"] = list(self.exact)
+        return {"mode": extrapolation.name if self.algorithm.demanded else AUTO, **names, "hold": list(self.held)}
 
 
 def extrapolated_inputs(
@@ -67,49 +80,148 @@ def extrapolated_inputs(
     SetupError
         The extrapolation is demanded where an input can only be held; the message says which and why.
     """
-    extrapolation = algorithm.extrapolation
-    moving: set[tuple[str, str]] = set()
+    moving: dict[Key, Extrapolation] = {}
     held: list[str] = []
     added = {(d.component, e.name) for d in system.drives if d.added for e in d.targets}
-    for component, element, every, jumps in _fed(system):
-        name = f"{component}.{element.name}"
-        disturbed = (component, element.name) in added
-        obstacle = "a sampled signal is added to it" if disturbed else _obstacle(system, component, element, every)
+    rated = _Rated(system)
+    for component, element, every, link in _fed(system):
+        name, key = f"{component}.{element.name}", (component, element.name)
+        extrapolation, demanded = _wanted(algorithm, link)
+        obstacle = "a sampled signal is added to it" if key in added else _obstacle(system, component, element, every)
         if component in refusing:
             obstacle = "its FMU refuses derivatives of inputs"
-        if extrapolation.degree == 0 or ((obstacle or jumps) and not algorithm.demanded):
+        if extrapolation.degree == 0 or ((obstacle or _jumps(system, link)) and not demanded):
             held.append(name)
-        elif obstacle:
+            continue
+        if obstacle:
             raise SetupError(
                 f"extrapolation '{extrapolation.name}': input '{name}' can only be held, for {obstacle}; use '{AUTO}'"
             )
-        else:
-            moving.add((component, element.name))
-    variables = {(c, e.variable.name) for c, e, *_ in _fed(system) if (c, e.name) in moving}
+        if extrapolation.uses_rates and link is not None and (obstacle := rated.obstacle(link)):
+            raise SetupError(
+                f"extrapolation '{extrapolation.name}': the derivative of '{name}' is not known, for {obstacle}; use "
+                "'cubic' or one of lower degree"
+            )
+        moving[key] = extrapolation
+    by_variable: dict[Key, Extrapolation] = {}
+    for component, element, *_ in _fed(system):
+        if (component, element.name) in moving:
+            extrapolation = moving[component, element.name]
+            other = by_variable.setdefault((component, element.variable.name), extrapolation)
+            if other is not extrapolation:
+                raise SetupError(
+                    f"input '{component}.{element.variable.name}': its elements are set together and can't be "
+                    f"extrapolated by '{other.name}' and '{extrapolation.name}'; use one of them"
+                )
     elements = {
-        component: tuple(e for e in port.all_elements() if (component, e.variable.name) in variables)
+        component: tuple(e for e in port.all_elements() if (component, e.variable.name) in by_variable)
         for component, port in system.ports.items()
     }
+    by_rates = [k for k in system.links if _uses_rates(moving, k)]
+    inputs, outputs = rated.needed(by_rates)
     exact = sorted(f"{k.target_component}.{k.target.name}" for k in system.links if system.couples_equations(k))
     return ExtrapolatedInputs(
-        algorithm, {c: e for c, e in elements.items() if e}, frozenset(moving), tuple(sorted(held)), tuple(exact)
+        algorithm,
+        {c: e for c, e in elements.items() if e},
+        moving,
+        by_variable,
+        tuple(sorted(held)),
+        tuple(exact),
+        inputs,
+        outputs,
     )
 
 
-def _fed(system: ResolvedSystem) -> Iterable[tuple[str, Element, int, bool]]:
+def _wanted(algorithm: Algorithm, link: Link | None) -> tuple[Extrapolation, bool]:
+    """The extrapolation of a connection or a signal, and whether it is demanded."""
+    if link is None or link.extrapolation is None:
+        return algorithm.extrapolation, algorithm.demanded
+    return extrapolation_named(link.extrapolation)
+
+
+def _uses_rates(moving: Mapping[Key, Extrapolation], link: Link) -> bool:
+    extrapolation = moving.get((link.target_component, link.target.name))
+    return extrapolation is not None and extrapolation.uses_rates
+
+
+def _jumps(system: ResolvedSystem, link: Link | None) -> bool:
+    """Whether a link carries an FMU's output that keeps its value from event to event, which a slope would miss."""
+    return (
+        link is not None
+        and system.components[link.source_component].function is None
+        and link.source.variable.variability == "discrete"
+    )
+
+
+class _Rated:
+    """Outputs whose derivatives by time are known: the FMU gives them, and what is fed through has such ones, too."""
+
+    def __init__(self, system: ResolvedSystem) -> None:
+        self._system = system
+        self._link_to = {(k.target_component, k.target.name): k for k in system.links}
+        self._driven = {(d.component, e.name) for d in system.drives for e in d.targets}
+
+    def obstacle(self, link: Link) -> str | None:
+        """Why the derivative of what a link carries is not known."""
+        name, source = link.source_component, link.source
+        port = self._system.ports[name]
+        if self._system.components[name].function is not None:
+            return f"component '{name}' is a function"
+        if port.is_model_exchange:
+            return f"component '{name}' is in model exchange"
+        kind = port.description.coSimulation
+        if port.description.fmiMajorVersion < 2 or (kind.maxOutputDerivativeOrder or 0) < 1:
+            return f"the FMU of component '{name}' gives no derivatives of outputs (maxOutputDerivativeOrder)"
+        if source.variable.shape or source.variable.type not in ("Real", "Float64"):
+            return f"'{name}.{source.name}' is no real scalar"
+        through = self._through(link)
+        if not through:
+            return None
+        if self._system.levels is None:
+            return f"'{name}.{source.name}' is a part of an algebraic loop"
+        if not (getattr(kind, "providesDirectionalDerivative", False)):
+            return f"the FMU of component '{name}' has direct feedthrough, and gives no directional derivatives"
+        for element in through:
+            if (name, element.name) in self._driven:
+                return f"'{name}.{source.name}' depends directly on '{name}.{element.name}', which a signal feeds"
+            if obstacle := self.obstacle(self._link_to[name, element.name]):
+                return obstacle
+        return None
+
+    def needed(self, links: Iterable[Link]) -> tuple[tuple[tuple[str, Element], ...], tuple[tuple[str, Element], ...]]:
+        """Inputs and outputs whose derivatives are needed for those of links."""
+        inputs: dict[Key, tuple[str, Element]] = {}
+        outputs: dict[Key, tuple[str, Element]] = {}
+        waiting = list(links)
+        while waiting:
+            link = waiting.pop()
+            key = (link.target_component, link.target.name)
+            if key in inputs:
+                continue
+            inputs[key] = (link.target_component, link.target)
+            outputs[link.source_component, link.source.name] = (link.source_component, link.source)
+            waiting += [self._link_to[link.source_component, e.name] for e in self._through(link)]
+        return tuple(inputs[key] for key in sorted(inputs)), tuple(outputs[key] for key in sorted(outputs))
+
+    def _through(self, link: Link) -> list[Element]:
+        """Fed inputs on which what a link carries depends directly."""
+        name = link.source_component
+        names = self._system.feedthrough[name].get(link.source.variable.name, ())
+        elements = [e for e in self._system.ports[name].all_elements() if e.variable.name in names]
+        return [e for e in elements if (name, e.name) in self._link_to or (name, e.name) in self._driven]
+
+
+def _fed(system: ResolvedSystem) -> Iterable[tuple[str, Element, int, Link | None]]:
     """Every input that is fed at communication points, with the number of steps between two values; 1 for a signal.
 
-    And whether that is an FMU's output that keeps its value from event to event, which a slope would miss.
+    And the link that feeds it, None for a signal.
     """
     for link in system.links:
-        if system.couples_equations(link):
-            continue
-        source = system.components[link.source_component]
-        jumps = source.function is None and link.source.variable.variability == "discrete"
-        yield link.target_component, link.target, source.every, jumps
+        if not system.couples_equations(link):
+            yield link.target_component, link.target, system.components[link.source_component].every, link
     for drive in system.drives:
         for element in drive.targets if not drive.added else ():
-            yield drive.component, element, 1, False
+            yield drive.component, element, 1, None
 
 
 def _obstacle(system: ResolvedSystem, component: str, element: Element, every: int) -> str | None:

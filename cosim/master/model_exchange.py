@@ -206,7 +206,7 @@ class ModelExchangeGroup:
             ) from None
         components = {name: system.components[name] for name in self._names}
         own = ResolvedSystem(components, ports, links, drives, (), levels, feedthrough, (), ())
-        nothing = ExtrapolatedInputs(algorithm("sequential", "hold"), {}, frozenset(), ())
+        nothing = ExtrapolatedInputs(algorithm("sequential", "hold"), {}, {}, {}, ())
         layout = ValueLayout(own, [], nothing)
         return _Inner(Exchange(dataclasses.replace(own, drives=()), self._instances, nothing, layout), layout, links)
 

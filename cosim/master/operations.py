@@ -23,13 +23,13 @@ from cosim.fmi.model_exchange import ModelExchangeInstance
 from cosim.fmi.types import FmiType, type_code
 from cosim.fmi.variable_buffer import VariableBuffer
 from cosim.loop.arena import Arena
-from cosim.loop.binding import EXTRAPOLATED, NONE, Conversion, Extrapolated, Operation, OperationKind
+from cosim.loop.binding import EXTRAPOLATED, NONE, Conversion, Extrapolated, Operation, OperationKind, Rates
 from cosim.loop.current_calls import codes
 from cosim.master.algorithm import ORDERS, Extrapolation
 from cosim.master.events import Events, events_of
 from cosim.master.extrapolated_inputs import ExtrapolatedInputs
 from cosim.master.function_instance import FunctionInstance
-from cosim.master.value_layout import Transfer, ValueLayout
+from cosim.master.value_layout import ExtrapolatedGroup, Transfer, ValueLayout
 from cosim.system.resolution import Drive, Link, ResolvedSystem
 from cosim.system.system import Component
 from cosim.system.variables import Element, variables_of
@@ -90,6 +90,7 @@ class OperationTable:
             OperationKind.EXTRAPOLATE,
             OperationKind.STEP,
             OperationKind.CALL,
+            OperationKind.DIFFERENTIATE,
         }
         self.codes = codes(
             [
@@ -156,7 +157,6 @@ class Exchange:
         self._group = group
         self._instances = instances
         self._layout = layout
-        self._extrapolation = extrapolated.algorithm.extrapolation
         self.demanded = extrapolated.algorithm.demanded
         self._arena = Arena()
         self._buffers: list[VariableBuffer] = []  # that operations point into
@@ -189,7 +189,8 @@ class Exchange:
             sets = dict(sorted(sets.items()))
         exchange = extrapolated.algorithm.order.arrange(sets, gets)
         begin, finish = self._around_exchange()
-        self.at_point = OperationTable([*samples, *begin, *exchange, *finish], instances)
+        rates = self._exchange_rates()
+        self.at_point = OperationTable([*samples, *begin, *exchange, *finish, *rates], instances)
         self.exchanged_again = (len(samples) + len(begin), len(samples) + len(begin) + len(exchange))
         sets_of = _grouped(layout.sets, attrgetter("component"))
         steps = {c: self._extrapolate_and_step(c, sets_of.get(c, ())) for c in system.components}
@@ -438,7 +439,7 @@ class Exchange:
     # To the next point
 
     def _extrapolate_and_step(self, component: str, sets: Sequence[Transfer]) -> list[NamedOperation]:
-        moving = [self._extrapolate(transfer) for transfer in sets if self._layout.extrapolated_elements(transfer)]
+        moving = [self._extrapolate(group) for transfer in sets for group in self._layout.extrapolated_groups(transfer)]
         for row in moving[:-1]:
             row.operation.more = 1
         # nothing happens to functions between communication points, and what is in model exchange steps together
@@ -446,32 +447,36 @@ class Exchange:
             return moving
         return [*moving, self._step(component)]
 
-    def _extrapolate(self, transfer: Transfer) -> NamedOperation:
-        """The extrapolated inputs of a transfer."""
-        instance, elements = self._instances[transfer.component], self._layout.extrapolated_elements(transfer)
-        n, degree, points = len(elements), self._extrapolation.degree, self._extrapolation.points
+    def _extrapolate(self, group: ExtrapolatedGroup) -> NamedOperation:
+        """Inputs of an FMU that are extrapolated in one way."""
+        instance, elements, extrapolation = self._instances[group.component], group.elements, group.extrapolation
+        n, degree, points = len(elements), extrapolation.degree, extrapolation.points
         # FMI 1.0 and 2.0 take all derivatives of all inputs in one call
         orders = range(1, degree + 1) if instance.version < 3 else range(1)
         references = [v.valueReference for _ in orders for v in variables_of(elements)]
-        sources = [self._layout.source_of_derivatives(transfer.component, e) for e in elements]
+        sources = [self._layout.source_of_derivatives(group.component, e) for e in elements]
         by_extrapolation = next((i for i, source in enumerate(sources) if source != EXTRAPOLATED), n)
         inputs = self._arena.structure(Extrapolated)
-        inputs.history = self._arena.zeros((points - 1) * n)
+        inputs.history = self._arena.zeros(max(1, points - 1) * n)
+        if extrapolation.uses_rates:
+            inputs.rates = self._arena.zeros(points * n)
+            inputs.first_rate = self._layout.rates[group.component, elements[0].name]
         inputs.derivatives = self._arena.zeros(degree * n)
         inputs.buffer = self._arena.zeros(n)
         inputs.orders = self._arena.integers([order for order in orders for _ in range(n)])
-        inputs.weights = self._arena.array(ctypes.c_double, _weights(self._extrapolation))
+        inputs.weights = self._arena.array(ctypes.c_double, _weights(extrapolation))
         inputs.degree, inputs.points = degree, points
         self._extrapolated.append((inputs, n))
         name = f"fmi{instance.version}SetRealInputDerivatives" if instance.version < 3 else "fmi3SetFloat64"
         in_stages = isinstance(instance, ModelExchangeInstance)
+        set_ = Transfer(group.component, 0, elements, group.first)
         operation = self._operation(
             OperationKind.EXTRAPOLATE,
-            transfer.component,
+            group.component,
             function=None if in_stages else instance.function_address(name),
             references=self._arena.references(references),
             n_references=len(references),
-            first=transfer.first + len(transfer.elements) - n,
+            first=group.first,
             n=n,
             targets=self._arena.integers(sources[by_extrapolation:]),
             n_targets=n - by_extrapolation,
@@ -479,7 +484,62 @@ class Exchange:
         )
         if in_stages:  # which ask for inputs as FMUs of FMI 3.0 do
             operation.version = 3
-        return NamedOperation(operation, transfer.component, name, transfer=transfer)
+        return NamedOperation(operation, group.component, name, transfer=set_)
+
+    def _exchange_rates(self) -> list[NamedOperation]:
+        """Rates of outputs, level by level, and those of the inputs that they feed."""
+        rows: list[NamedOperation] = []
+        for transfer in self._layout.rated:
+            links = [k for k in self._links_to.get(transfer.component, ()) if k.target in transfer.elements]
+            if links:
+                rows += self._carry_rates(transfer.component, links)
+            else:
+                rows.append(self._differentiate(transfer))
+        return rows
+
+    def _carry_rates(self, component: str, links: Sequence[Link]) -> list[NamedOperation]:
+        rates = self._layout.rates
+        factors = self._arena.array(ctypes.c_double, [*(k.factor for k in links), *(0.0 for _ in links)])
+        targets = [rates[k.target_component, k.target.name] for k in links]
+        sources = [rates[k.source_component, k.source.name] for k in links]
+        operation = self._operation(
+            OperationKind.TRANSFORM,
+            component,
+            targets=self._arena.integers([*targets, *sources, *(NONE for _ in links)]),
+            data=ctypes.addressof(factors),
+            n_targets=len(links),
+        )
+        return [NamedOperation(operation, component)]
+
+    def _differentiate(self, transfer: Transfer) -> NamedOperation:
+        """Rates of outputs, those of the inputs with direct feedthrough included."""
+        component, instance = transfer.component, self._instances[transfer.component]
+        n, version = len(transfer.elements), instance.version
+        through = self._layout.fed_through(transfer)
+        rates = self._arena.structure(Rates)
+        rates.orders = self._arena.integers([1] * n)
+        if through:
+            directional = f"fmi{version}GetDirectionalDerivative"
+            rates.function = instance.function_address(directional)
+            rates.knowns = self._arena.references([e.variable.valueReference for e in through])
+            rates.positions = self._arena.integers([self._layout.rates[component, e.name] for e in through])
+            rates.seed, rates.change = self._arena.zeros(len(through)), self._arena.zeros(n)
+            rates.n = len(through)
+        name = "fmi2GetRealOutputDerivatives" if version < 3 else "fmi3GetOutputDerivatives"
+        finite = tuple((f"der({e.name})", transfer.first + i) for i, e in enumerate(transfer.elements))
+        operation = self._operation(
+            OperationKind.DIFFERENTIATE,
+            component,
+            function=instance.function_address(name),
+            references=self._arena.references([e.variable.valueReference for e in transfer.elements]),
+            n_references=n,
+            first=transfer.first,
+            n=n,
+            targets=self._arena.integers([position for _, position in finite]),
+            n_targets=n,
+            data=ctypes.addressof(rates),
+        )
+        return NamedOperation(operation, component, name, finite)
 
     def _step(self, component: str) -> NamedOperation:
         instance = self._instances[component]
@@ -502,8 +562,9 @@ def _describe(conversion: Conversion, source: FmiType, code: int, bounds: tuple[
         conversion.smallest, conversion.largest = int(bounds[0]), max(0, int(bounds[1]))
 
 
-def _arrays_of(inputs: Extrapolated, n: int) -> tuple[tuple[Any, int], tuple[Any, int]]:
-    return (inputs.history, (inputs.points - 1) * n), (inputs.derivatives, inputs.degree * n)
+def _arrays_of(inputs: Extrapolated, n: int) -> list[tuple[Any, int]]:
+    arrays = [(inputs.history, max(1, inputs.points - 1) * n), (inputs.derivatives, inputs.degree * n)]
+    return [*arrays, (inputs.rates, inputs.points * n)] if inputs.rates else arrays
 
 
 def _history_of(inputs: Extrapolated, n: int) -> list[float]:
@@ -511,10 +572,13 @@ def _history_of(inputs: Extrapolated, n: int) -> list[float]:
 
 
 def _weights(extrapolation: Extrapolation) -> list[float]:
-    """Weights for 1, 2, ... known values, as loop.c wants them: for each, `degree` rows of `points`."""
+    """Weights for 1, 2, ... known values, as loop.c wants them: for each, `degree` rows of `points`; then of rates."""
+    used = [extrapolation.used(known) for known in range(1, extrapolation.points + 1)]
+    tables = [each.weights for each in used]
+    if extrapolation.uses_rates:
+        tables += [each.rate_weights for each in used]
     numbers = []
-    for known in range(1, extrapolation.points + 1):
-        rows = extrapolation.weights_of(known)
+    for rows in tables:
         for d in range(extrapolation.degree):
             row = rows[d] if d < len(rows) else ()
             numbers += [*row, *[0.0] * (extrapolation.points - len(row))]

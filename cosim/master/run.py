@@ -631,11 +631,15 @@ class Run:
         raise AssertionError("a value that fits was refused")
 
 
+#: Kinds of operations that compute or read outputs.
+_READING = (OperationKind.GET, OperationKind.CALL, OperationKind.DIFFERENTIATE)
+
 #: Kinds of operations, in the words of a warning.
 _DOINGS = {
     OperationKind.SET: "setting inputs",
     OperationKind.GET: "reading outputs",
     OperationKind.EXTRAPOLATE: "setting derivatives of inputs",
+    OperationKind.DIFFERENTIATE: "reading derivatives of outputs",
     OperationKind.GROUP: "model exchange",
 }
 
@@ -672,7 +676,7 @@ def _failure_of_call(component: str, time: float, raised: BaseException) -> Base
 def _reads(table: OperationTable, components: Collection[str]) -> Iterator[tuple[int, int]]:
     """Places of the operations that compute and read outputs of components."""
     for i, row in enumerate(table.rows):
-        if row.operation.kind in (OperationKind.GET, OperationKind.CALL) and row.component in components:
+        if row.operation.kind in _READING and row.component in components:
             yield i, 1
 
 

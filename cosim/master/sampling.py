@@ -34,9 +34,11 @@ class Samples:
     last_point : int
         Number of the last communication point.
     reach : int
-        By how many points the loop looks back from those it performs.
+        By how many points the loop looks back from those it performs, at least.
     ahead : bool
         Whether it looks ahead by as many.
+    back : int, optional
+        By how many points it looks back, where these are more.
     texts : Texts, optional
         Texts of the system.
 
@@ -63,18 +65,19 @@ class Samples:
         reach: int,
         *,
         ahead: bool = True,
+        back: int = 0,
         texts: Texts | None = None,
     ) -> None:
         self.drives = tuple(drives)
         self._start_time, self._step_size = start_time, step_size
-        self._last_point, self._reach = last_point, reach
+        self._last_point, self._reach = last_point, max(reach, back)
         self._texts = Texts() if texts is None else texts
         self._ahead = reach if ahead else 0
         widths = [len(d.targets) for d in drives]
         ends = np.cumsum([0, *widths])
         self.columns = [np.arange(a, a + n, dtype=np.int32) for a, n in zip(ends, widths, strict=False)]
         self._breakpoints = np.unique([b for d in drives for b in d.breakpoints])
-        self._rows = max(_MOST_SAMPLES // max(1, int(ends[-1])), 4 * reach + 1)
+        self._rows = max(_MOST_SAMPLES // max(1, int(ends[-1])), 4 * self._reach + 1)
         self.values = np.empty((min(self._rows, last_point + 1), int(ends[-1])))
         self.jumps = np.zeros(len(self.values), dtype=np.uint8)
         self.first = self.end = 0

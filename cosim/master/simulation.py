@@ -840,8 +840,16 @@ class Simulation:
                 return samples
         ahead = any((d.component, e.name) in self._extrapolated.moving for d in drives for e in d.targets)
         reach = max(component.every for component in self._resolved.components.values())
+        back = max((each.degree - 1 for each in self._extrapolated.moving.values()), default=0)
         samples = Samples(
-            drives, grid.start_time, grid.step_size, grid.last_point, reach, ahead=ahead, texts=self._texts
+            drives,
+            grid.start_time,
+            grid.step_size,
+            grid.last_point,
+            reach,
+            ahead=ahead,
+            back=max(1, back) * reach,
+            texts=self._texts,
         )
         self._samples = ((drives, grid), samples)
         return samples

@@ -8,10 +8,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass
 from functools import partial
+from itertools import groupby
 
 import numpy as np
 
 from cosim.loop.binding import EXTRAPOLATED, HELD
+from cosim.master.algorithm import Extrapolation
 from cosim.master.extrapolated_inputs import ExtrapolatedInputs
 from cosim.system.resolution import ResolvedSystem
 from cosim.system.variables import Element, is_alias
@@ -31,6 +33,16 @@ class Transfer:
     level: int
     elements: tuple[Element, ...]
     first: int
+
+
+@dataclass(frozen=True)
+class ExtrapolatedGroup:
+    """Inputs of a transfer that are extrapolated in one way; `first` is the position of the first one."""
+
+    component: str
+    elements: tuple[Element, ...]
+    first: int
+    extrapolation: Extrapolation
 
 
 class ValueLayout:
@@ -58,6 +70,11 @@ class ValueLayout:
         What is recorded: position of the first value and number of each contiguous run.
     columns : mapping
         Element -> its column in the samples of the signals.
+    rates : mapping
+        Element, an output or an input -> position of its derivative by time, where that is used.
+    rated : list of Transfer
+        Elements whose rates are exchanged after the values, in this order: outputs of components, and inputs, whose
+        rates are those of the outputs that feed them.
     """
 
     def __init__(
@@ -65,6 +82,7 @@ class ValueLayout:
     ) -> None:
         self._system = system
         self._moving = extrapolated.moving
+        self._extrapolated = extrapolated
         self.columns = _numbered((d.component, e.name) for d in system.drives for e in d.targets)
         self._rank = self._ranks(extrapolated)
 
@@ -84,11 +102,58 @@ class ValueLayout:
         added = ((d.component, e.name) for d in system.drives if d.added for e in d.targets)
         self.added = _numbered(added, first=len(self.positions))
         self.size = len(self.positions) + len(self.added)
+        self.rates: dict[Key, int] = {}
+        self.rated = self._lay_out_rates()
         self.recorded_runs = _runs([self.positions[c, e.name] for c, e in recorded])
 
-    def extrapolated_elements(self, transfer: Transfer) -> tuple[Element, ...]:
-        """The last ones of a transfer of the inputs: those that are extrapolated over a step."""
-        return tuple(e for e in transfer.elements if self._rank_of(transfer.component, e))
+    def extrapolated_groups(self, transfer: Transfer) -> list[ExtrapolatedGroup]:
+        """The last ones of a transfer of the inputs, those that are extrapolated over a step, by how that is done."""
+        groups: list[ExtrapolatedGroup] = []
+        by = self._extrapolated.by_variable
+        component = transfer.component
+        for name, elements in groupby(transfer.elements, lambda e: self._name_of_extrapolation(component, e)):
+            if name:
+                own = tuple(elements)
+                first = transfer.first + transfer.elements.index(own[0])
+                groups.append(ExtrapolatedGroup(component, own, first, by[component, own[0].variable.name]))
+        return groups
+
+    def _name_of_extrapolation(self, component: str, element: Element) -> str:
+        extrapolation = self._extrapolated.by_variable.get((component, element.variable.name))
+        return "" if extrapolation is None else extrapolation.name
+
+    def fed_through(self, transfer: Transfer) -> tuple[Element, ...]:
+        """Inputs with a rate on which outputs depend directly."""
+        component = transfer.component
+        through = self._system.feedthrough[component]
+        names = {name for e in transfer.elements for name in through.get(e.variable.name, ())}
+        port = self._system.ports[component]
+        return tuple(e for e in port.all_elements() if e.variable.name in names and (component, e.name) in self.rates)
+
+    def _lay_out_rates(self) -> list[Transfer]:
+        """Give rates their positions, behind all values: those of the groups of inputs, and those of the outputs."""
+        for transfer in self.sets:
+            for group in self.extrapolated_groups(transfer):
+                if group.extrapolation.uses_rates:
+                    self._add_rates(group.component, group.elements)
+        levels = self._system.levels or {}
+        groups: dict[tuple[int, int, str], list[Element]] = {}
+        for kind, keys in enumerate((self._extrapolated.rated_inputs, self._extrapolated.rated_outputs)):
+            for component, element in keys:
+                level = levels.get((component, element.variable.name), 0)
+                groups.setdefault((level, kind, component), []).append(element)
+        transfers = []
+        for (level, _, component), elements in sorted(groups.items(), key=lambda item: item[0]):
+            new = tuple(e for e in elements if (component, e.name) not in self.rates)
+            first = self._add_rates(component, new)
+            transfers.append(Transfer(component, level, tuple(elements), first))
+        return transfers
+
+    def _add_rates(self, component: str, elements: Sequence[Element]) -> int:
+        first = self.size
+        self.rates |= _numbered(((component, e.name) for e in elements), first)
+        self.size += len(elements)
+        return first
 
     def source_of_derivatives(self, component: str, element: Element) -> int:
         """Source of the derivatives of an extrapolated input: a column of the samples, EXTRAPOLATED or HELD."""
@@ -170,14 +235,17 @@ class ValueLayout:
         return transfers
 
     def _ranks(self, extrapolated: ExtrapolatedInputs) -> dict[Key, int]:
-        """Rank of inputs in their transfer: held ones first, last those of which a signal gives the derivatives.
+        """Rank of inputs in their transfer: held ones first, then those of each extrapolation.
 
-        So each operation that sets derivatives has contiguous values.
+        Last among these come those of which a signal gives the derivatives. So each operation that sets derivatives has
+        contiguous values.
         """
         ranks: dict[Key, int] = {}
+        names = sorted({each.name for each in extrapolated.by_variable.values()})
         for component, elements in extrapolated.elements.items():
             for element in elements:
                 rank = 1 if self.source_of_derivatives(component, element) == EXTRAPOLATED else 2
+                rank += 2 * names.index(extrapolated.by_variable[component, element.variable.name].name)
                 key = (component, element.variable.name)
                 ranks[key] = max(rank, ranks.get(key, rank))
         return ranks

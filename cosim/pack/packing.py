@@ -206,7 +206,13 @@ class _Whole:
                 )
         needs_levels = chosen.order.needs_levels
         alone = resolve(system, self.ports, needs_levels=needs_levels)
-        extrapolated_inputs(alone, chosen)  # whether what is demanded is possible
+        demanded = extrapolated_inputs(alone, chosen)  # whether what is demanded is possible
+        for key, each in demanded.moving.items():
+            if each.uses_rates:
+                raise SetupError(
+                    f"extrapolation '{each.name}' of '{'.'.join(key)}': packed FMUs exchange no derivatives of "
+                    "outputs; pack the system with 'cubic-least-squares' or one of lower degree"
+                )
         self._refuse_binary(alone)
         own_inputs = chosen_inputs(alone, inputs, fmi)
         own_outputs, notes = chosen_outputs(alone, outputs, fmi)

@@ -137,6 +137,7 @@ class Plan:
         directs = [v for v in variables if self._is_direct(v)]
         slots = sum(len(s.values) for s in self._starts)
         text_slots = list(self._text_slots())
+        degree = max((each.degree for each in self._extrapolated.moving.values()), default=0)  # how far it looks back
         lines: list[list[Any]] = [
             ["cosim-pack", "1"],
             [_text(token)],
@@ -145,7 +146,12 @@ class Plan:
                 *(len(variables), len(directs), len(self._tables), *(len(table) for table in tables)),
                 len(text_slots),
             ],
-            [_real(max_step), max(every), math.lcm(*every), int(not self._extrapolated.algorithm.order.needs_levels)],
+            [
+                _real(max_step),
+                max(every) * max(1, degree - 1),
+                math.lcm(*every),
+                int(not self._extrapolated.algorithm.order.needs_levels),
+            ],
             *(self._component(c) for c in self._components),
             *(self._start(s) for s in self._starts),
             *self._columns(),

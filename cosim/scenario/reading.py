@@ -46,7 +46,7 @@ _RUN: dict[str, Any] = {
 
 #: Keys of a component, a connection and a metric, and their types.
 _COMPONENT = {"fmu": str, "every": int}
-_CONNECTION = {"from": str, "to": str, "factor": float, "offset": float, "units": str}
+_CONNECTION = {"from": str, "to": str, "factor": float, "offset": float, "units": str, "extrapolation": str}
 _METRIC = {"of": str, "minus": str, "measure": str, "after": float}
 
 
@@ -192,6 +192,10 @@ def _connections(data: Mapping[str, Any], components: Collection[str], family: S
         if values.get("units", "equal") not in get_args(Units):
             raise ScenarioError(
                 f"{where} units = {values['units']!r} is unknown; {nearest(values['units'], get_args(Units))}"
+            )
+        if (name := values.get("extrapolation", AUTO)) not in (AUTO, *EXTRAPOLATIONS):
+            raise ScenarioError(
+                f"{where} extrapolation = {name!r} is unknown; {nearest(name, (AUTO, *EXTRAPOLATIONS))}"
             )
         own.append(Connection(values.pop("from"), values.pop("to"), **values))
     fed = {connection.target for connection in own}

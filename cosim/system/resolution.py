@@ -29,6 +29,7 @@ class Link:
     target: Element
     factor: float
     offset: float
+    extrapolation: str | None = None
 
     @property
     def is_scaled(self) -> bool:
@@ -215,7 +216,7 @@ def _links(connection: Connection, ports: Mapping[str, Ports]) -> list[Link]:
         factor, offset = _transformation(
             here, connection, ports[source_component], source, ports[target_component], target
         )
-        links.append(Link(source_component, source, target_component, target, factor, offset))
+        links.append(Link(source_component, source, target_component, target, factor, offset, connection.extrapolation))
     return links
 
 

@@ -55,6 +55,7 @@ class Connection:
     factor: float = 1.0
     offset: float = 0.0
     units: Units = "equal"
+    extrapolation: str | None = None
 
 
 @dataclass(frozen=True)
@@ -200,7 +201,14 @@ class System:
         self.components[name] = component
 
     def connect(
-        self, source: str, target: str, *, factor: float = 1.0, offset: float = 0.0, units: Units = "equal"
+        self,
+        source: str,
+        target: str,
+        *,
+        factor: float = 1.0,
+        offset: float = 0.0,
+        units: Units = "equal",
+        extrapolation: str | None = None,
     ) -> None:
         """Connect an output to an input; scalars, or whole vectors of equal size.
 
@@ -215,8 +223,10 @@ class System:
         units : {"equal", "convert", "ignore"}
             What to do where the FMUs give the two ends different units: refuse the connection, convert the output to
             the unit of the input before factor and offset are applied, or take the number as it is.
+        extrapolation : str, optional
+            What the input does between communication points, as in `Simulation`; that of the simulation by default.
         """
-        self.connections.append(Connection(source, target, factor, offset, units))
+        self.connections.append(Connection(source, target, factor, offset, units, extrapolation))
 
     def drive(
         self,

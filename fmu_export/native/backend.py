@@ -52,6 +52,7 @@ _INTERFACES = {
         "CoSimulation": {
             "canHandleVariableCommunicationStepSize": "true",
             "canInterpolateInputs": "true",
+            "maxOutputDerivativeOrder": "1",
             **_COMMON_2,
         },
     },
@@ -60,6 +61,7 @@ _INTERFACES = {
         "CoSimulation": {
             "canHandleVariableCommunicationStepSize": "true",
             "providesIntermediateUpdate": "true",
+            "maxOutputDerivativeOrder": "1",
             **_COMMON_3,
         },
     },

@@ -33,6 +33,7 @@ _ARGUMENTS = {
     "everything": ("t", "x", "u", "p"),
     "initial_state_direction": ("p", "dp"),
     "direction": ("t", "x", "u", "p", "dx", "du", "dp"),
+    "output_rates": ("t", "x", "u", "p", "x_rate"),
     "jacobian": ("t", "x", "u", "p"),
     "rates_direction": ("t", "x", "u", "p", "dx"),
     "time_derivative": ("t", "x", "u", "p", "u_rate"),

@@ -39,7 +39,8 @@ class TracedModel:
     `start_margins` (p). `rates` are the derivatives, then the margins, `everything` the outputs, then the rates: what
     they share is computed once, and an integrator step that begins there takes the derivatives as its first stage.
     Directional derivatives by CasADi's forward mode: `initial_state_direction` (p, dp), and `direction` (t, x, u, p,
-    dx, du, dp), that of the outputs, then that of the derivatives.
+    dx, du, dp), that of the outputs, then that of the derivatives; and `output_rates` (t, x, u, p, x_rate), the
+    derivatives of the outputs by time, without locals, with constant inputs.
 
     With discrete states z, which are constants of all these, z follows p among the arguments. `changes` are the
     functions of events and samplers: those of `fmu_export.trace.hybrid.changes`, `initial_discrete` of (p),
@@ -56,6 +57,7 @@ class TracedModel:
     everything: ca.Function
     initial_state_direction: ca.Function
     direction: ca.Function
+    output_rates: ca.Function
     changes: tuple[ca.Function, ...]
     #: Lookup tables, in the order of the numbers that calls of them have.
     tables: tuple[Table, ...]
@@ -73,6 +75,7 @@ class TracedModel:
             self.everything,
             self.initial_state_direction,
             self.direction,
+            self.output_rates,
             *self.changes,
         )
 
@@ -239,6 +242,7 @@ def _traced(model: Model, unchecked: bool) -> TracedModel:
         everything=function("everything", everything_known, everything),
         initial_state_direction=direction("initial_state_direction", initial, [p], [p], [dp]),
         direction=direction("direction", ca.vertcat(y, rates), everything_known, [x, u, p], [dx, du, dp]),
+        output_rates=_output_rates(everything_known, y[: len(model.outputs)], t, x),
         changes=tuple(changed.values()),
         tables=found,
     )
@@ -246,6 +250,13 @@ def _traced(model: Model, unchecked: bool) -> TracedModel:
         with as_written():
             check_against_numpy(model, _checked(model, traced), traced.tables)
     return traced
+
+
+def _output_rates(known: list[ca.SX], outputs: ca.SX, t: ca.SX, x: ca.SX) -> ca.Function:
+    """Derivatives of outputs by time with constant inputs, as a function of those of the states, x_rate, too."""
+    x_rate = _symbols("x_rate", x.numel())
+    change = ca.jtimes(ca.cse(outputs), ca.vertcat(t, x), ca.vertcat(ca.SX(1), x_rate))
+    return ca.Function("output_rates", [*known, x_rate], [ca.densify(ca.cse(change + ca.SX(*outputs.shape)))])
 
 
 def _sizes(model: Model) -> tuple[int, int, int, int]:

@@ -23,21 +23,11 @@ from cosim.analysis import (
 from cosim.analysis.stability import exponential
 from cosim.errors import ArgumentError
 from cosim.master import algorithm
-from cosim.master.algorithm import Extrapolation, Order
+from cosim.master.algorithm import Order
 from tests.support.tiny_models import GAIN, LAG, build
 
 INTEGRATOR = LinearComponent([[0.0]], [[1.0]], [[1.0]], [[0.0]], ["u"], ["x"])
 LOOP = [("i.x", "g.u"), ("g.y", "i.u")]
-
-#: Derivatives of the polynomials through the last three and four values.
-QUADRATIC = Extrapolation("quadratic", "", "", ((1.5, -2.0, 0.5), (1.0, -2.0, 1.0)), "linear")
-CUBIC = Extrapolation(
-    "cubic",
-    "",
-    "",
-    ((11 / 6, -3.0, 1.5, -1 / 3), (2.0, -5.0, 4.0, -1.0), (1.0, -3.0, 3.0, -1.0)),
-    "linear",
-)
 
 
 def gain(K: float) -> LinearComponent:
@@ -57,12 +47,6 @@ def eigenvalues(matrix: np.ndarray) -> np.ndarray:
 
 def roots(*coefficients: float) -> np.ndarray:
     return np.sort_complex(np.roots(coefficients))
-
-
-@pytest.fixture
-def more_extrapolations(monkeypatch: pytest.MonkeyPatch) -> None:
-    for extrapolation in (QUADRATIC, CUBIC):
-        monkeypatch.setitem(algorithm.EXTRAPOLATIONS, extrapolation.name, extrapolation)
 
 
 # The test equation x' = -K x, a = K h
@@ -88,14 +72,12 @@ def test_eigenvalues_are_the_roots_of_the_recurrence_by_hand(order, extrapolatio
 @pytest.mark.parametrize(
     ("extrapolation", "limit"), [("hold", 2.0), ("linear", 1.0), ("auto", 1.0), ("quadratic", 6 / 11), ("cubic", 0.3)]
 )
-@pytest.mark.usefixtures("more_extrapolations")
 def test_gauss_seidel_of_an_integrator_is_adams_bashforth(extrapolation, limit):
     """An integrator steps a polynomial exactly: the limits are those of these methods on the real axis."""
     K = 5.0
     assert largest_stable_step(feedback(K), extrapolation=extrapolation) == pytest.approx(limit / K, rel=2e-4)
 
 
-@pytest.mark.usefixtures("more_extrapolations")
 def test_eigenvalues_of_the_quadratic_extrapolation_are_those_of_adams_bashforth_3():
     a, h = 0.4, 0.1
     matrix = transition_matrix(feedback(a / h), h, extrapolation="quadratic")

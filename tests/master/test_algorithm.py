@@ -32,8 +32,8 @@ def test_what_is_registered_can_be_named() -> None:
 
 def test_until_enough_values_are_known_others_start() -> None:
     register(Extrapolation("parabola", "", "", PARABOLA, start="linear"))
-    weights = algorithms.EXTRAPOLATIONS["parabola"].weights_of
-    assert [weights(known) for known in (1, 2, 3, 4)] == [(), ((1.0, -1.0),), PARABOLA, PARABOLA]
+    used = algorithms.EXTRAPOLATIONS["parabola"].used
+    assert [used(known).weights for known in (1, 2, 3, 4)] == [(), ((1.0, -1.0),), PARABOLA, PARABOLA]
 
 
 @pytest.mark.parametrize(

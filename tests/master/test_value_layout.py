@@ -184,6 +184,7 @@ def test_inputs_stand_in_the_order_held_extrapolated_known_beforehand(extrapolat
     order = "d v u w" if extrapolation == "auto" else "u v w d"
     assert calls(layout, "sets") == [(0, "a", "u"), (1, "b", order)]
     (transfer,) = [each for each in layout.sets if each.component == "b"]
-    assert [e.name for e in layout.extrapolated_elements(transfer)] == (
-        ["v", "u", "w"] if extrapolation == "auto" else []
+    groups = layout.extrapolated_groups(transfer)
+    assert [[e.name for e in group.elements] for group in groups] == (
+        [["v", "u", "w"]] if extrapolation == "auto" else []
     )

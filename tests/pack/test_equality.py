@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cosim import System, simulate
+from cosim import SetupError, System, simulate
 from cosim.pack import pack
 from cosim.scenario.signals import CsvColumn, Multisine, PulseTrain, Ramp, Shape, ShapedSignal, Step
 from tests.support.packed_fmus import VERSIONS, columns, initialized, instance_of, robot, run_in_fmpy, small_loop
@@ -43,6 +43,31 @@ def test_both_versions_and_different_rates(
     expected = simulate(system, 3.0, 0.1, order=order, extrapolation=extrapolation)
     packed = pack(system, tmp_path / "W.fmu", 0.1, order=order, extrapolation=extrapolation)
     assert np.array_equal(run_in_fmpy(packed.path, 3.0, 0.1, packed.outputs), columns(expected, packed.outputs))
+
+
+@pytest.mark.parametrize("every", [1, 3])
+@pytest.mark.parametrize("flavours", [("fmi2", "fmi3"), ("fmi3", "fmi2")], ids="-".join)
+def test_polynomials_of_higher_degree(
+    small_fmus: dict[str, Path], tmp_path: Path, flavours: tuple[str, str], every: int
+) -> None:
+    system = System()
+    system.add("i", small_fmus[flavours[0]] / "Integrator.fmu", start={"x_start": 1.0}, every=every)
+    system.add("g", small_fmus[flavours[1]] / "Gain.fmu", start={"K": -0.3})
+    system.connect("i.x", "g.u[1]", extrapolation="quadratic" if every == 1 else "hold")
+    system.connect("g.y[1]", "i.u", extrapolation="cubic-least-squares")
+    ramp = Ramp(0.13, 1.77, 1.1, 0.3)
+    system.drive("g.u[2]", ShapedSignal(ramp, 1, "g.u[2]"), breakpoints=ramp.breakpoints, vectorized=True)
+    expected = simulate(system, 3.0, 0.1)
+    packed = pack(system, tmp_path / "W.fmu", 0.1)
+    assert np.array_equal(run_in_fmpy(packed.path, 3.0, 0.1, packed.outputs), columns(expected, packed.outputs))
+
+
+def test_rates_are_not_packed(small_fmus: dict[str, Path], tmp_path: Path) -> None:
+    message = (
+        r"^extrapolation 'hermite' of 'g\.u\[1\]': packed FMUs exchange no derivatives of outputs; pack the system"
+    )
+    with pytest.raises(SetupError, match=message):
+        pack(small_loop(small_fmus["fmi2"]), tmp_path / "W.fmu", 0.1, extrapolation="hermite")
 
 
 @pytest.mark.parametrize("version", VERSIONS)

@@ -336,6 +336,13 @@ class Host:
         orders = (c_int * n)(*[order] * n)
         return self.call("SetRealInputDerivatives", self.vr(list(rates)), n, orders, doubles(rates.values()))
 
+    def output_rates(self, outputs: Sequence[str], order: int = 1) -> tuple[int, list[float]]:
+        """Derivatives of outputs by time."""
+        n = len(outputs)
+        orders, result = (c_int * n)(*[order] * n), (c_double * n)()
+        name = "GetRealOutputDerivatives" if self.version == 2 else "GetOutputDerivatives"
+        return self.call(name, self.vr(outputs), n, orders, result, *self._extra(n)), list(result)
+
     def direction(self, unknowns: Sequence[str | int], change: dict[Any, float]) -> tuple[int, list[float]]:
         n, m = len(unknowns), len(change)
         seed, result = doubles(change.values()), (c_double * n)()

@@ -86,7 +86,7 @@ static fmi2ValueReference *all, parameter[] = {0}, fixed[] = {0}, input[] = {N_P
 static fmi2ValueReference beyond[] = {N_VALUES + 1 + N_EVENTS}, huge[] = {0xFFFFFFFFu}, mixed[] = {0, 0xFFFFFFFFu};
 static double *x, *bad_x, *values, *seeds, *sensitivities, one_value[] = {0.25}, not_a_number[2], infinite[2], two[2] = {1.0, 1.0};
 static fmi2ValueReference *computed; /* outputs and derivatives */
-static int order1[] = {1}, order2[] = {2}, integers[1];
+static int order1[] = {1}, order3[] = {3}, order4[] = {4}, integers[1];
 static const char *strings[] = {"text"};
 static char *bytes, *damaged;
 static size_t size;
@@ -189,7 +189,8 @@ static double now(fmi2Component c) {
     X(NOTHING, fmi2Error, SAME, 1, fmi2SetString(c, parameter, 1, strings)) \
     X(INIT | STEP, fmi2OK, SAME, N_U, fmi2SetRealInputDerivatives(c, input, 1, order1, one_value)) \
     X(INIT | STEP, fmi2OK, SAME, 1, fmi2SetRealInputDerivatives(c, NULL, 0, NULL, NULL)) \
-    X(NOTHING, fmi2Error, SAME, N_U, fmi2SetRealInputDerivatives(c, input, 1, order2, one_value)) \
+    X(INIT | STEP, fmi2OK, SAME, N_U, fmi2SetRealInputDerivatives(c, input, 1, order3, one_value)) \
+    X(NOTHING, fmi2Error, SAME, N_U, fmi2SetRealInputDerivatives(c, input, 1, order4, one_value)) \
     X(NOTHING, fmi2Error, SAME, N_U, fmi2SetRealInputDerivatives(c, input, 1, order1, not_a_number)) \
     X(NOTHING, fmi2Error, SAME, N_U, fmi2SetRealInputDerivatives(c, input, 1, order1, infinite)) \
     X(NOTHING, fmi2Error, SAME, 1, fmi2SetRealInputDerivatives(c, parameter, 1, order1, one_value)) \
@@ -198,7 +199,11 @@ static double now(fmi2Component c) {
     X(NOTHING, fmi2Error, SAME, 1, fmi2SetRealInputDerivatives(c, NULL, 1, order1, one_value)) \
     X(NOTHING, fmi2Error, SAME, 1, fmi2SetRealInputDerivatives(c, input, 1, NULL, one_value)) \
     X(NOTHING, fmi2Error, SAME, 1, fmi2SetRealInputDerivatives(c, input, 1, order1, NULL)) \
-    X(NOTHING, fmi2Error, SAME, 1, fmi2GetRealOutputDerivatives(c, output, 1, order1, values)) \
+    X(STEP | TERM, fmi2OK, SAME, 1, fmi2GetRealOutputDerivatives(c, output, 1, order1, values)) \
+    X(STEP | TERM, fmi2OK, SAME, 1, fmi2GetRealOutputDerivatives(c, NULL, 0, NULL, NULL)) \
+    X(NOTHING, fmi2Error, SAME, 1, fmi2GetRealOutputDerivatives(c, output, 1, order3, values)) \
+    X(NOTHING, fmi2Error, SAME, 1, fmi2GetRealOutputDerivatives(c, parameter, 1, order1, values)) \
+    X(NOTHING, fmi2Error, SAME, 1, fmi2GetRealOutputDerivatives(c, output, 1, NULL, values)) \
     X(INIT | RUN | TERM, fmi2OK, SAME, 1, fmi2GetDirectionalDerivative(c, computed, N_Y + N_X, all, N_VALUES, seeds, sensitivities)) \
     X(INIT | RUN | TERM, fmi2OK, SAME, 1, fmi2GetDirectionalDerivative(c, NULL, 0, NULL, 0, NULL, NULL)) \
     X(NOTHING, fmi2Error, SAME, 1, fmi2GetDirectionalDerivative(c, output, 1, parameter, 1, infinite, sensitivities)) \

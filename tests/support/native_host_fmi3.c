@@ -82,7 +82,7 @@ static fmi3ValueReference *all, parameter[] = {0}, fixed[] = {0}, input[] = {N_P
 static fmi3ValueReference beyond[] = {N_VALUES + 1 + N_EVENTS}, huge[] = {0xFFFFFFFFu}, mixed[] = {0, 0xFFFFFFFFu};
 static double *x, *bad_x, *values, *seeds, *sensitivities, one_value[] = {0.25}, not_a_number[2], infinite[2], two[2] = {1.0, 1.0};
 static fmi3ValueReference *computed; /* outputs and derivatives */
-static int order1[] = {1}, integers[1];
+static int order1[] = {1}, order2[] = {2}, integers[1];
 static const char *strings[] = {"text"};
 static fmi3Byte *bytes, *damaged;
 static size_t size;
@@ -323,7 +323,11 @@ static double now(fmi3Instance c) {
     X(NOTHING, fmi3Error, SAME, 1, fmi3ExitConfigurationMode(c)) \
     X(NOTHING, fmi3Error, SAME, 1, fmi3EvaluateDiscreteStates(c)) \
     X(NOTHING, fmi3Error, SAME, 1, fmi3EnterStepMode(c)) \
-    X(NOTHING, fmi3Error, SAME, 1, fmi3GetOutputDerivatives(c, output, 1, order1, values, 1)) \
+    X(STEP | TERM, fmi3OK, SAME, 1, fmi3GetOutputDerivatives(c, output, 1, order1, values, 1)) \
+    X(STEP | TERM, fmi3OK, SAME, 1, fmi3GetOutputDerivatives(c, NULL, 0, NULL, NULL, 0)) \
+    X(NOTHING, fmi3Error, SAME, 1, fmi3GetOutputDerivatives(c, output, 1, order2, values, 1)) \
+    X(NOTHING, fmi3Error, SAME, 1, fmi3GetOutputDerivatives(c, parameter, 1, order1, values, 1)) \
+    X(NOTHING, fmi3Error, SAME, 1, fmi3GetOutputDerivatives(c, output, 1, NULL, values, 1)) \
     X(NOTHING, fmi3Error, SAME, 1, fmi3ActivateModelPartition(c, huge[0], 0.0)) \
     X(INIT | RUN | TERM, fmi3OK, SAME, 1, fmi3GetDirectionalDerivative(c, computed, N_Y + N_X, all, N_VALUES, seeds, N_VALUES, sensitivities, N_Y + N_X)) \
     X(INIT | RUN | TERM, fmi3OK, SAME, 1, fmi3GetDirectionalDerivative(c, NULL, 0, NULL, 0, NULL, 0, NULL, 0)) \

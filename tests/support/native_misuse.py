@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from ctypes import c_double, c_int, c_void_p
+from ctypes import c_double, c_void_p
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -196,7 +196,7 @@ CASES = [
     ),
     Misuse("direction along nan", lambda h: h.run_up().direction(["F_c[1]"], {"dm": NAN})[0], "finite|nan"),
     Misuse(
-        "rates of order 2", lambda h: h.run_up().set_rates({"dm": 1.0}, order=2), "order 2.*only of order 1", **ONLY_2
+        "rates of order 4", lambda h: h.run_up().set_rates({"dm": 1.0}, order=4), "order 4.*only of orders 1", **ONLY_2
     ),
     Misuse("rates of order 0", lambda h: h.run_up().set_rates({"dm": 1.0}, order=0), "order 0", **ONLY_2),
     Misuse("rate of a parameter", lambda h: h.run_up().set_rates({"X": 1.0}), "no input", **ONLY_2),
@@ -205,11 +205,11 @@ CASES = [
     Misuse("nan rate", lambda h: h.run_up().set_rates({"dm": NAN}), "derivative of 'dm' can't be -?nan", **ONLY_2),
     Misuse("cancel step", lambda h: h.run_up().call("CancelStep"), "none to cancel", **ONLY_2),
     Misuse(
-        "output derivatives",
-        lambda h: h.run_up().call("GetRealOutputDerivatives", h.vr(["x_E"]), 1, (c_int * 1)(1), (c_double * 1)()),
-        "maxOutputDerivativeOrder",
-        **ONLY_2,
+        "output derivatives of order 2",
+        lambda h: h.run_up().output_rates(["x_E"], order=2)[0],
+        "order 2.*maxOutputDerivativeOrder is 1",
     ),
+    Misuse("output derivative of an input", lambda h: h.run_up().output_rates(["dm"])[0], "no output"),
     Misuse(
         "adjoint derivative of an input",
         lambda h: h.run_up().adjoint(["dm"], {"dm": 1.0})[0],

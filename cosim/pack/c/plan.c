@@ -211,7 +211,7 @@ static void read_extrapolated(Reader *in, Operation *operation) {
     inputs->weights = reals(in, (int64_t)inputs->points * inputs->degree * inputs->points);
     inputs->history = ROOM(double, (int64_t)inputs->points * operation->n);
     inputs->derivatives = ROOM(double, (int64_t)inputs->degree * operation->n);
-    inputs->buffer = ROOM(double, operation->n);
+    inputs->buffer = ROOM(double, ((int64_t)inputs->degree + 1) * operation->n); /* derivatives, too; see unfinished.c */
     packed->n_extrapolated_inputs[packed->n_extrapolated] = operation->n;
     packed->extrapolated[packed->n_extrapolated++] = inputs;
     operation->data = inputs;

@@ -51,7 +51,7 @@ void sample(Packed *packed, int64_t first, int64_t end, int64_t now, const doubl
     for (int64_t point = from; point < to; point++) {
         double t = loop->start_time + (double)point * step;
         double *row = packed->samples + (point - from) * packed->n_columns;
-        for (int32_t c = 0; c < packed->n_columns && point >= first; c++) {
+        for (int32_t c = 0; c < packed->n_columns; c++) {
             const Column *column = &packed->columns[c];
             if (column->signal >= 0) {
                 const Signal *signal = &packed->signals[column->signal];

@@ -56,16 +56,12 @@ static double first_size(const Core *core, const double x[], const double rates[
     return h < longest ? h : longest;
 }
 
+#ifndef SOLVER_DOPRI5 /* whose stages have the inputs of their times */
 /* Add what the inputs inside a step change that are not linear between its ends, by Simpson's rule; its size. */
 static double correct_for_inputs(Core *core, double time, double h, const double x[], double next[], const double u[],
                                  const double u_rate[], const double u_middle[]) {
     double middle[N_X], linear[N_U + 1], change[N_X + N_STEP_REQUIREMENTS + 1], without[N_X + N_STEP_REQUIREMENTS + 1];
-    int differs = 0;
-    for (int j = 0; j < N_U; j++) {
-        linear[j] = u[j] + 0.5 * h * u_rate[j];
-        differs |= linear[j] != u_middle[j];
-    }
-    if (!differs) return 0.0;
+    for (int j = 0; j < N_U; j++) linear[j] = u[j] + 0.5 * h * u_rate[j];
     for (int i = 0; i < N_X; i++) middle[i] = 0.5 * (x[i] + next[i]);
     if (!core_usable_rates(core, time + 0.5 * h, middle, u_middle, change)) return NAN;
     if (!core_usable_rates(core, time + 0.5 * h, middle, linear, without)) return NAN;
@@ -75,24 +71,21 @@ static double correct_for_inputs(Core *core, double time, double h, const double
     for (int i = 0; i < N_X; i++) next[i] += change[i];
     return size;
 }
+#endif
 
 /* One step tried, with the inputs that the importer gives inside it, if it does. */
 static CoreStatus try_step(Core *core, double time, double h, const double x[], const double u[], double u_rate[],
                            const double rates[], double next[], double *error) {
-    double u_middle[N_U + 1];
-    if (core->request_inputs) {
-        core->request_inputs(core->environment, time + 0.5 * h);
-        memcpy(u_middle, INPUTS(core), N_U * sizeof *u_middle);
-        core->request_inputs(core->environment, time + h);
-        for (int j = 0; j < N_U; j++) u_rate[j] = (INPUTS(core)[j] - u[j]) / h;
-    }
+    if (core_inputs_are_asked_for(core)) core_ask_over(core, time, h, u, u_rate);
     CoreStatus status = method_step(core, time, h, x, u, u_rate, rates, next, error);
     if (status != CORE_OK) return status;
     if (!(*error > 1.0) && !core_all_finite(next, N_X)) *error = NAN;
-    if (core->request_inputs && *error <= 1.0) {
-        double of_inputs = correct_for_inputs(core, time, h, x, next, u, u_rate, u_middle);
+#ifndef SOLVER_DOPRI5
+    if (core->curved && *error <= 1.0) {
+        double of_inputs = correct_for_inputs(core, time, h, x, next, u, u_rate, core->u_at[0]);
         if (!(of_inputs <= *error)) *error = of_inputs;
     }
+#endif
     return CORE_OK;
 }
 
@@ -172,7 +165,7 @@ static CoreStatus integrate(Core *core, double time, double *length, double next
         if (status != CORE_OK) return status;
         if (found) {
             if (!last || to_event < h) *length = done + to_event;
-            for (int j = 0; core->request_inputs && j < N_U; j++) INPUTS(core)[j] = u[j] + to_event * u_rate[j];
+            core_arrive_with_inputs(core, now, to_event, u, u_rate);
             control.size = 0.0; /* what the error was says nothing of what comes */
             break;
         }
@@ -181,7 +174,7 @@ static CoreStatus integrate(Core *core, double time, double *length, double next
         done += h;
         memcpy(x, next, sizeof x);
         for (int j = 0; j < N_U; j++)
-            u[j] = core->request_inputs ? INPUTS(core)[j] : INPUTS(core)[j] + done * u_rate[j];
+            u[j] = core_inputs_are_asked_for(core) ? INPUTS(core)[j] : INPUTS(core)[j] + done * u_rate[j];
         method_arrive(core, time + done, x, u, rates);
     }
     s->control = control;

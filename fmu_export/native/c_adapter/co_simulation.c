@@ -1,8 +1,41 @@
 /* The communication step of co-simulation, in internal steps of an integration method. */
 #include "core.h"
 
+#include <float.h>
 #include <math.h>
 #include <string.h>
+
+void core_ask_for_inputs(Core *core, double time) {
+    CoreState *s = &core->state;
+    if (core->request_inputs) {
+        core->request_inputs(core->environment, time);
+        return;
+    }
+    double since = time - s->u_time, *u = INPUTS(core);
+    for (int j = 0; j < N_U; j++) { /* Horner's scheme, as whoever is asked by an FMU of FMI 3.0 does it */
+        double change = s->u_higher[1][j] * (since / 3.0);
+        change = (s->u_higher[0][j] + change) * (since / 2.0);
+        u[j] = s->u_start[j] + (s->u_rate[j] + change) * since;
+    }
+}
+
+#if N_X + N_EVENTS > 0
+void core_ask_over(Core *core, double time, double h, const double u[], double u_rate[]) {
+    static const double times[N_INPUT_TIMES] = INPUT_TIMES;
+    for (int k = 0; k < N_INPUT_TIMES; k++) {
+        core_ask_for_inputs(core, times[k] == 1.0 ? time + h : time + times[k] * h);
+        memcpy(core->u_at[k], INPUTS(core), N_U * sizeof *u);
+    }
+    const double *end = INPUTS(core);
+    for (int j = 0; j < N_U; j++) u_rate[j] = (end[j] - u[j]) / h;
+    core->curved = 0;
+    for (int k = 0; k < N_INPUT_TIMES - 1; k++)
+        for (int j = 0; j < N_U; j++) { /* linear but for rounding? */
+            double off = core->u_at[k][j] - (u[j] + times[k] * h * u_rate[j]), size = fabs(u[j]) + fabs(end[j]);
+            core->curved |= !(fabs(off) <= 8.0 * DBL_EPSILON * size);
+        }
+}
+#endif
 
 #if N_X + N_EVENTS > 0 && !ADAPTIVE
 /* One internal step from `x`, where the inputs are `u` and change at `u_rate`, to `next`. */
@@ -33,16 +66,16 @@ static CoreStatus core_integrate(Core *core, double time, double *length, double
     if (RATES_DEPEND_ON_TIME && time != s->time) s->valid = 0; /* by rounding: importers count time in their own way */
     s->time = time;
     core_have_rates(core);
-    if (exact == 1.0 && !core->request_inputs && N_EVENTS == 0)
+    int asked = core_inputs_are_asked_for(core);
+    if (exact == 1.0 && !asked && N_EVENTS == 0)
         return internal_step(core, time, step, STATES(core), INPUTS(core), s->u_rate, RATES(core), next);
     int n = (int)ceil(exact - 1e-6);
     double h = step / n, x[N_X + 1], u[N_U + 1], rate[N_U + 1], rates[N_X + N_STEP_REQUIREMENTS + 1];
     const double *from = STATES(core), *k1 = RATES(core);
     for (int i = 0; i < n; i++) {
-        if (core->request_inputs) { /* linear between the inputs at both ends of the internal step */
+        if (asked) {
             memcpy(u, INPUTS(core), N_U * sizeof *u);
-            core->request_inputs(core->environment, time + (i + 1) * h);
-            for (int j = 0; j < N_U; j++) rate[j] = (INPUTS(core)[j] - u[j]) / h;
+            core_ask_over(core, time + i * h, h, u, rate);
         } else {
             for (int j = 0; j < N_U; j++) u[j] = INPUTS(core)[j] + i * h * s->u_rate[j];
             memcpy(rate, s->u_rate, N_U * sizeof *rate);
@@ -61,7 +94,7 @@ static CoreStatus core_integrate(Core *core, double time, double *length, double
         if (status != CORE_OK) return status;
         if (found) {
             if (i + 1 < n || to_event < h) *length = i * h + to_event;
-            for (int j = 0; core->request_inputs && j < N_U; j++) INPUTS(core)[j] = u[j] + to_event * rate[j];
+            core_arrive_with_inputs(core, time + i * h, to_event, u, rate);
             return CORE_OK;
         }
 #endif
@@ -73,6 +106,7 @@ static CoreStatus core_integrate(Core *core, double time, double *length, double
 /* Advance states, inputs and time by `length`, or to an event before. */
 static CoreStatus advance(Core *core, double time, double length) {
     CoreState *s = &core->state;
+    core->curved = 0;
 #if N_X + N_EVENTS > 0
     double *next = s->x[!s->which]; /* a copy of what has just been written would have to wait for it */
     CoreStatus status = core_integrate(core, time, &length, next);
@@ -83,13 +117,11 @@ static CoreStatus advance(Core *core, double time, double length) {
                          "inputs, or export a stiff model with solver=\"rodas4\"",
                          time, PARAMETERS(core)[MAX_STEP]);
     s->which = !s->which;
-#elif HYBRID
-    if (core->request_inputs) core->request_inputs(core->environment, time + length);
+#else
+    if (core_inputs_are_asked_for(core)) core_ask_for_inputs(core, time + length);
 #endif
-    for (int j = 0; j < N_U; j++) { /* where linear inputs have arrived */
-        INPUTS(core)[j] += length * s->u_rate[j];
-        if (!HYBRID) s->u_rate[j] = 0.0;
-    }
+    if (s->degree < 2) /* where linear inputs have arrived; others are there */
+        for (int j = 0; j < N_U; j++) INPUTS(core)[j] += length * s->u_rate[j];
     s->time = time + length;
     s->valid = 0;
     return CORE_OK;
@@ -124,7 +156,6 @@ static CoreStatus advance_through_events(Core *core, double time, double step) {
         int states_changed;
         status = core_change(core, &states_changed);
     }
-    for (int j = 0; j < N_U; j++) s->u_rate[j] = 0.0;
     s->settled = 0;
     return status;
 }
@@ -134,14 +165,21 @@ CoreStatus core_do_step(Core *core, double time, double step) {
     CoreState *s = &core->state;
     if (!isfinite(time) || !(step > 0.0 && isfinite(time + step)))
         return core_fail(core, CORE_ERROR, "communication step %g s at %g s is not positive and finite", step, time);
+    if (s->degree > 1) {
+        s->u_time = time;
+        memcpy(s->u_start, INPUTS(core), N_U * sizeof *s->u_start);
+    }
 #if HYBRID
     CoreState before;
     memcpy(&before, s, sizeof before);
     CoreStatus status = advance_through_events(core, time, step);
     if (status != CORE_OK) memcpy(s, &before, sizeof before);
-    return status;
 #else
-    (void)s;
-    return advance(core, time, step);
+    CoreStatus status = advance(core, time, step);
+    if (status != CORE_OK && s->degree > 1) memcpy(INPUTS(core), s->u_start, N_U * sizeof *s->u_start);
 #endif
+    if (status != CORE_OK) return status;
+    for (int j = 0; j < N_U; j++) s->u_rate[j] = 0.0;
+    s->degree = 0;
+    return CORE_OK;
 }

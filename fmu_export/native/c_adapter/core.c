@@ -205,6 +205,7 @@ CoreStatus core_set(Core *core, const unsigned references[], size_t n, const dou
     if (are_all(N_P, N_U, references, n) && core_all_finite(values, N_U)) {
         memcpy(INPUTS(core), values, N_U * sizeof *values);
         for (int i = 0; i < N_U; i++) s->u_rate[i] = 0.0;
+        s->degree = 0;
         return CORE_OK;
     }
     for (size_t i = 0; i < n; i++) {
@@ -225,7 +226,9 @@ CoreStatus core_set(Core *core, const unsigned references[], size_t n, const dou
             continue;
         }
         s->values[reference] = values[i];
-        if (reference >= N_P) s->u_rate[reference - N_P] = 0.0;
+        if (reference < N_P) continue;
+        s->u_rate[reference - N_P] = 0.0;
+        for (int k = 0; s->degree > 1 && k < MOST_ORDER - 1; k++) s->u_higher[k][reference - N_P] = 0.0;
     }
     if (guess)
         return core_fail(core, CORE_WARNING,
@@ -235,22 +238,49 @@ CoreStatus core_set(Core *core, const unsigned references[], size_t n, const dou
     return CORE_OK;
 }
 
-CoreStatus core_set_input_rates(Core *core, const unsigned references[], size_t n, const double rates[]) {
-    if (!N_TYPED && are_all(N_P, N_U, references, n) && core_all_finite(rates, N_U)) {
-        memcpy(core->state.u_rate, rates, N_U * sizeof *rates);
-        return CORE_OK;
+/* Derivatives of all inputs, order by order, as masters set them at each step. */
+static int set_all_derivatives(Core *core, const unsigned references[], size_t n, const int orders[],
+                               const double values[]) {
+    CoreState *s = &core->state;
+    double *const places[MOST_ORDER] = {s->u_rate, s->u_higher[0], s->u_higher[1]};
+    size_t of_order = N_U, degree = n / (of_order ? of_order : 1);
+    int others = N_TYPED || degree < 1 || degree > MOST_ORDER || n != degree * of_order || !core_all_finite(values, n);
+    for (size_t k = 0; !others && k < degree; k++) {
+        others = !are_all(N_P, N_U, references + k * of_order, of_order);
+        for (size_t i = 0; i < of_order; i++) others |= orders[k * of_order + i] ^ (int)(k + 1);
     }
+    if (others || !of_order) return 0;
+    for (size_t k = 0; k < MOST_ORDER; k++)
+        if (k < degree) memcpy(places[k], values + k * of_order, of_order * sizeof *values);
+        else if (degree > 1) memset(places[k], 0, of_order * sizeof *values);
+    s->degree = degree > 1 ? (int)degree : 0;
+    return 1;
+}
+
+CoreStatus core_set_input_derivatives(Core *core, const unsigned references[], size_t n, const int orders[],
+                                      const double values[]) {
+    CoreState *s = &core->state;
+    if (set_all_derivatives(core, references, n, orders, values)) return CORE_OK;
     for (size_t i = 0; i < n; i++) {
         size_t reference = references[i];
+        if (orders[i] < 1 || orders[i] > MOST_ORDER)
+            return core_fail(core, CORE_ERROR, "input derivatives of order %d are not used, only of orders 1 to %d",
+                             orders[i], MOST_ORDER);
         if (!(reference >= N_P && reference < N_PU))
             return core_fail(core, CORE_ERROR, "value reference %lu is no input and has no derivative to set",
                              (unsigned long)reference);
         if (!IS_REAL(reference))
             return core_fail(core, CORE_ERROR, "input '%s' is discrete and has no derivative to set",
                              name_of(reference));
-        if (!isfinite(rates[i]))
-            return core_fail(core, CORE_ERROR, "the derivative of '%s' can't be %g", name_of(reference), rates[i]);
-        core->state.u_rate[reference - N_P] = rates[i];
+        if (!isfinite(values[i]))
+            return core_fail(core, CORE_ERROR, "the derivative of '%s' can't be %g", name_of(reference), values[i]);
+        if (orders[i] == 1) {
+            s->u_rate[reference - N_P] = values[i];
+            continue;
+        }
+        if (s->degree < 2) memset(s->u_higher, 0, sizeof s->u_higher);
+        if (orders[i] > s->degree) s->degree = orders[i];
+        s->u_higher[orders[i] - 2][reference - N_P] = values[i];
     }
     return CORE_OK;
 }
@@ -326,6 +356,50 @@ CoreStatus core_get(Core *core, const unsigned references[], size_t n, double va
             return core_fail(core, CORE_ERROR, "no variable has the value reference %lu", (unsigned long)reference);
         }
     }
+}
+
+CoreStatus core_check_output_orders(Core *core, const int orders[], size_t n) {
+    for (size_t i = 0; i < n; i++)
+        if (orders[i] != 1)
+            return core_fail(core, CORE_ERROR,
+                             "output derivatives of order %d are not provided (maxOutputDerivativeOrder is 1)",
+                             orders[i]);
+    return CORE_OK;
+}
+
+CoreStatus core_get_output_derivatives(Core *core, const unsigned references[], size_t n, double values[]) {
+    CoreState *s = &core->state;
+    double computed[N_OUTPUTS + 1], of_inputs[N_Y + N_X + 1];
+    int has_computed = 0, inputs_change = 0;
+    for (size_t i = 0; i < n; i++)
+        if (!(references[i] >= N_PU && references[i] < N_PU + N_OUTPUTS))
+            return core_fail(core, CORE_ERROR, "value reference %lu is no output and has no derivative to get",
+                             (unsigned long)references[i]);
+#if HYBRID
+    CoreStatus settled = core_settle(core);
+    if (settled != CORE_OK) return settled;
+#endif
+    core_have_rates(core);
+    for (int j = 0; j < N_U; j++) inputs_change |= s->u_rate[j] != 0.0;
+    for (size_t i = 0; i < n; i++) {
+        int state = state_of(references[i]);
+        if (state >= 0) { /* nothing to compute */
+            values[i] = RATES(core)[state];
+            continue;
+        }
+        if (!has_computed) {
+            double dx[N_X + 1] = {0}, dp[N_P + 1] = {0};
+            model_output_rates(s->time, STATES(core), INPUTS(core), PARAMETERS(core), RATES(core), computed);
+            if (inputs_change)
+                model_direction(s->time, STATES(core), INPUTS(core), PARAMETERS(core), dx, s->u_rate, dp, of_inputs);
+            for (int k = 0; inputs_change && k < N_OUTPUTS; k++) computed[k] += of_inputs[k];
+            has_computed = 1;
+        }
+        values[i] = computed[references[i] - N_PU];
+    }
+    if (!core_all_finite(values, n))
+        return core_fail(core, CORE_ERROR, "derivatives of outputs at t = %.9g s are not finite", s->time);
+    return CORE_OK;
 }
 
 /* Model exchange */
@@ -410,6 +484,9 @@ void core_serialize(const CoreState *state, char bytes[]) {
     memset(copy.x[!copy.which], 0, sizeof copy.x[0]);
     memset(copy.values + N_PU, 0, (MODEL_Z - N_PU) * sizeof *copy.values);
     copy.valid = 0;
+    copy.u_time = 0.0; /* until a step begins */
+    memset(copy.u_start, 0, sizeof copy.u_start);
+    if (copy.degree < 2) memset(copy.u_higher, 0, sizeof copy.u_higher);
 #if HYBRID
     if (copy.settled) { /* what happens at this instant follows from what was before and the inputs */
         copy.discrete = copy.before;
@@ -436,7 +513,9 @@ CoreStatus core_deserialize(Core *core, const char bytes[], size_t size, CoreSta
         return core_fail(core, CORE_ERROR,
                          "the FMU state is damaged or belongs to the other interface (model exchange, co-simulation)");
     if (!core_all_finite(state->values, N_PU) || state->which & ~1 || !core_all_finite(state->x[state->which], N_X) ||
-        !core_all_finite(state->u_rate, N_U) || !isfinite(state->time) ||
+        !core_all_finite(state->u_rate, N_U) || !isfinite(state->time) || state->degree < 0 ||
+        state->degree > MOST_ORDER || !core_all_finite(state->u_higher[0], N_U) ||
+        !core_all_finite(state->u_higher[1], N_U) ||
         !core_all_finite(state->values + MODEL_Z, N_Z))
         return core_fail(core, CORE_ERROR, "the FMU state is damaged: it has values that are not finite");
 #if ADAPTIVE

@@ -30,6 +30,18 @@ typedef enum {
 
 enum { OUTPUTS_VALID = 1, RATES_VALID = 2 };
 
+/* Derivatives of inputs are taken up to this order. */
+enum { MOST_ORDER = 3 };
+
+/* Parts of an internal step after which a method needs the inputs. */
+#ifdef SOLVER_DOPRI5
+#define INPUT_TIMES {1.0 / 5, 3.0 / 10, 4.0 / 5, 8.0 / 9, 1.0}
+enum { N_INPUT_TIMES = 5 };
+#else
+#define INPUT_TIMES {0.5, 1.0}
+enum { N_INPUT_TIMES = 2 };
+#endif
+
 /* More internal steps than this in one communication step is taken for a mistake, not for work to do. */
 #define MOST_INTERNAL_STEPS 1000000
 
@@ -66,11 +78,14 @@ typedef struct {
     double values[N_VALUES + N_STEP_REQUIREMENTS + N_Z + 1]; /* then margins of the requirements, discrete states */
     double x[2][N_X + 1];   /* states, and room for those at the end of a step */
     double u_rate[N_U + 1]; /* first derivatives of the inputs, of the next step only */
+    double u_higher[MOST_ORDER - 1][N_U + 1]; /* those of higher order */
+    double u_start[N_U + 1], u_time;          /* inputs, and time, where these polynomials begin */
     double time;
     int phase;
     int which; /* of the two are the states */
     int valid; /* which computed values belong to the present state and inputs: OUTPUTS_VALID, RATES_VALID */
     int discarded; /* the last step failed */
+    int degree;    /* highest order of the derivatives of the inputs, 0 for linear or held ones */
 #if ADAPTIVE
     StepControl control;
     double tolerance; /* relative, of the importer, 0 if it gives none */
@@ -94,6 +109,8 @@ typedef struct {
     void *environment;
     int model_exchange;
     int within_step; /* the importer is being asked for inputs */
+    int curved;      /* the inputs are not linear over the internal step that is being tried, but: */
+    double u_at[N_INPUT_TIMES][N_U + 1];
     char *resources; /* folder */
 #ifdef N_TABLES
     int has_tables; /* it is among the instances that use them */
@@ -213,12 +230,40 @@ int core_read_value(size_t reference, const char *text, double *value);
 #define IS_REAL(reference) 1
 #endif
 
-CoreStatus core_set_input_rates(Core *core, const unsigned references[], size_t n, const double rates[]);
+/* Derivatives of inputs by time, of orders from 1 on, which hold over the next step. */
+CoreStatus core_set_input_derivatives(Core *core, const unsigned references[], size_t n, const int orders[],
+                                      const double values[]);
+
+/* First derivatives of outputs by time; inputs change as their derivatives say that have been set. */
+CoreStatus core_get_output_derivatives(Core *core, const unsigned references[], size_t n, double values[]);
+
+/* Whether derivatives of outputs of these orders are provided. */
+CoreStatus core_check_output_orders(Core *core, const int orders[], size_t n);
 
 CoreStatus core_do_step(Core *core, double time, double step);
 
-/* One step of length h of the integration method, from `x` at `time`, where the inputs are `u` and change at `u_rate` and
- * the state derivatives are `rates`, to `next`. `error` gets the estimated error, at most 1 for a step that may be
+/* Whether inputs are asked for inside a step: of the importer, or of their polynomials. */
+static inline int core_inputs_are_asked_for(const Core *core) {
+    return core->request_inputs || core->state.degree > 1;
+}
+
+/* Have the inputs of a time inside the step. */
+void core_ask_for_inputs(Core *core, double time);
+
+/* Ask for the inputs over an internal step of length h that begins with `u`; those at its end stay. `u_rate` becomes their
+ * mean rate, and `core->curved` says whether they are linear. */
+void core_ask_over(Core *core, double time, double h, const double u[], double u_rate[]);
+
+/* Have the inputs of an event after this length of an internal step. */
+static inline void core_arrive_with_inputs(Core *core, double time, double to_event, const double u[],
+                                           const double u_rate[]) {
+    if (core->curved) core_ask_for_inputs(core, time + to_event);
+    else if (core_inputs_are_asked_for(core))
+        for (int j = 0; j < N_U; j++) INPUTS(core)[j] = u[j] + to_event * u_rate[j];
+}
+
+/* One step of length h of the integration method, from `x` at `time`, where the inputs are `u` and change at `u_rate`, or as
+ * core_ask_over found, and the state derivatives are `rates`, to `next`. `error` gets the estimated error, at most 1 for a step that may be
  * accepted; 0 for a method without estimate. */
 CoreStatus method_step(Core *core, double time, double h, const double x[], const double u[], const double u_rate[],
                        const double rates[], double next[], double *error);

@@ -40,7 +40,9 @@ CoreStatus method_step(Core *core, double time, double h, const double x[], cons
         for (int j = 0; j < stage; j++)
             for (int i = 0; i < N_X; i++) sum[i] += STATE[stage][j] * k[j][i];
         for (int i = 0; i < N_X; i++) next[i] = x[i] + h * sum[i];
-        for (int i = 0; i < N_U; i++) at_u[i] = u[i] + TIMES[stage] * h * u_rate[i];
+        if (core->curved) memcpy(at_u, core->u_at[stage < STAGES - 1 ? stage - 1 : stage - 2], N_U * sizeof *at_u);
+        else
+            for (int i = 0; i < N_U; i++) at_u[i] = u[i] + TIMES[stage] * h * u_rate[i];
         if (!core_usable_rates(core, time + TIMES[stage] * h, next, at_u, core->arrival)) return *error = NAN, CORE_OK;
         if (stage < STAGES - 1) memcpy(k[stage], core->arrival, sizeof k[stage]);
     }

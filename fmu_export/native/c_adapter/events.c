@@ -193,19 +193,26 @@ typedef struct {
     double time;
     const double *x, *u, *u_rate, *rates;
     int *again; /* how often it was done */
+    int curved; /* the inputs are not linear over the whole step */
 } Step;
 
 static void indicators_in(const Step *step, double h, const double x[], double indicators[]) {
     double u[N_U + 1];
     for (int j = 0; j < N_U; j++) u[j] = step->u[j] + h * step->u_rate[j];
+    if (step->curved) {
+        core_ask_for_inputs(step->core, step->time + h);
+        memcpy(u, INPUTS(step->core), N_U * sizeof *u);
+    }
     model_indicators(step->time + h, x, u, PARAMETERS(step->core), indicators);
 }
 
 /* The step with length h, and the indicators at its end. */
 static CoreStatus step_again(const Step *step, double h, double x[], double indicators[]) {
 #if N_X > 0
-    double error;
-    CoreStatus status = method_step(step->core, step->time, h, step->x, step->u, step->u_rate, step->rates, x, &error);
+    double error, u_rate[N_U + 1];
+    memcpy(u_rate, step->u_rate, N_U * sizeof *u_rate);
+    if (step->curved) core_ask_over(step->core, step->time, h, step->u, u_rate);
+    CoreStatus status = method_step(step->core, step->time, h, step->x, step->u, u_rate, step->rates, x, &error);
     if (status != CORE_OK) return status;
     if (!(error <= 2.0)) /* though the whole step has been accepted */
         return core_fail(step->core, CORE_DISCARD, "t = %.9g s: the way to an event can't be integrated", step->time);
@@ -293,7 +300,7 @@ CoreStatus core_find_event(Core *core, double time, double *h, const double x[],
                            const double u_rate[], const double rates[], double next[], int last, int *found) {
     Discrete *d = &core->state.discrete;
     int again = 0;
-    const Step step = {core, time, x, u, u_rate, rates, &again};
+    const Step step = {core, time, x, u, u_rate, rates, &again, core->curved};
     double middle[N_X + 1], indicators[N_EVENTS], middle_indicators[N_EVENTS], at[N_EVENTS], side[N_EVENTS];
     double first = INFINITY;
     indicators_in(&step, *h, next, indicators);
@@ -311,6 +318,7 @@ CoreStatus core_find_event(Core *core, double time, double *h, const double x[],
     if (first < *h - located(time))
         *h = first; /* nearer to its end there may be a sampling instant, which comes first */
     if (again) status = step_again(&step, *h, next, indicators); /* the method keeps what it did last */
+    core->curved = step.curved;
     if (status != CORE_OK) return status;
     for (int i = 0; i < N_EVENTS; i++) {
         if (!(at[i] <= *h)) continue;

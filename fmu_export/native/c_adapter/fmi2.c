@@ -151,21 +151,15 @@ fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference
                                        const fmi2Integer order[], const fmi2Real value[]) {
     CHECK(c, INITIALIZATION | STEP);
     if (n && (!vr || !order || !value)) return MISSING;
-    int others = 0;
-    for (size_t i = 0; i < n; i++) others |= order[i] ^ 1;
-    for (size_t i = 0; others && i < n; i++)
-        if (order[i] != 1)
-            return (fmi2Status)core_fail(&instance->core, CORE_ERROR,
-                                         "input derivatives of order %d are not used, only of order 1", (int)order[i]);
-    return (fmi2Status)core_set_input_rates(&instance->core, vr, n, value);
+    return (fmi2Status)core_set_input_derivatives(&instance->core, vr, n, order, value);
 }
 
 fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2ValueReference vr[], size_t n,
                                         const fmi2Integer order[], fmi2Real value[]) {
-    (void)vr, (void)n, (void)order, (void)value;
-    CHECK(c, ANY);
-    return (fmi2Status)core_fail(&instance->core, CORE_ERROR,
-                                 "output derivatives are not provided (maxOutputDerivativeOrder is 0)");
+    CHECK(c, STEP | TERMINATED);
+    if (n && (!vr || !order || !value)) return MISSING;
+    if (!ARE_REAL(&instance->core, vr, n) || core_check_output_orders(&instance->core, order, n)) return fmi2Error;
+    return (fmi2Status)core_get_output_derivatives(&instance->core, vr, n, value);
 }
 
 fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReference unknown[], size_t n,

@@ -331,12 +331,6 @@ fmi3Status fmi3EvaluateDiscreteStates(fmi3Instance c) { NOT_OFFERED(c, "discrete
 
 fmi3Status fmi3EnterStepMode(fmi3Instance c) { NOT_OFFERED(c, "event mode in co-simulation"); }
 
-fmi3Status fmi3GetOutputDerivatives(fmi3Instance c, const fmi3ValueReference r[], size_t n, const fmi3Int32 o[],
-                                    fmi3Float64 v[], size_t m) {
-    (void)r, (void)n, (void)o, (void)v, (void)m;
-    NOT_OFFERED(c, "output derivatives");
-}
-
 fmi3Status fmi3ActivateModelPartition(fmi3Instance c, fmi3ValueReference r, fmi3Float64 t) {
     (void)r, (void)t;
     NOT_OFFERED(c, "scheduled execution");
@@ -409,6 +403,16 @@ fmi3Status fmi3GetDirectionalDerivative(fmi3Instance c, const fmi3ValueReference
     }
     if (!ARE_REAL(&instance->core, knowns, m) || !ARE_REAL(&instance->core, unknowns, n)) return fmi3Error;
     return (fmi3Status)core_direction(&instance->core, unknowns, n, change, sensitivity);
+}
+
+fmi3Status fmi3GetOutputDerivatives(fmi3Instance c, const fmi3ValueReference references[], size_t n,
+                                    const fmi3Int32 orders[], fmi3Float64 values[], size_t n_values) {
+    CHECK(c, STEP | TERMINATED);
+    if (n && !orders) return MISSING;
+    if (core_check_output_orders(&instance->core, orders, n)) return fmi3Error;
+    CHECK_ARRAYS(references, n, values, n_values);
+    if (!ARE_REAL(&instance->core, references, n)) return fmi3Error;
+    return (fmi3Status)core_get_output_derivatives(&instance->core, references, n, values);
 }
 
 fmi3Status fmi3GetAdjointDerivative(fmi3Instance c, const fmi3ValueReference unknowns[], size_t n,

@@ -115,6 +115,7 @@ EXPORT(run)
 size_t module_run(double start, double size, size_t first, size_t n, const double *inputs, int linear,
                   const unsigned recorded[], size_t n_recorded, double row[], double *columns, size_t stride) {
     unsigned references[N_U + 1];
+    const int order = 1;
     for (int j = 0; j < N_U; j++) references[j] = (unsigned)(N_P + j);
     for (size_t i = 0; i <= n; i++) {
         const double *u = inputs ? inputs + i * N_U : NULL;
@@ -124,7 +125,8 @@ size_t module_run(double start, double size, size_t first, size_t n, const doubl
         if (i == n) break;
         for (int j = 0; linear && u && j < N_U; j++) {
             double rate = (u[N_U + j] - u[j]) / size;
-            if (IS_REAL(N_P + j) && core_set_input_rates(&core, &references[j], 1, &rate) > CORE_WARNING) return i + 1;
+            if (IS_REAL(N_P + j) && core_set_input_derivatives(&core, &references[j], 1, &order, &rate) > CORE_WARNING)
+                return i + 1;
         }
         if (module_step(start + (double)(first + i) * size, size) > CORE_WARNING) return i + 1;
     }

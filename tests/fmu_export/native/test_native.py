@@ -593,9 +593,46 @@ def test_an_instance_goes_on_after_refused_calls(unpacked: Path, flavour: str) -
             host.direction(["dm"], {"dm": 1.0})
             if flavour == "fmi2":
                 host.set_rates({"dm": math.nan})
-                host.set_rates({"dm": 1.0}, order=2)
+                host.set_rates({"dm": 1.0}, order=4)
             host.must(host.step(i * 1e-3, 1e-3))
         assert host.get(list(OUTPUTS.names)) == good_run(folder)
+
+
+@BOTH
+def test_derivatives_of_outputs_are_those_of_the_model(unpacked: Path, flavour: str) -> None:
+    """Angles change at their speeds; the controller's torques as central differences of the model say."""
+    axes = range(1, 4)
+    with Host(unpacked / flavour / "RobotTrajectory") as host:
+        host.run_up()
+        host.must(host.step(0.0, 0.3))
+        status, rates = host.output_rates([f"theta_ref[{i}]" for i in axes])
+        host.must(status)
+        np.testing.assert_allclose(rates, host.get([f"omega_ref[{i}]" for i in axes]), rtol=1e-12)
+    with Host(unpacked / flavour / "RobotPlant") as host:
+        host.run_up(TORQUE)
+        host.must(host.step(0.0, 0.01))
+        status, rates = host.output_rates([f"{name}[{i}]" for name in ("theta_b", "omega_a") for i in axes])
+        host.must(status)
+        expected = [*(f"omega_b[{i}]" for i in axes), *(f"der(omega_a[{i}])" for i in axes)]
+        assert rates == host.get(expected)
+    controller, moves = MODELS["controller"], flavour == "fmi2"
+    u, psi = np.linspace(-0.2, 0.3, len(controller.inputs)), np.zeros(2)
+    u_rate = np.cos(np.arange(len(u))) if moves else np.zeros(len(u))
+    names, torques = controller.inputs.names, [f"tau_a[{i}]" for i in axes]
+    with Host(unpacked / flavour / "RobotController") as host:
+        host.run_up(dict(zip(names, u.tolist(), strict=True)))
+        if moves:
+            host.must(host.set_rates(dict(zip(names, u_rate.tolist(), strict=True))))
+        status, rates = host.output_rates(torques)
+        host.must(status)
+        p = np.array(host.get(list(controller.parameters.names)))
+    psi_rate, h = controller.derivatives(0.0, psi, u, p), 1e-5
+
+    def torque(t: float) -> np.ndarray:
+        return np.asarray(controller.output_values(t, psi + t * psi_rate, u + t * u_rate, p)[:3])
+
+    assert not moves or np.abs(rates).max() > 1e-3
+    np.testing.assert_allclose(rates, (torque(h) - torque(-h)) / (2.0 * h), rtol=1e-6, atol=1e-9)
 
 
 @BOTH

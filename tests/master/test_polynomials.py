@@ -1,0 +1,352 @@
+"""Inputs of higher degree between communication points: which polynomials they are, and the order that they give."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.polynomial import Polynomial
+
+from cosim import SetupError, Simulation, System, simulate
+from cosim.analysis import LinearComponent, LinearSystem, largest_stable_step, spectral_radius
+from cosim.master.algorithm import EXTRAPOLATIONS
+from tests.support.small_fmus import TANK, build, redescribed
+from tests.support.tiny_models import CLOCK, GAIN, INTEGRATOR
+
+NATIVE = ("fmi2", "fmi3")
+
+#: Degree, and number of values and of rates that are known, of each.
+KNOWN = {
+    "linear": (1, 2, 0),
+    "quadratic": (2, 3, 0),
+    "cubic": (3, 4, 0),
+    "quadratic-least-squares": (2, 4, 0),
+    "cubic-least-squares": (3, 5, 0),
+    "tangent": (1, 1, 1),
+    "hermite": (3, 2, 2),
+    "hermite-least-squares": (3, 3, 3),
+}
+
+
+@pytest.fixture(scope="module")
+def fmus(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("polynomials")
+    for flavour in NATIVE:
+        build(folder / flavour, flavour, GAIN, INTEGRATOR, TANK, CLOCK)
+    return folder
+
+
+# Which polynomials
+
+
+def fitted(degree: int, values: Sequence[float], rates: Sequence[float], h: float) -> Polynomial:
+    """Polynomial of the time since the last of values h apart, the newest first.
+
+    It goes through the last, and by least squares along the others.
+    Oracle: an orthogonal factorisation in place of the tables of weights.
+    """
+    powers = np.arange(1, degree + 1)
+    s = -np.arange(len(values), dtype=float)
+    matrix = np.vstack(
+        [s[1:, None] ** powers, powers * (-np.arange(len(rates), dtype=float))[:, None] ** (powers - 1.0)]
+    )
+    right = np.concatenate([np.array(values[1:]) - values[0], h * np.array(rates)])
+    found = np.linalg.lstsq(matrix, right, rcond=None)[0]
+    return Polynomial([values[0], *(found / h**powers)])
+
+
+@pytest.mark.parametrize("name", KNOWN)
+def test_the_weights_are_those_of_the_fitted_polynomial(name: str) -> None:
+    degree, n, m = KNOWN[name]
+    extrapolation = EXTRAPOLATIONS[name]
+    assert (extrapolation.degree, extrapolation.points, extrapolation.uses_rates) == (degree, max(n, m), m > 0)
+    for i in range(n + m):
+        unit = np.eye(n + m)[i]
+        polynomial = fitted(degree, unit[:n], unit[n:], 1.0)
+        table = extrapolation.weights if i < n else extrapolation.rate_weights
+        for d in range(1, degree + 1):
+            assert table[d - 1][i if i < n else i - n] == pytest.approx(polynomial.deriv(d)(0.0), abs=1e-12)
+
+
+#: Inputs of the tank over time.
+FLOWS: tuple[Callable[..., float], ...] = (lambda t: np.sin(3.0 * t), lambda t: np.exp(-t))
+
+
+def integral(name: str, function: Callable[[float], float], times: np.ndarray, since: int) -> float:
+    """Integral of the polynomials by the last values, each over the step that follows; from `since` on anew."""
+    total = 0.0
+    for k, (a, b) in enumerate(itertools.pairwise(times)):
+        known = k + 1 - (since if k >= since else 0)
+        used = EXTRAPOLATIONS[name].used(known).name
+        degree, n, _ = KNOWN.get(used, (0, 1, 0))
+        values = [function(t) for t in times[k - min(n, known) + 1 : k + 1][::-1]]
+        primitive = (fitted(degree, values, (), b - a) if degree else Polynomial(values)).integ()
+        total += primitive(b - a) - primitive(0.0)
+    return total
+
+
+@pytest.mark.parametrize("every", [1, 2])
+@pytest.mark.parametrize("jump", [None, 0.7, 0.8])
+@pytest.mark.parametrize("name", ["quadratic", "cubic", "quadratic-least-squares", "cubic-least-squares"])
+def test_inputs_follow_the_polynomial_by_their_last_values(
+    fmus: Path, name: str, jump: float | None, every: int
+) -> None:
+    """From the start, and from a jump on, it goes by as many values as there are; FMI 2.0 and 3.0 have equal bits."""
+    h, found = 0.1, []
+    for flavour in NATIVE:
+        system = System()
+        system.add("gain", fmus / flavour / "Gain.fmu", start={"K": 1.0})
+        system.add("tank", fmus / flavour / "Tank.fmu", every=every)
+        for i, flow in enumerate(FLOWS, 1):
+            system.drive(f"gain.u[{i}]", flow, vectorized=True, breakpoints=() if jump is None else (jump,))
+        system.connect("gain.y[1]", "tank.a")
+        system.connect("gain.y[2]", "tank.b")
+        found.append(simulate(system, 2.0, h, extrapolation=name))
+    r = found[0]
+    assert r.values.tobytes() == found[1].values.tobytes()
+    own = r.time[::every]
+    since = 0 if jump is None else int(np.flatnonzero(own > jump - 1e-9)[0])
+    # Simpson's rule of the Runge-Kutta method is exact for cubics
+    assert r["tank.x"][-1] == pytest.approx(sum(integral(name, flow, own, since) for flow in FLOWS), rel=1e-12)
+
+
+def chain(folder: Path, flavours: Sequence[str] = ("fmi2", "fmi2", "fmi2")) -> System:
+    """An integrator of sin(t), a gain of 2, and an integrator of that: the rate of its input is 2 sin(t)."""
+    system = System()
+    system.add("i", folder / flavours[0] / "Integrator.fmu", start={"x_start": -1.0})
+    system.add("g", folder / flavours[1] / "Gain.fmu", start={"K": 2.0, "u[2]": 0.0})
+    system.add("j", folder / flavours[2] / "Integrator.fmu")
+    system.drive("i.u", np.sin, vectorized=True)
+    system.connect("i.x", "g.u[1]")
+    system.connect("g.y[1]", "j.u")
+    return system
+
+
+@pytest.mark.parametrize("name", ["tangent", "hermite", "hermite-least-squares"])
+def test_inputs_follow_the_polynomial_by_values_and_rates(fmus: Path, name: str) -> None:
+    """A rate goes through the gain, whose directional derivatives carry it; all versions of FMI have equal bits.
+
+    But for linear ones, which FMUs of FMI 3.0 know by their values only.
+    """
+    mixed = (("fmi2",) * 3, ("fmi3",) * 3, ("fmi2", "fmi3", "fmi2"), ("fmi3", "fmi2", "fmi3"))
+    r, *others = (simulate(chain(fmus, flavours), 2.0, 0.1, extrapolation=name) for flavours in mixed)
+    for other in others:
+        if name == "tangent":
+            assert other.values == pytest.approx(r.values, abs=1e-14)
+        else:
+            assert other.values.tobytes() == r.values.tobytes()
+    total = 0.0
+    for k, (a, b) in enumerate(itertools.pairwise(r.time)):
+        degree, n, m = KNOWN[EXTRAPOLATIONS[name].used(k + 1).name]
+        n = max(n, 1)
+        rates = [2.0 * np.sin(t) for t in r.time[k - m + 1 : k + 1][::-1]]
+        primitive = fitted(degree, r["g.y[1]"][k - n + 1 : k + 1][::-1], rates, b - a).integ()
+        total += primitive(b - a) - primitive(0.0)
+    assert r["j.x"][-1] == pytest.approx(total, rel=1e-12)
+
+
+def test_the_rate_of_an_output_that_depends_on_the_time_is_known(fmus: Path) -> None:
+    """A clock's output goes on at 1 per second from the first step on, where its values say nothing yet."""
+    system = System()
+    system.add("clock", fmus / "fmi2" / "Clock.fmu")
+    system.add("i", fmus / "fmi2" / "Integrator.fmu")
+    system.connect("clock.now", "i.u", units="ignore")
+    r = simulate(system, 1.0, 0.25, extrapolation="hermite")
+    assert r["i.x"] == pytest.approx(r.time**2 / 2.0, rel=1e-14)
+
+
+@pytest.mark.parametrize("every", [1, 2])
+@pytest.mark.parametrize("jump", [None, 0.8])
+@pytest.mark.parametrize("name", ["quadratic", "cubic"])
+def test_a_signal_is_followed_by_a_polynomial_through_its_next_value_and_those_before(
+    fmus: Path, name: str, jump: float | None, every: int
+) -> None:
+    """Not across a jump, and not before the start; there is a next value but for a jump."""
+    system, degree = System(), KNOWN[name][0]
+    system.add("tank", fmus / "fmi2" / "Tank.fmu", every=every)
+    for which, flow in zip("ab", FLOWS, strict=True):
+        system.drive(f"tank.{which}", flow, vectorized=True, breakpoints=() if jump is None else (jump,))
+    r = simulate(system, 2.0, 0.1, extrapolation=name)
+    own, total = r.time[::every], 0.0
+    of_jump = len(own) if jump is None else int(np.flatnonzero(own > jump - 1e-9)[0])
+    for k, (a, b) in enumerate(itertools.pairwise(own)):
+        if k + 1 == of_jump:  # the next value is that after the jump: it is extrapolated
+            total += sum(jumped(name, flow, own, k) for flow in FLOWS)
+            continue
+        window = own[max(0 if k < of_jump else of_jump, k + 1 - degree) : k + 2]
+        for flow in FLOWS:
+            primitive = Polynomial.fit(window - a, [flow(t) for t in window], len(window) - 1).integ()
+            total += primitive(b - a) - primitive(0.0)
+    assert r["tank.x"][-1] == pytest.approx(total, rel=1e-12)
+
+
+def jumped(name: str, flow: Callable[[float], float], times: np.ndarray, k: int) -> float:
+    degree, n, _ = KNOWN[name]
+    h = times[k + 1] - times[k]
+    primitive = fitted(degree, [flow(t) for t in times[k - n + 1 : k + 1][::-1]], (), h).integ()
+    return float(primitive(h) - primitive(0.0))
+
+
+# Order of convergence
+
+K = 2.0
+
+
+def loop(folder: Path, flavours: Sequence[str] = ("fmi2", "fmi2")) -> System:
+    """A tank and a gain, x' = -K x + sin t from x = 1."""
+    system = System()
+    system.add("tank", folder / flavours[0] / "Tank.fmu", start={"x_start": 1.0})
+    system.add("gain", folder / flavours[1] / "Gain.fmu", start={"K": -K, "u[2]": 0.0})
+    system.connect("tank.x", "gain.u[1]")
+    system.connect("gain.y[1]", "tank.a")
+    system.drive("tank.b", np.sin, vectorized=True)
+    return system
+
+
+def exact(t: np.ndarray) -> np.ndarray:
+    """Solution of `loop`."""
+    forced = (K * np.sin(t) - np.cos(t)) / (1.0 + K * K)
+    return forced + (1.0 + 1.0 / (1.0 + K * K)) * np.exp(-K * t)
+
+
+STEPS = [1 / 40, 1 / 80, 1 / 160, 1 / 320]
+
+
+@pytest.mark.parametrize(
+    ("name", "after_start", "whole"),
+    [
+        ("quadratic", 3.0, 2.0),
+        ("cubic", 4.0, 2.0),
+        ("quadratic-least-squares", 3.0, 2.0),
+        ("cubic-least-squares", 4.0, 2.0),
+        ("tangent", 2.0, 2.0),
+        ("hermite", 4.0, 3.0),
+        ("hermite-least-squares", 4.0, 3.0),
+    ],
+)
+def test_order_of_convergence_of_a_feedback_loop(fmus: Path, name: str, after_start: float, whole: float) -> None:
+    """The start, where less is known, has an order of its own: 2 by values alone, 3 with rates.
+
+    What it leaves decays by exp(-2 t); from t = 8 s on that is less than what the steps leave.
+    """
+    late, all_ = [], []
+    with Simulation(loop(fmus), extrapolation=name) as simulation:
+        for h in STEPS:
+            r = simulation.run(10.0, h)
+            errors = np.abs(r["tank.x"] - exact(r.time))
+            late.append(errors[r.time >= 8.0].max())
+            all_.append(errors.max())
+    orders = [float(np.polyfit(np.log(STEPS), np.log(e), 1)[0]) for e in (late, all_)]
+    print(f"{name}: {late} {all_} {orders}")
+    assert orders[0] == pytest.approx(after_start, abs=0.15)
+    assert orders[1] == pytest.approx(whole, abs=0.2)
+
+
+@pytest.mark.parametrize("name", ["cubic-least-squares", "hermite-least-squares"])
+def test_bits_are_equal_in_all_versions_of_fmi_and_after_a_restored_state(fmus: Path, name: str) -> None:
+    with Simulation(loop(fmus), extrapolation=name) as simulation:
+        whole = simulation.run(2.0, 0.1)
+        assert simulation.run(2.0, 0.1).values.tobytes() == whole.values.tobytes()
+        with simulation.start(0.1) as run:
+            run.step(7)
+            state = run.save()
+            run.step(5)
+            run.restore(state)
+            run.advance_to(2.0)
+            assert run.results.values.tobytes() == whole.values.tobytes()
+    for flavours in (("fmi3", "fmi3"), ("fmi2", "fmi3"), ("fmi3", "fmi2")):
+        other = simulate(loop(fmus, flavours), 2.0, 0.1, extrapolation=name)
+        assert other.values.tobytes() == whole.values.tobytes(), flavours
+
+
+# What the stability analysis says of them
+
+
+def feedback(K: float) -> LinearSystem:
+    """The loop of a tank and a gain without the signal: x' = -K x."""
+    tank = LinearComponent([[0.0]], [[1.0]], [[1.0]], [[0.0]], ["a"], ["x"])
+    gain = LinearComponent((), (), (), [[-K]], ["u"], ["y"])
+    return LinearSystem({"tank": tank, "gain": gain}, [("tank.x", "gain.u"), ("gain.y", "tank.a")])
+
+
+def feedback_of_fmus(folder: Path, K: float) -> System:
+    system = System()
+    system.add("tank", folder / "fmi2" / "Tank.fmu", start={"x_start": 1.0, "b": 0.0})
+    system.add("gain", folder / "fmi3" / "Gain.fmu", start={"K": -K, "u[2]": 0.0})
+    system.connect("tank.x", "gain.u[1]")
+    system.connect("gain.y[1]", "tank.a")
+    return system
+
+
+@pytest.mark.parametrize("order", ["sequential", "parallel"])
+@pytest.mark.parametrize("name", KNOWN)
+def test_runs_grow_and_decay_as_the_transition_matrix_says(fmus: Path, name: str, order: str) -> None:
+    """By its largest eigenvalue, on both sides of the largest stable step."""
+    limit = largest_stable_step(feedback(K), order=order, extrapolation=name)
+    with Simulation(feedback_of_fmus(fmus, K), order=order, extrapolation=name) as simulation:
+        for h in (0.97 * limit, 1.03 * limit):
+            radius = spectral_radius(feedback(K), h, order=order, extrapolation=name)
+            x = np.abs(simulation.run(900 * h, h)["tank.x"])
+            growth = (x[-100:].max() / x[-600:-500].max()) ** (1.0 / 500.0)
+            assert growth == pytest.approx(radius, abs=2e-3), h
+            assert (growth < 1.0) == (h < limit)
+
+
+# Of single connections
+
+
+def test_a_connection_has_an_extrapolation_of_its_own(fmus: Path) -> None:
+    system = System()
+    for name in "ab":
+        system.add(name, fmus / "fmi2" / "Integrator.fmu")
+        system.drive(f"{name}.u", np.cos, vectorized=True)
+    for name, flavour in (("t", "fmi2"), ("s", "fmi3")):
+        system.add(name, fmus / flavour / "Tank.fmu")
+        system.connect("a.x", f"{name}.a", extrapolation="cubic")
+        system.connect("b.x", f"{name}.b", extrapolation="hold" if name == "s" else None)
+    r = simulate(system, 2.0, 0.1)
+    assert r.info["extrapolation"] == {
+        "mode": "auto",
+        "linear": ["a.u", "b.u", "t.b"],
+        "cubic": ["s.a", "t.a"],
+        "hold": ["s.b"],
+    }
+    b = r["b.x"]
+    held = np.cumsum([0.0, *(0.1 * b[k] for k in range(20))])
+    linear = held + np.cumsum([0.0, 0.0, *(0.05 * (b[k] - b[k - 1]) for k in range(1, 20))])
+    whole = {name: simulate(system, 2.0, 0.1, extrapolation="cubic")[f"{name}.x"] for name in "ts"}
+    # what the other input adds is that of the other extrapolation
+    assert r["t.x"] - r["s.x"] == pytest.approx(linear - held, abs=1e-12)
+    assert np.abs(whole["t"] - r["t.x"]).max() > 1e-4
+
+
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [
+        ({'maxOutputDerivativeOrder="1"': ""}, "the FMU of component 'g' gives no derivatives of outputs"),
+        ({'providesDirectionalDerivative="true"': ""}, "the FMU of component 'g' has direct feedthrough, and gives no"),
+    ],
+)
+def test_rates_that_are_not_known_are_refused(fmus: Path, tmp_path: Path, change: dict[str, str], why: str) -> None:
+    system = chain(fmus)
+    other = redescribed(fmus / "fmi2" / "Gain.fmu", tmp_path / "other.fmu", change)
+    again = System()
+    again.add("i", fmus / "fmi2" / "Integrator.fmu")
+    again.add("g", other, start={"K": 2.0, "u[2]": 0.0})
+    again.add("j", fmus / "fmi2" / "Integrator.fmu")
+    again.connections, again.signals = system.connections, system.signals
+    message = rf"^extrapolation 'hermite': the derivative of 'j\.u' is not known, for {why}.*; use 'cubic' or one of"
+    with pytest.raises(SetupError, match=message):
+        Simulation(again, extrapolation="hermite")
+
+
+def test_an_unknown_name_of_a_connection_is_refused(fmus: Path) -> None:
+    system = System()
+    system.add("a", fmus / "fmi2" / "Integrator.fmu", start={"u": 0.0})
+    system.add("b", fmus / "fmi2" / "Integrator.fmu")
+    system.connect("a.x", "b.u", extrapolation="cubc")
+    with pytest.raises(SetupError, match=r"^extrapolation 'cubc' is unknown; use 'auto', 'hold'"):
+        Simulation(system)
