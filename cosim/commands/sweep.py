@@ -170,12 +170,22 @@ def _run(args: argparse.Namespace, unpacked: Path) -> int:
     first = next(iter(system.scenarios.values()))
     folder = args.out if args.out is not None else Path("results") / f"sweep-{first.name}"
     with sweep_progress(len(points)) as progress:
-        summary = sweep(study, files, points, folder, scheduler=args.scheduler, workers=args.workers, progress=progress)
+        summary = sweep(
+            study,
+            files,
+            points,
+            folder,
+            scheduler=args.scheduler,
+            workers=args.workers,
+            progress=progress,
+            warn=sweep_warning,
+        )
     print(sweep_table(summary, folder))
     if summary.interrupted:
         print("cosim: interrupted; the same command goes on where it stopped", file=sys.stderr)
         return 130
-    return int(summary.failed == summary.points)  # not a single run has been one
+    check_some_succeeded(summary)
+    return 0
 
 
 def _read(args: argparse.Namespace, steps: Levels | None, unpacked: Path) -> _System:
@@ -329,6 +339,23 @@ def sweep_progress(points: int, what: str = "sweep") -> Iterator[Callable[[int, 
     finally:
         for bar in bars:
             bar.close()
+
+
+def sweep_warning(line: str) -> None:
+    """Say what goes wrong with a sweep while it goes on, beside its bar."""
+    tqdm.write(f"warning: {line}", file=sys.stderr)
+
+
+def check_some_succeeded(summary: SweepSummary) -> None:
+    """Whether a single run of a sweep that has ended has been one.
+
+    Raises
+    ------
+    SweepError
+        All have failed.
+    """
+    if summary.failed == summary.points:
+        raise SweepError(f"all {summary.points} runs failed; the first: {summary.first_error}")
 
 
 def sweep_table(summary: SweepSummary, folder: Path) -> str:

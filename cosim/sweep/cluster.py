@@ -66,10 +66,16 @@ def _local(workers: int) -> LocalCluster:
         return LocalCluster(
             n_workers=workers,
             threads_per_worker=1,
-            dashboard_address=":0",  # any free port: another cluster may run here
+            dashboard_address="127.0.0.1:0",  # any free port, for another cluster may run here; for this machine only
             silence_logs=logging.CRITICAL,
             preload=_DEAF,
         )
+
+
+def are_workers_starting(client: Client) -> bool:
+    """Whether there are processes that will be workers: of those that are started here, one that ends is replaced."""
+    nannies = [] if client.cluster is None else list(client.cluster.workers.values())
+    return any(nanny.pid is not None for nanny in nannies)
 
 
 @contextmanager

@@ -6,7 +6,7 @@ import dataclasses
 import pickle
 import time as clock
 from collections import Counter, deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import CancelledError
 from contextlib import suppress
 from pathlib import Path
@@ -18,7 +18,7 @@ import numpy as np
 from cosim.errors import needs
 from cosim.master.interrupts import DeferredInterrupt
 from cosim.sweep.batch import Batch, BatchSize, Rows
-from cosim.sweep.cluster import connect, deliver
+from cosim.sweep.cluster import are_workers_starting, connect, deliver
 from cosim.sweep.errors import SweepError, WorkerTrouble
 from cosim.sweep.isolated import run_isolated
 from cosim.sweep.points import Points
@@ -36,6 +36,10 @@ _BATCHES_EACH = 2
 
 #: Time (s) between two looks at Ctrl-C, and between two counts of the workers.
 _LOOK, _COUNT = 0.2, 2.0
+
+#: Time (s) after which it is said that workers are missing, or that no run has succeeded. A sweep without workers ends
+#: then, unless some are starting, for which it waits longer.
+_NOTICED, _STARTING = 6.0, 120.0
 
 #: Number of times that a batch may find its worker unable before the sweep ends.
 _RETRIES = 2
@@ -55,6 +59,7 @@ def sweep(
     scheduler: str | None = None,
     workers: int | None = None,
     progress: Callable[[int, int], None] = lambda done, workers: None,
+    warn: Callable[[str], None] = lambda line: None,
 ) -> SweepSummary:
     """Run all points of a study that the folder has no row of yet.
 
@@ -72,11 +77,14 @@ def sweep(
         How many to start here, one for each core by default.
     progress : callable, optional
         Called now and then with the number of rows so far and of workers.
+    warn : callable, optional
+        Gets a line when workers have ended for good, and when all runs fail.
 
     Raises
     ------
     SweepError
-        The folder holds another sweep, or the cluster can't go on; rows that have arrived are on disk.
+        The folder holds another sweep, or the cluster can't go on, as without workers; rows that have arrived are on
+        disk.
     """
     question = {"version": versions()["closed-chain-cosim"], **study.fingerprint()}
     store = Store(folder, points, study.metrics, question, curves=study.curves)
@@ -91,7 +99,7 @@ def sweep(
         began = clock.perf_counter()
         flight = _Flight(client, key, points, missing)
         try:
-            finished = flight.run(store, progress)
+            finished = flight.run(store, progress, warn)
         finally:
             store.flush()
             flight.cancel()
@@ -118,22 +126,32 @@ class _Flight:
         self._name = f"cosim-sweep-{uuid4().hex[:12]}"  # equal keys of two clients would share their results
         self._sent = 0
         self._counted = -_COUNT
+        self._watch = _Watch(client)
         self.slots = self.most_slots = 0
         self.done = 0
 
-    def run(self, store: Store, progress: Callable[[int, int], None]) -> bool:
-        """Run everything; returns False when Ctrl-C came first."""
+    def run(self, store: Store, progress: Callable[[int, int], None], warn: Callable[[str], None]) -> bool:
+        """Run everything; returns False when Ctrl-C came first.
+
+        Raises
+        ------
+        SweepError
+            The cluster can't go on.
+        """
         before = len(self._points) - len(self._missing)
         with DeferredInterrupt() as interrupt:
             while self._next < len(self._missing) or self._suspects or self._flying:
                 if interrupt.requested:
                     return False
                 self._count_slots()
+                for line in self._watch.lines(self.slots):
+                    warn(line)
                 progress(before + self.done, self.slots)
                 self._fill()
                 for batch, rows in self._collect():
                     self._sizes.learn(len(batch.indices), rows.seconds)
                     self.done += len(batch.indices)
+                    self._watch.learn(rows)
                     store.add(rows)
             progress(before + self.done, self.slots)
         return True
@@ -209,3 +227,46 @@ class _Flight:
         if self._deaths[batch.indices[0]] > _MOST_LOSSES:
             raise SweepError(f"workers are lost again and again, also without running anything; {_GO_ON}")
         self._suspects.append(batch)
+
+
+class _Watch:
+    """What goes wrong with a sweep as a whole: no or fewer workers, no run that succeeds."""
+
+    def __init__(self, client: Client) -> None:
+        self._client = client
+        self._began = clock.monotonic()
+        self._most = 0
+        self._fewer_since: float | None = None
+        self._failed, self._first_error = 0, ""
+        self._has_succeeded = self._has_said_failed = False
+
+    def learn(self, rows: Rows) -> None:
+        """Take note of rows that have arrived."""
+        errors = [error for error in rows.errors if error is not None]
+        self._has_succeeded |= len(errors) < len(rows.errors)
+        if errors and not self._first_error:
+            self._first_error = f"point {rows.indices[rows.errors.index(errors[0])]}: {errors[0]}"
+        self._failed += len(errors)
+
+    def lines(self, workers: int) -> Iterator[str]:
+        """What is to be said now.
+
+        Raises
+        ------
+        SweepError
+            There are no workers, and none are to be expected.
+        """
+        now = clock.monotonic()
+        if workers >= self._most:
+            self._most, self._fewer_since = workers, None
+        elif self._fewer_since is None:
+            self._fewer_since = now
+        missing = 0.0 if self._fewer_since is None else now - self._fewer_since
+        if missing >= (_STARTING if are_workers_starting(self._client) else _NOTICED):
+            if not workers:
+                raise SweepError(f"no workers are left; {_GO_ON}")
+            yield f"{self._most - workers} of {self._most} workers have ended; the sweep goes on with {workers}"
+            self._most, self._fewer_since = workers, None
+        if now - self._began >= _NOTICED and self._failed and not (self._has_succeeded or self._has_said_failed):
+            self._has_said_failed = True
+            yield f"all {self._failed} runs so far have failed; the first: {self._first_error}"

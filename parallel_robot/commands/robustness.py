@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from tqdm import tqdm
 
 from cosim.commands.options import add_overwrite_option
-from cosim.commands.sweep import sweep_progress, sweep_table
+from cosim.commands.sweep import check_some_succeeded, sweep_progress, sweep_table, sweep_warning
 from cosim.errors import needs
 from cosim.output import SUMMARY, ResultFolder
 from cosim.whole_files import write_json
@@ -91,11 +91,13 @@ def _run(args: argparse.Namespace, results: ResultFolder) -> int:
                 scheduler=args.scheduler,
                 workers=args.workers,
                 progress=progress,
+                warn=sweep_warning,
             )
         print(sweep_table(summary, where))
         if summary.interrupted:
             print("cosim: interrupted; the same command goes on where it stopped", file=sys.stderr)
             return 130
+        check_some_succeeded(summary)
     found: list[Robustness] = []
     no_terminal = None  # tqdm's word for: no bar where there is no terminal to draw it on
     with tqdm(total=STEPS, desc="figures", delay=2.0, leave=False, disable=no_terminal) as bar:

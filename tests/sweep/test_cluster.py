@@ -9,14 +9,19 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
+from types import SimpleNamespace
 
 import dask
+import psutil
 import pytest
 from distributed import Client
 
 import cosim.sweep.cluster
 from cosim import Simulation
+from cosim.sweep import engine
+from cosim.sweep.batch import Rows
 from cosim.sweep.engine import sweep
 from cosim.sweep.errors import SweepError
 from cosim.sweep.points import Levels, Points, Range, design
@@ -162,7 +167,14 @@ def test_a_deadly_point_is_a_row_and_the_others_have_theirs(counter, tmp_path):
     """On this machine's own workers, which Dask starts again."""
     study = CounterStudy(sha256(counter))
     files = {study.fmu: counter}
-    summary = sweep(study, files, counter_points(12, deadly=(5,)), tmp_path / "out", workers=2)
+    hosts: set[str] = set()
+
+    def look(done: int, workers: int) -> None:
+        if not hosts and workers:
+            hosts.update(listening())
+
+    summary = sweep(study, files, counter_points(12, deadly=(5,)), tmp_path / "out", workers=2, progress=look)
+    assert hosts == {"127.0.0.1"}
     table = read(tmp_path / "out")
     assert table["y"].to_pylist() == [float(i) if i != 5 else None for i in range(12)]
     errors = table["error"].to_pylist()
@@ -246,6 +258,90 @@ def test_a_scheduler_that_does_not_answer_has_no_workers_or_dies_is_one_line(clu
     assert text.startswith("the scheduler ")
     assert text.endswith("start the same command again: it goes on where it stopped")
     assert read(tmp_path / "out").num_rows >= 3
+
+
+def listening() -> set[str]:
+    """Addresses at which this process and those that it has started listen."""
+    here = psutil.Process()
+    found = [c for p in (here, *here.children(recursive=True)) for c in p.net_connections("inet")]
+    return {c.laddr.ip for c in found if c.status == psutil.CONN_LISTEN}
+
+
+@pytest.mark.slow
+def test_the_last_worker_that_ends_as_if_all_was_well_is_noticed(cluster, counter, tmp_path):
+    study = CounterStudy(sha256(counter), stop_time=4000.0)
+    files, points, warned = {study.fmu: counter}, counter_points(400), []
+    first, second = cluster.worker(), cluster.worker()
+    wait_for(lambda: len(cluster.ask(process)) == 2)
+
+    def end(done: int, workers: int) -> None:
+        if done >= 3:
+            first.kill()
+        if warned and second.poll() is None:
+            with suppress(OSError), Client(cluster.address, set_as_default=False) as client:
+                client.run(os._exit, 0)
+            second.wait(PATIENCE)
+
+    with pytest.raises(SweepError, match="no workers are left; start the same command again: it goes on where it st"):
+        sweep(study, files, points, tmp_path / "out", scheduler=cluster.address, progress=end, warn=warned.append)
+    assert second.returncode == 0
+    assert warned == ["1 of 2 workers have ended; the sweep goes on with 1"]
+    assert 3 <= read(tmp_path / "out").num_rows < 400
+
+
+class Clock:
+    def __init__(self) -> None:
+        self.now = 100.0
+
+    def monotonic(self) -> float:
+        return self.now
+
+
+def watch(monkeypatch: pytest.MonkeyPatch, *, starting: bool = False) -> tuple[engine._Watch, Clock]:
+    """A watch of a cluster where processes start that will be workers, or don't."""
+    clock = Clock()
+    monkeypatch.setattr(engine, "clock", clock)
+    nanny = SimpleNamespace(pid=1 if starting else None)
+    client = SimpleNamespace(cluster=SimpleNamespace(workers={0: nanny}))
+    return engine._Watch(client), clock
+
+
+@pytest.mark.parametrize(("starting", "patience"), [(False, 6.0), (True, 120.0)])
+def test_workers_that_are_gone_are_said_and_waited_for_while_others_start(monkeypatch, starting, patience):
+    watched, clock = watch(monkeypatch, starting=starting)
+    for _ in range(50):  # fewer for a while are no reason to worry
+        for workers in (4, 3, 0, 4):
+            assert list(watched.lines(workers)) == []
+            clock.now += 0.4
+    assert list(watched.lines(3)) == []
+    clock.now += patience - 0.1
+    assert list(watched.lines(3)) == []
+    clock.now += 0.2
+    assert list(watched.lines(3)) == ["1 of 4 workers have ended; the sweep goes on with 3"]
+    clock.now += 1000.0
+    assert list(watched.lines(3)) == []
+    assert list(watched.lines(0)) == []
+    clock.now += patience + 0.1
+    with pytest.raises(SweepError, match="no workers are left"):
+        list(watched.lines(0))
+
+
+def test_runs_that_all_fail_are_said_once(monkeypatch):
+    watched, clock = watch(monkeypatch)
+    failed = Rows([7, 8], {}, ["too hot", "too cold"])
+    watched.learn(failed)
+    assert list(watched.lines(1)) == []
+    clock.now += 6.1
+    assert list(watched.lines(1)) == ["all 2 runs so far have failed; the first: point 7: too hot"]
+    watched.learn(failed)
+    assert list(watched.lines(1)) == []
+
+
+def test_runs_of_which_one_succeeds_are_not(monkeypatch):
+    watched, clock = watch(monkeypatch)
+    watched.learn(Rows([7, 8], {}, [None, "too cold"]))
+    clock.now += 6.1
+    assert list(watched.lines(1)) == []
 
 
 def test_no_workers_is_one_line(counter, tmp_path):
