@@ -50,7 +50,10 @@ def prepared_description(args: argparse.Namespace, standard: Standard) -> Iterat
                 system=with_start_values(found.system, args.set, f"disconnect it in the {standard.upper()}"),
                 folder=folder,
                 about={standard: str(path), "title": found.name},
-                details={"notes": [in_archive(note) for note in found.notes]},
+                details={
+                    "notes": [in_archive(note) for note in found.notes],
+                    **({"places": dict(found.places)} if found.places else {}),
+                },
                 said_path=in_archive,
             )
         except CosimError as error:

@@ -29,14 +29,17 @@ def register(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run `cosim view`; returns the exit code, raises CosimError with one line on bad input."""
+    from cosim.results.page.compare_page import labelled, write_compare_page
     from cosim.results.page.folder import read_run
     from cosim.results.page.run_page import write_run_page
 
     found = [read_run(path) for path in args.runs]
     path = Path(tempfile.mkdtemp(prefix="cosim_view_")) / "page.html" if args.out is None else args.out
     try:
-        (one,) = found
-        write_run_page(one.results, path, args.title, one.log)
+        if len(found) == 1:
+            write_run_page(found[0].results, path, args.title, found[0].log)
+        else:
+            write_compare_page(labelled((one.label, one.results) for one in found), path, args.title)
     except OSError as error:
         raise OutputError(f"can't write {path}: {error.strerror or error}; choose another --out") from error
     print(path)

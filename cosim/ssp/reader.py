@@ -16,6 +16,7 @@ from cosim.ssp.format.package import DESCRIPTION, Package, open_package
 from cosim.ssp.format.parameters import ParameterFiles
 from cosim.ssp.format.structure import SEPARATOR, Part, read_structure, variable_nodes
 from cosim.ssp.format.values import Value, values_of
+from cosim.ssp.geometry import places
 from cosim.ssp.mappings import add_mapping
 from cosim.system.read import Findings, ReadSystem
 from cosim.system.system import System
@@ -84,6 +85,7 @@ def read_ssp(
         times.get("stopTime"),
         step,
         findings.notes(),
+        places=places(root),
     )
 
 

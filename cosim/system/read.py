@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
@@ -35,6 +35,8 @@ class ReadSystem:
         What was ignored, assumed or taken as it is, and the user should know.
     order, extrapolation : str
         How values are exchanged where the user does not say; see `cosim.master.algorithm`.
+    places : mapping
+        Component -> lower left and upper right corner (x1, y1, x2, y2) in the description's diagram, y upwards.
     """
 
     name: str
@@ -45,6 +47,7 @@ class ReadSystem:
     notes: tuple[str, ...]
     order: str = "sequential"
     extrapolation: str = "auto"
+    places: Mapping[str, tuple[float, float, float, float]] = field(default_factory=dict)
 
 
 @dataclass

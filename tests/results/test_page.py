@@ -16,6 +16,7 @@ import pytest
 
 from cosim.__main__ import main
 from cosim.results.columns import TypedColumn
+from cosim.results.page.compare_page import compare_page, labelled
 from cosim.results.page.curves import curves_of
 from cosim.results.page.encoding import column_of, encoded, extremes, times
 from cosim.results.page.folder import read_run
@@ -249,6 +250,54 @@ def test_the_commands_write_the_page(tmp_path, monkeypatch, capsys):
     assert "name the folder that `cosim run` has written" in said
 
 
+# ---- several runs
+
+
+def other(run: Results) -> Results:
+    """The same system with another start value, on other times."""
+    time = np.linspace(0.0, 1.9, 381)
+    names = ["motor.phi", "motor.tau[1]", "motor.new"]
+    values = np.column_stack([np.sin(5.0 * time) + 0.25 * time, np.cos(3.0 * time), time])
+    info = {**run.info, "parameters": {"motor.R": 2.5, "load.name": NASTY}, "metrics": {"error": {"max": 2e-3}}}
+    return Results(time, names, values, {**info, "versions": {"python": "4"}})
+
+
+def test_several_runs_are_laid_over_each_other(run):
+    text = compare_page(labelled([("a", run), ("a", run), (NASTY, other(run))]))
+    elements = Elements(text)
+    assert elements.open == []
+    assert "<img" not in text
+    section = re.search(r'<section id="differences".*?</section>', text, re.DOTALL)
+    assert section
+    assert text.index('<section id="differences"') < text.index('<section id="signals"')
+    rows = {row[0]: row[1:] for row in (re.findall(r"<t[hd].*?>(.*?)</t[hd]>", tr) for tr in section[0].split("<tr>"))
+            if row}  # fmt: skip
+    assert rows["<code>motor.R</code>"] == ["1.5", "1.5", '<span class="differs">2.5</span>']
+    assert rows["<code>python</code>"] == ["3", "3", '<span class="differs">4</span>']
+    assert "load.name" not in section[0]
+    assert "<code>motor.new</code>" in section[0]
+    assert "+100 %" in text
+    variables = {v["name"]: v for v in data(text)["curves"]["variables"]}
+    assert [c["run"] for c in variables["motor.phi"]["columns"]] == [0, 1, 2]
+    # linear between rows of the first run, whose sine bends a little there
+    assert variables["motor.phi"]["difference"] == pytest.approx(0.25 * 1.9 / 2.0, abs=1e-3)
+    assert variables["motor.p"]["difference"] == 0.0
+    assert variables["motor.new"]["difference"] is None
+    assert [run["label"] for run in data(text)["curves"]["runs"]] == ["a", "a (2)", NASTY]
+
+
+def test_the_command_compares_runs(run, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name, results_ in (("one", run.thinned(20)), ("two", other(run))):
+        Path(name).mkdir()
+        results_.save(Path(name) / "results.parquet")
+        Path(name, "summary.json").write_text(json.dumps(results_.info), encoding="utf-8")
+    assert main(["view", "one", "two", "--out", "page.html", "--title", "Both"]) == 0
+    text = Path("page.html").read_text(encoding="utf-8")
+    assert "<h1>Both</h1>" in text
+    assert '<span class="differs">2.5</span>' in text
+
+
 # ---- the page in a browser
 
 
@@ -319,6 +368,30 @@ def test_it_fits_a_phone(tabs, page):
     tab = tabs.open(page, width=390, height=844, is_mobile=True, has_touch=True)
     drawn(tab)
     tab.evaluate("document.querySelectorAll('details').forEach((d) => (d.open = true))")
+    fits(tab)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("width", [390, 1280])
+def test_compared_runs_in_a_browser(tabs, run, tmp_path, width):
+    page = tmp_path / "page.html"
+    page.write_text(compare_page({"one": run, "two": other(run)}), encoding="utf-8")
+    tab = tabs.open(page, width=width)
+    tab.fill(".search", "motor.phi")
+    until(tab, "document.querySelectorAll('.panel').length === 1")
+    drawn(tab)
+    tab.locator(".differences .plot-area").focus()
+    tab.keyboard.press("End")
+    tab.keyboard.press("ArrowLeft")
+    tab.keyboard.press("Shift+ArrowLeft")
+    said = tab.locator(".differences [role=status]").inner_text()
+    time, off = re.search(r"at ([\d.]+) s: two − one ([\d.]+) rad", said).groups()
+    assert float(off) == pytest.approx(0.25 * float(time), abs=2e-3)
+    tab.fill(".search", "")
+    tab.select_option(".grouping", "difference")
+    until(tab, "document.querySelector('.panel h3').textContent.includes('differ by 23')")
+    tab.evaluate("document.querySelectorAll('details').forEach((d) => (d.open = true))")
+    accessible(tab)
     fits(tab)
 
 

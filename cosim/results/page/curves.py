@@ -79,6 +79,8 @@ def curves_of(runs: Mapping[str, Recorded], budget: int = BUDGET) -> Curves:
     for k, (variable, (columns, content)) in enumerate(zip(variables, found, strict=True)):
         blocks[f"curves-{k}"] = content
         described.append(_described(variable, f"curves-{k}", columns))
+        if len(results) > 1:
+            described[-1]["difference"] = _difference(variable, results)
     shown = []
     for k, (label, run) in enumerate(runs.items()):
         time, irregular = times(run.time, every[k])
@@ -127,6 +129,22 @@ def _described(variable: Variable, block_id: str, columns: Sequence[Column]) -> 
         "block": block_id,
         "columns": shown,
     }
+
+
+def _difference(variable: Variable, runs: Sequence[Recorded]) -> float | None:
+    """How far curves are at most from the first one, as a share of its range; None where there is no other."""
+    (_, first, name), *others = variable.curves
+    values, time = _values(runs, first, name), runs[first].time
+    if not others or not len(time):
+        return None
+    span = float(np.nanmax(values) - np.nanmin(values)) if np.isfinite(values).any() else 0.0
+    largest = 0.0
+    for _, run, other in others:
+        at = runs[run].time
+        inside = (at >= time[0]) & (at <= time[-1])
+        off = np.abs(_values(runs, run, other)[inside] - np.interp(at[inside], time, values))
+        largest = max(largest, float(np.nanmax(off)) if np.isfinite(off).any() else 0.0)
+    return largest / span if span > 0.0 else largest
 
 
 _Found = list[tuple[list[Column], bytes]]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from itertools import combinations
 from typing import Any
 
 from cosim.results.page.document import Section, asset
@@ -31,7 +32,7 @@ def diagram_section(info: Mapping[str, Any]) -> Section | None:
             {"name": name, "about": _about(info, name), "signals": driven.get(name, [])} for name in components
         ],
         "bundles": [{"from": a, "to": b, "pairs": pairs} for (a, b), pairs in bundles.items()],
-        "geometry": _usable(info.get("geometry"), components),
+        "places": _usable(info.get("places"), components),
     }
     many = f"{len(components)} component{'s' * (len(components) != 1)}"
     n = sum(map(len, bundles.values()))
@@ -39,7 +40,7 @@ def diagram_section(info: Mapping[str, Any]) -> Section | None:
 component to another; choose an arrow or a component to see them.</p>
 <div class="diagram wide" role="group" aria-label="Diagram of the system"></div>
 <div class="chosen" role="status"></div>"""
-    scripts = [asset("diagram.js")] if data["geometry"] else [asset("dagre/dagre.min.js"), asset("diagram.js")]
+    scripts = [asset("diagram.js")] if data["places"] else [asset("dagre/dagre.min.js"), asset("diagram.js")]
     return Section("system", "System", html, scripts=scripts, data={"diagram": data})
 
 
@@ -59,6 +60,14 @@ def _about(info: Mapping[str, Any], name: str) -> str:
     return path.replace("\\", "/").rpartition("/")[2]
 
 
-def _usable(geometry: Any, components: list[str]) -> Mapping[str, Any] | None:
-    """Places of all components, if each has one."""
-    return geometry if isinstance(geometry, Mapping) and geometry.keys() >= set(components) else None
+def _usable(places: Any, components: list[str]) -> Mapping[str, Any] | None:
+    """Places of all components, if each has one and none covers another."""
+    if not isinstance(places, Mapping) or not places.keys() >= set(components):
+        return None
+    boxes = [
+        (min(x1, x2), min(y1, y2), max(x1, x2), max(y1, y2)) for x1, y1, x2, y2 in (places[name] for name in components)
+    ]
+    if any(left >= right or bottom >= top for left, bottom, right, top in boxes):
+        return None
+    apart = all(a[2] <= b[0] or b[2] <= a[0] or a[3] <= b[1] or b[3] <= a[1] for a, b in combinations(boxes, 2))
+    return {name: list(places[name]) for name in components} if apart else None

@@ -131,20 +131,17 @@ def _remarks(info: Mapping[str, Any]) -> Iterator[str]:
         )
 
 
-def happened(run: Recorded) -> str:
+def happened(run: Recorded, whose: str = "the run") -> str:
     """Events and remarks as HTML; empty where there are none."""
-    listed = "".join(
-        f'<tr><th scope="row"><button type="button" class="moment" data-time="{e["time"]!r}">'
-        f"{escape(number(e['time']))} s</button></th><td>{escape(e['text'])}</td></tr>"
+    rows = [
+        (
+            f'<button type="button" class="moment" data-time="{e["time"]!r}">{escape(number(e["time"]))} s</button>',
+            escape(e["text"]),
+        )
         for e in events(run)
-    )
+    ]
     lines = "".join(f"<li>{escape(text)}</li>" for text in remarks(run.info))
-    moments = (
-        '<div class="wide" tabindex="0" role="region" aria-label="Table: Events"><table class="framed"><thead><tr>'
-        f'<th scope="col">Time</th><th scope="col">Event</th></tr></thead><tbody>{listed}</tbody></table></div>'
-        if listed
-        else ""
-    )
+    moments = table(("time", "event"), rows, f"Events of {whose}") if rows else ""
     return (f'<ul class="remarks">{lines}</ul>' if lines else "") + moments
 
 
@@ -175,8 +172,8 @@ def _bars(values: Mapping[str, float]) -> str:
     return f'<ul class="bars">{rows}</ul>'
 
 
-def made(info: Mapping[str, Any]) -> str:
-    """Settings, FMUs with their hashes, and versions."""
+def made(info: Mapping[str, Any], whose: str = "the run") -> str:
+    """Settings, FMUs with their hashes, and versions; `whose` tells the tables of several runs apart."""
     settings = {
         name: info[name]
         for name in ("scenario", "ssp", "osp", "fmu", "seed", "step_size", "start_time", "stop_time", "order",
@@ -192,18 +189,18 @@ def made(info: Mapping[str, Any]) -> str:
         )
     parts = []
     if settings:
-        parts.append(f"<h3>Settings</h3>{pairs(settings, ('setting', 'value'), 'Settings of the run')}")
+        parts.append(f"<h3>Settings</h3>{pairs(settings, ('setting', 'value'), f'Settings of {whose}')}")
     if fmus := info.get("fmus"):
         rows = [
             (escape(name), f"<code>{escape(str(f.get('path', '')))}</code>", f"<code>{f.get('sha256', '')}</code>")
             for name, f in fmus.items()
         ]
-        parts.append(f"<h3>FMUs</h3>{table(('component', 'file', 'SHA-256'), rows, 'FMUs', 'hashes')}")
+        parts.append(f"<h3>FMUs</h3>{table(('component', 'file', 'SHA-256'), rows, f'FMUs of {whose}', 'hashes')}")
     if versions := info.get("versions"):
-        parts.append(f"<h3>Software</h3>{pairs(versions, ('package', 'version'), 'Versions of the software')}")
+        parts.append(f"<h3>Software</h3>{pairs(versions, ('package', 'version'), f'Software of {whose}')}")
     if files := info.get("files"):
         hashes = [(f"<code>{escape(name)}</code>", f"<code>{escape(str(sha))}</code>") for name, sha in files.items()]
-        parts.append(f"<h3>Files</h3>{table(('file', 'SHA-256'), hashes, 'Files of the run', 'hashes')}")
+        parts.append(f"<h3>Files</h3>{table(('file', 'SHA-256'), hashes, f'Files of {whose}', 'hashes')}")
     return "\n".join(parts)
 
 

@@ -1,11 +1,11 @@
 // The diagram of the system: boxes where an SSP has placed them, else laid out by dagre; arrows for bundles of connections.
 
 function startDiagram(root) {
-  const { components, bundles, geometry } = DATA.diagram;
+  const { components, bundles, places } = DATA.diagram;
   const picture = root.querySelector(".diagram");
   const chosen = root.querySelector(".chosen");
   const short = (text) => (text.length > 34 ? `${text.slice(0, 16)}…${text.slice(-16)}` : text);
-  const plan = geometry ? placed() : fitting();
+  const plan = places ? placed() : fitting();
 
   /** From left to right; from top to bottom where that is narrower and the page is too. */
   function fitting() {
@@ -36,12 +36,13 @@ function startDiagram(root) {
 
   /** As the SSP has it: millimetres, y up. */
   function placed() {
-    const corners = components.map((c) => geometry[c.name]);
+    const corners = components.map((c) => places[c.name]);
     const left = Math.min(...corners.map((g) => Math.min(g[0], g[2])));
     const top = Math.max(...corners.map((g) => Math.max(g[1], g[3])));
     const widest = Math.max(...components.map((c, i) => widthOf(c) / Math.max(Math.abs(corners[i][2] - corners[i][0]), 1e-9)));
     const highest = Math.max(...corners.map((g) => 48 / Math.max(Math.abs(g[3] - g[1]), 1e-9)));
-    const scale = Math.max(widest, highest);
+    const extent = Math.max(...corners.map((g) => Math.max(g[0], g[2]))) - left;
+    const scale = Math.min(Math.max(widest, highest), 3000 / Math.max(extent, 1e-9));
     const boxes = new Map(
       components.map((c, i) => {
         const [x1, y1, x2, y2] = corners[i];

@@ -125,6 +125,7 @@ class Plot {
       "aria-label",
       `${title}${unit ? ` in ${unit}` : ""} over time. Arrow keys move the cursor, plus and minus zoom, Escape shows all.`,
     );
+    this.area.style.minHeight = `${this.settings.height}px`; // before it is drawn, so that what follows stays in place
     this.outputs = [];
     this.legend.replaceChildren(...(this.settings.say ? series.map((s, i) => this.entry(s, i)) : []));
     this.build();
@@ -179,7 +180,7 @@ class Plot {
           ...axis,
           values: (u, ticks) => (log ? ticks.map(power) : distinct(ticks)),
           size: (u, values) => 14 + 7 * Math.max(3, ...(values ?? []).map((v) => v.length)),
-          space: 34,
+          space: height < 180 ? 22 : 34,
         },
       ],
       cursor: {

@@ -9,10 +9,17 @@ function startSignals(root) {
   const several = runs.length > 1;
   const view = new TimeView(Math.min(...runs.map((r) => r.ends[0])), Math.max(...runs.map((r) => r.ends[1])));
   const times = runs.map((run) => timesOf(run.time));
-  const events = DATA.events.flatMap((list, k) =>
-    list.map((e) => ({ ...e, text: several ? `${runs[k].label}: ${e.text}` : e.text })),
-  );
-  const drawn = events.filter((e, i) => events.findIndex((o) => o.time === e.time && o.text === e.text) === i);
+  const events = new Map(); // by time and text: those of several runs are drawn once
+  DATA.events.forEach((list, k) => {
+    for (const { time, text } of list) {
+      const key = `${time} ${text}`;
+      events.set(key, { time, text, runs: [...(events.get(key)?.runs ?? []), runs[k].label] });
+    }
+  });
+  const drawn = [...events.values()].map(({ time, text, runs: own }) => ({
+    time,
+    text: own.length === runs.length ? text : `${own.join(", ")}: ${text}`,
+  }));
   const component = (variable) => {
     const dot = variable.name.lastIndexOf(".", variable.name.indexOf("[") < 0 ? undefined : variable.name.indexOf("["));
     return dot < 0 ? "" : variable.name.slice(0, dot);
@@ -21,6 +28,10 @@ function startSignals(root) {
   /** Panels: title, unit, and curves as [variable, number of its column, label]. */
   const groupings = {
     variable: () => variables.flatMap((v) => split(v.name, v.unit, v.columns.map((_, i) => [v, i]))),
+    difference: () => {
+      const far = (panel) => panel.curves[0][0].difference ?? -1;
+      return groupings.variable().sort((a, b) => far(b) - far(a));
+    },
     unit: () => {
       const units = new Map();
       for (const v of variables) {
@@ -94,6 +105,14 @@ function startSignals(root) {
     new Plot(element.querySelector(".differences"), view, { title, unit: panel.unit, series: differences, height: 130 });
   }
 
+  /** How far the curves of several runs are from the first, in words. */
+  function far(panel) {
+    const { difference } = panel.curves[0][0];
+    if (!several || difference === null) return "";
+    const text = difference === 0 ? "· equal" : `· differ by ${shown(100 * difference, 3)} % of the range`;
+    return make("small", {}, text);
+  }
+
   let panels = [];
   let wanted = MOST_PANELS;
 
@@ -119,10 +138,9 @@ function startSignals(root) {
   function more() {
     for (const panel of panels.slice(made.size, wanted)) {
       const unit = panel.unit && panel.unit !== panel.title ? make("small", {}, panel.unit) : "";
-      const element = make("div", { class: "panel" }, make("h3", {}, panel.title, " ", unit), make("div", { class: "curves" }));
+      const element = make("div", { class: "panel" }, make("h3", {}, panel.title, " ", unit, " ", far(panel)));
+      element.append(make("div", { class: "curves" }));
       if (several && panel.curves.length > 1) element.append(make("div", { class: "differences" }));
-      for (const place of element.querySelectorAll("div")) place.append(make("div", { class: "plot-area" }));
-      for (const place of element.querySelectorAll(".plot-area")) place.remove();
       element.querySelector(".curves").style.minHeight = "262px"; // so that panels further down are not in view yet
       made.set(element, panel);
       box.append(element);
@@ -144,7 +162,8 @@ function startSignals(root) {
   }
 
   find(".grouping").append(make("option", { value: "variable" }, "by variable"));
-  if (!several) find(".grouping").append(make("option", { value: "unit" }, "by unit"));
+  const further = several ? ["difference", "by difference, largest first"] : ["unit", "by unit"];
+  find(".grouping").append(make("option", { value: further[0] }, further[1]));
   const components = [...new Set(variables.map((v) => component(v).split(".")[0]))].filter(Boolean);
   find(".component").append(...components.map((name) => make("option", { value: name }, name)));
   find(".of-component").hidden = components.length < 2;
