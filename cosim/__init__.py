@@ -37,6 +37,7 @@ _MODULES = {
     "SimulationError": "cosim.master.failures",
     "SimulationInterrupted": "cosim.master.failures",
     "Sink": "cosim.master.recording",
+    "Steering": "cosim.master.steering",
     "SteppedRun": "cosim.master.stepping",
     "StoredResults": "cosim.results.stored",
     "System": "cosim.system.system",
@@ -68,6 +69,7 @@ __all__ = [
     "SimulationError",
     "SimulationInterrupted",
     "Sink",
+    "Steering",
     "SteppedRun",
     "StoredResults",
     "System",
@@ -87,6 +89,7 @@ if TYPE_CHECKING:
     from cosim.master.recording import Sink
     from cosim.master.simulation import Simulation, simulate
     from cosim.master.state import RunState
+    from cosim.master.steering import Steering
     from cosim.master.stepping import SteppedRun
     from cosim.output import OutputError
     from cosim.results.formats import FormatError

@@ -49,6 +49,11 @@ class Pacer:
             clock.sleep(min(rest, _LOOK))
         self._lateness.append(clock.perf_counter() - due)
 
+    def begin_later(self, seconds: float) -> None:
+        """Have all points that follow be due later (s): the run was paused."""
+        if self._began is not None:
+            self._began += seconds
+
     def report(self) -> dict[str, float]:
         """Overruns (points that were not done when the next one was due), and how late points began (s)."""
         late = np.array(self._lateness or [0.0])

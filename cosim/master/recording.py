@@ -120,7 +120,15 @@ class Marks:
 
 
 class Recorder(Protocol):
-    """Interface that the loop needs: memory for rows, and a report of how many are full."""
+    """Interface that the loop needs: memory for rows, and a report of how many are full.
+
+    Attributes
+    ----------
+    capacity : int or None
+        Rows that there is room for at once; None: for all.
+    """
+
+    capacity: int | None
 
     def room(self, first: int, end: int) -> tuple[np.ndarray, int]:
         """Array for the rows first ... end - 1, and the number of its first row."""
@@ -137,6 +145,8 @@ class Recorder(Protocol):
 
 class InMemory:
     """All rows in one array."""
+
+    capacity: int | None = None
 
     def __init__(self, times: Callable[[int, int], np.ndarray], rows: int, columns: int) -> None:
         self._times = times
@@ -164,6 +174,8 @@ class InMemory:
 
 class Growing:
     """All rows in one array, which grows: for runs whose end is not known."""
+
+    capacity: int | None = None
 
     def __init__(self, times: Callable[[int, int], np.ndarray], columns: int) -> None:
         self._times = times
@@ -208,11 +220,7 @@ class PassedOn:
         self._times, self._sink = times, sink
         self._buffer = np.empty((min(rows, max(1, _BUFFERED_VALUES // max(1, columns))), columns))
         self._first = self._end = 0
-
-    @property
-    def capacity(self) -> int:
-        """Rows of the buffer."""
-        return len(self._buffer)
+        self.capacity: int | None = len(self._buffer)
 
     def room(self, first: int, end: int) -> tuple[np.ndarray, int]:
         """See `Recorder`; `end - first` must not be more than `capacity`."""
@@ -234,3 +242,47 @@ class PassedOn:
     def _pass_on(self) -> None:
         if self._end > self._first:
             self._sink(self._times(self._first, self._end), self._buffer[: self._end - self._first])
+
+
+class Observed:
+    """A recorder that shows further rows to somebody as they come.
+
+    Parameters
+    ----------
+    recorder : Recorder
+        Keeps the rows, or passes them on.
+    times : callable
+        Times (n,) of the rows first ... end - 1.
+    values : callable
+        Values of slots, as `observe` gets them.
+    observe : callable
+        Takes times (n,) and values (n, columns); both are only valid during the call.
+    """
+
+    def __init__(
+        self,
+        recorder: Recorder,
+        times: Callable[[int, int], np.ndarray],
+        values: Callable[[np.ndarray], np.ndarray],
+        observe: Sink,
+    ) -> None:
+        self._recorder, self._times, self._values, self._observe = recorder, times, values, observe
+        self._seen = self._first = 0
+        self._rows = np.empty((0, 0))
+        self.capacity = recorder.capacity
+
+    def room(self, first: int, end: int) -> tuple[np.ndarray, int]:
+        """See `Recorder`."""
+        self._rows, self._first = self._recorder.room(first, end)
+        return self._rows, self._first
+
+    def recorded(self, end: int) -> None:
+        """See `Recorder`."""
+        self._recorder.recorded(end)
+        if end > self._seen:
+            first, self._seen = self._seen, end
+            self._observe(self._times(first, end), self._values(self._rows[first - self._first : end - self._first]))
+
+    def result(self) -> tuple[np.ndarray, np.ndarray]:
+        """See `Recorder`."""
+        return self._recorder.result()

@@ -40,7 +40,7 @@ from cosim.master.interrupts import DeferredInterrupt
 from cosim.master.model_exchange import ModelExchangeGroup
 from cosim.master.operations import Exchange, NamedOperation, OperationTable
 from cosim.master.pacing import Pacer
-from cosim.master.recording import Marks, NonFinite, PassedOn, RecordedColumns, Recorder
+from cosim.master.recording import Marks, NonFinite, RecordedColumns, Recorder
 from cosim.master.refusals import refused_of
 from cosim.master.sampling import Samples
 from cosim.master.unfinished_steps import EndedBy, UnfinishedSteps
@@ -287,7 +287,7 @@ class Run:
         self._loop.record_every = record_every
         if progress is not None:
             progress(grid.start_time)
-        largest = record_every * recorder.capacity if isinstance(recorder, PassedOn) else _LARGEST_CHUNK
+        largest = _LARGEST_CHUNK if recorder.capacity is None else record_every * recorder.capacity
         chunk = min(_FIRST_CHUNK, largest)
         try:
             while point <= grid.last_point:

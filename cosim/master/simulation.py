@@ -39,10 +39,21 @@ from cosim.master.interrupts import DeferredInterrupt
 from cosim.master.model_exchange import ModelExchangeGroup, Solver, check_components, group_of
 from cosim.master.operations import Exchange
 from cosim.master.pacing import Pacer
-from cosim.master.recording import Growing, InMemory, Marks, NonFinite, PassedOn, RecordedColumns, Recorder, Sink
+from cosim.master.recording import (
+    Growing,
+    InMemory,
+    Marks,
+    NonFinite,
+    Observed,
+    PassedOn,
+    RecordedColumns,
+    Recorder,
+    Sink,
+)
 from cosim.master.refusals import Refusals, function_for_derivatives, lacking_of
 from cosim.master.run import Grid, Run
 from cosim.master.sampling import Samples, sample
+from cosim.master.steering import SteeredRun, Steering
 from cosim.master.stepping import SteppedRun
 from cosim.master.value_layout import ValueLayout
 from cosim.results.results import Results
@@ -429,6 +440,8 @@ class Simulation:
         progress: Callable[[float], None] | None = None,
         checkpoint: Checkpoint | None = None,
         nonfinite: NonFinite = "mark",
+        observe: Sink | None = None,
+        steering: Steering | None = None,
     ) -> Results:
         """Couple the FMUs at a fixed communication step, from their start values.
 
@@ -459,6 +472,11 @@ class Simulation:
             What becomes of a run with a recorded output that is NaN or infinite: "error" ends it there, "mark" goes on,
             and the results say which output, from when on, and in how many rows (`info["nonfinite"]`). An output that
             is connected must be finite in any case.
+        observe : callable, optional
+            Takes times (n,) and values (n, columns) of further rows, some 20 times a second, beside whatever keeps
+            them; both are only valid during the call.
+        steering : Steering, optional
+            Commands for the run as it goes on: values to set, pause, stop; `info["commands"]` has what was done.
 
         Returns
         -------
@@ -481,6 +499,15 @@ class Simulation:
         if nonfinite not in get_args(NonFinite):
             raise SetupError(f"nonfinite = {nonfinite!r} must be one of {', '.join(map(repr, get_args(NonFinite)))}")
         pacer = None if realtime is None else Pacer(realtime)
+        if checkpoint is not None and (observe is not None or steering is not None):
+            raise SetupError("a run with checkpoints can't be observed or steered; leave out one of them")
+        if steering is not None:
+            with self._stepping(grid, samples, starts, record_every, experiments, nonfinite) as (run, growing, results):
+                self._check_sink(sink, names)
+                slots = None if sink is None else self._slot_sink(sink, run.marks)
+                return SteeredRun(run, growing, grid, results, steering, observe, slots, self._columns.values).to_end(
+                    progress, pacer
+                )
         if checkpoint is not None:
             self._check_states()
             times = self._times(grid, record_every)
@@ -495,6 +522,8 @@ class Simulation:
             loop, results = self._begun(samples, starts, grid, record_every, experiments, interrupt, nonfinite)
             self._check_sink(sink, names)
             recorder = self._recorder(grid, record_every, sink, loop.marks)
+            if observe is not None:
+                recorder = Observed(recorder, self._times(grid, record_every), self._columns.values, observe)
             with _timed(results, began):
                 return loop.loop(recorder, record_every, results, progress, pacer)
 
@@ -914,6 +943,8 @@ def simulate(
     threads: Threads = 1,
     profile: bool = False,
     nonfinite: NonFinite = "mark",
+    observe: Sink | None = None,
+    steering: Steering | None = None,
     interface: str = AUTO_INTERFACE,
     solver: str = AUTO,
     solver_step: float | None = None,
@@ -947,6 +978,8 @@ def simulate(
             progress=progress,
             checkpoint=checkpoint,
             nonfinite=nonfinite,
+            observe=observe,
+            steering=steering,
         )
 
 
