@@ -47,12 +47,12 @@ class Steering:
 
     Examples
     --------
+    >>> from cosim import Simulation
     >>> steering = Steering()
-    >>> thread = threading.Thread(target=lambda: steering.set("plant.dm", 0.1))
-    >>> thread.start()
+    >>> steering.set("controller.alpha", 2.0)
     >>> with Simulation(system) as simulation:
-    ...     results = simulation.run(15.0, 1e-3, steering=steering)
-    ...     again = simulation.run(15.0, 1e-3, steering=Steering(results.info["commands"]))
+    ...     results = simulation.run(0.01, 1e-3, steering=steering)
+    ...     again = simulation.run(0.01, 1e-3, steering=Steering(results.info["commands"]))
     """
 
     def __init__(self, commands: Iterable[Mapping[str, Any]] = ()) -> None:
