@@ -23,6 +23,7 @@ _OWN = {
         "compare",
         "sweep",
         "pack",
+        "page",
         "info",
         "scenarios",
         "validate",

@@ -259,7 +259,7 @@ def path() -> str:
 #: Rooms of `cosim` from the highest to the lowest: names, and what each is about or more names.
 ROOMS = (
     ("commands", "the program: run, sweep, compare, validate"),
-    ("scenario \u00b7 ssp \u00b7 osp \u00b7 sweep", "regression \u00b7 analysis \u00b7 pack"),
+    ("scenario \u00b7 ssp \u00b7 osp \u00b7 regression", "sweep \u00b7 analysis \u00b7 pack \u00b7 model_page"),
     ("master", "simulation, algorithm, run, recording"),
     ("results", "result objects, file formats, plots"),
     ("system", "components, connections, units, levels"),
@@ -288,7 +288,8 @@ def architecture() -> str:
         drawing.words(446, 142 + 24 * row, name, "plain bold", "passive")
     drawing.panel(430, 240, 186, 300, "passive", 2.2)
     drawing.words(446, 266, "fmu_export", "plain bold", "passive")
-    rooms = (("back ends", "native, pythonfmu"), ("package", "descriptions, archive"), ("trace", "numpy to equations"))
+    back_ends = ("back ends", "native, Python, wasm")
+    rooms = (back_ends, ("package", "descriptions, archive"), ("trace", "numpy to equations"))
     for row, (name, about) in enumerate((*rooms, ("modelling", "Model, Layout"))):
         drawing.panel(444, 280 + 64 * row, 158, 54, "passive", 1.2)
         drawing.words(454, 303 + 64 * row, name, "plain bold")

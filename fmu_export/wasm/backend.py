@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.resources import files
@@ -64,9 +65,13 @@ class WasmModel:
         return self.code + b"\0" + _leb128(len(content)) + content
 
 
-def script() -> str:
-    """The JavaScript by which a page or another host loads a module and runs it: an ES module that imports nothing."""
-    return (files(__package__) / "assets" / SCRIPT).read_text(encoding="utf-8")
+def script(*, exports: bool = True) -> str:
+    """The JavaScript by which a page or another host loads a module and runs it, and which imports nothing.
+
+    It is an ES module; without `exports` a plain script, as workers take it that are made of a page's text.
+    """
+    text = (files(__package__) / "assets" / SCRIPT).read_text(encoding="utf-8")
+    return text if exports else re.sub(r"^export ", "", text, flags=re.MULTILINE)
 
 
 def build_wasm(model: AnyModel, folder: str | PathLike[str], unchecked: bool = False) -> Path:

@@ -29,6 +29,7 @@ ROOMS = (
     ("cosim.results", "cosim.output"),
     ("cosim.master",),
     ("cosim.scenario", "cosim.ssp", "cosim.osp", "cosim.sweep", "cosim.regression", "cosim.analysis"),
+    ("cosim.model_page",),
     ("cosim.pack",),
     ("cosim.commands", "cosim.__main__", "cosim"),
 )

@@ -80,6 +80,7 @@ def document(
     scripts: Sequence[str] = (),
     data: Mapping[str, Any] | None = None,
     blocks: Mapping[str, bytes] | None = None,
+    webassembly: bool = False,
 ) -> str:
     """A page as HTML.
 
@@ -98,6 +99,8 @@ def document(
         Name -> JSON value, in `DATA` of the scripts with those of the sections.
     blocks : mapping, optional
         Id -> deflated bytes, for `decode.js`.
+    webassembly : bool, optional
+        Its scripts may compile WebAssembly, and start workers from texts of the page.
     """
     style = "\n".join(dict.fromkeys([*styles, *(text for s in sections for text in s.styles)]))
     script = "\n".join(dict.fromkeys([*scripts, *(text for s in sections for text in s.scripts)]))
@@ -113,7 +116,8 @@ def document(
             "form-action 'none'",
             "img-src data: blob:",
             f"style-src {_hash(style)}",
-            f"script-src {_hash(script)}",
+            f"script-src {_hash(script)}" + " 'wasm-unsafe-eval'" * webassembly,
+            *(["worker-src blob:"] if webassembly else []),
         )
     )
     shown = "\n".join(section.in_page() for section in sections)

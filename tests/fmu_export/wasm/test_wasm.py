@@ -15,9 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fmu_export import ModelClass, ToolchainError, build_native, build_wasm, discrete, every, output, parameter, state
-from fmu_export import input as input_
-from fmu_export.modelling.declarations import require, when
+from fmu_export import ModelClass, ToolchainError, build_native, build_wasm
 from fmu_export.modelling.model import Model
 from fmu_export.native import toolchain
 from fmu_export.native.toolchain import compile_module
@@ -30,70 +28,22 @@ from tests.support.compilation import shared_compilation
 from tests.support.example_models import FOLDER, model_of
 from tests.support.native_fmus import Host, doubles, require_compiler, unpack
 from tests.support.wasm_host import WasmHost, json_of
+from tests.support.wasm_models import Swing, Typed
 
 pytest.importorskip("ziglang", reason="nothing here compiles WebAssembly: pip install ziglang")
 
 OK, ERROR = 0, 3
 
 
-class Swing(ModelClass, stop_time=2.0, step_size=0.01):
-    """A pendulum with friction by a table, pushed by an input, braked by a sampled controller, slowed at the bottom."""
-
-    length = parameter(0.7, "m", "Length", min=0.1, max=2.0)
-    g = parameter(9.81, "m/s2")
-    grip = parameter(0.3, "1/s", min=0.0, tunable=True)
-    push = input_(0.0, "m/s2")
-    theta = state(0.5, "rad")
-    omega = state(0.0, "rad/s")
-    brake = discrete(0.0, "1/s")
-    lift = output("m")
-    mix = output("1")
-
-    def derivatives(m):
-        friction = np.interp(m.omega, [-3.0, -1.0, 0.0, 2.0], [-1.0, -0.6, 0.0, 0.7])
-        turn = -m.g / m.length * np.sin(m.theta) - m.grip * friction - m.brake * m.omega + m.push / m.length
-        return dict(theta=m.omega, omega=turn)
-
-    def outputs(m):
-        mix = np.exp(-(m.omega**2)) + np.arctan(m.theta) ** 3 + np.tanh(m.push) + np.fmod(m.omega, 0.3)
-        return dict(lift=m.length * (1.0 - np.cos(m.theta)), mix=mix)
-
-    @every(0.25)
-    def braking(m):
-        return dict(brake=0.1 * np.abs(m.omega))
-
-    @when(lambda m: m.theta, "falling")
-    def bottom(m):
-        return dict(omega=0.9 * m.omega)
-
-    @require("the pendulum must not turn over; push less")
-    def stays_below(m):
-        return 9.0 - m.theta**2
-
-
-class Typed(ModelClass):
-    """Values of all types."""
-
-    n = parameter(3, type="integer", min=1, max=9)
-    on = parameter(True, type="boolean")
-    speed = parameter("slow", type="enumeration", items=("off", "slow", "fast"))
-    text = parameter("b", type="string", items=("a", "b"))
-    level = input_(0, type="integer")
-    sum = output()
-
-    def outputs(m):
-        return dict(sum=m.n + 10.0 * m.on + 100.0 * m.speed + 1000.0 * m.text + 1e4 * m.level)
-
-
-def names(made: WasmModel, *causalities: str) -> list[str]:
-    return [v["name"] for v in made.description["variables"] if v["causality"] in causalities]
+def reals(made: WasmModel, *causalities: str) -> list[str]:
+    return [v["name"] for v in made.description["variables"] if v["causality"] in causalities and v["type"] == "real"]
 
 
 def random_settings(made: WasmModel, rng: np.random.Generator) -> dict[str, float]:
-    """Values of all parameters, near their start values and within their limits."""
+    """Values of all real parameters, near their start values and within their limits."""
     found = {}
     for v in made.description["variables"]:
-        if v["causality"] == "parameter":
+        if v["causality"] == "parameter" and v["type"] == "real":
             value = v["start"] * rng.uniform(0.9, 1.1) + (v["start"] == 0.0) * rng.uniform(0.0, 0.05)
             found[v["name"]] = float(np.clip(value, v.get("min", -np.inf), v.get("max", np.inf)))
     return found
@@ -127,7 +77,7 @@ def check_bits(model: type[ModelClass] | Model, folder: Path, size: float, n: in
     with shared_compilation():
         fmu = build_native(model, folder, "fmi2", reference=False)
     rng, module, whole = np.random.default_rng(seed), WasmHost(made), 0
-    recorded, driven = names(made, "output", "local"), names(made, "input")
+    recorded, driven = reals(made, "output", "local"), reals(made, "input")
     with Host(unpack(fmu, folder / "unpacked")) as host:
         for _ in range(settings):
             start = random_settings(made, rng)
