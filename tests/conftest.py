@@ -18,7 +18,7 @@ from cosim.results.figure_process import FigureProcess
 from fmu_export.native import toolchain
 from parallel_robot.fmus import build
 from tests.support import compilation
-from tests.support.compilation import built_once
+from tests.support.compilation import OPTIMISATION_OF_ROBOT, built_once
 from tests.support.fmi3_gain import build_gain
 from tests.support.native_fmus import DEFAULT_FLAVOUR, FLAVOURS, require_compiler, unpack
 
@@ -97,7 +97,7 @@ def plain_path() -> Iterator[Path]:
 def _built(folder: Path, *flavours: str) -> Path:
     """The robot's FMUs in a folder, laid out as `build_fmus.py` does: <folder>/pythonfmu/RobotPlant.fmu and so on."""
     for flavour in flavours:
-        built_once(f"robot-{flavour}", partial(build, flavour=flavour), folder)
+        built_once(f"robot-{flavour}", partial(build, flavour=flavour), folder, OPTIMISATION_OF_ROBOT)
     return folder
 
 

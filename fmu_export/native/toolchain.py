@@ -67,10 +67,9 @@ _COMPILERS = ("cc", "gcc", "clang")
 #: How far gcc and clang optimise; the bits of the results are the same at any level.
 OPTIMISATION = "-O3"
 
-#: What gcc, clang and zig are told for any target.
+#: What gcc, clang and zig are told for any target, beside how far they optimise.
 _OPTIONS = (
     "-std=c99",
-    OPTIMISATION,
     "-ffp-contract=off",
     "-fno-fast-math",
     "-fno-math-errno",
@@ -213,7 +212,9 @@ def compile_module(sources: Mapping[str, bytes], name: str, *, strict: bool = Fa
         )
     module = f"{name}.wasm"
     files = sorted(source for source in sources if source.endswith(".c"))
-    options = [*_OPTIONS, *(["-Werror"] if strict else []), "-fvisibility=hidden", "-I.", "-target", _WEBASSEMBLY]
+    # without optimisation zig adds checks that need a library
+    options = [*_OPTIONS, "-O3", *(["-Werror"] if strict else []), "-fvisibility=hidden", "-I."]
+    options += ["-target", _WEBASSEMBLY]
     options += ["-nostdlib", "-mbulk-memory", "-s", "-Wl,--no-entry", "-Wl,-z,stack-size=1048576"]
     return _compile(sources, [*_zig(), *options, *files, "-o", module], module)
 
@@ -267,7 +268,7 @@ def _arguments(
     if _is(compiler, "cl"):  # no C99 by name: it is cl's default; /Brepro: no time stamps
         options = ["/nologo", "/LD", "/MT", "/O2", "/fp:precise", "/W3", "/utf-8", "/Brepro", "/I."]
         return [*options, *(["/WX"] if strict else []), *files, f"/Fe:{library}", "/link", "/Brepro"]
-    options = [*_OPTIONS, *(["-Werror"] if strict else []), "-shared", "-fvisibility=hidden", "-I."]
+    options = [*_OPTIONS, OPTIMISATION, *(["-Werror"] if strict else []), "-shared", "-fvisibility=hidden", "-I."]
     if _is_zig(compiler):
         options += ["-target", target.triple]  # without it zig would use all instructions of this very machine
     if target.system == "linux":

@@ -283,6 +283,7 @@ def test_open_loop_has_no_tracking_errors_and_no_figures_of_them(here, capsys):
     assert tau_a[[0, 100]] == pytest.approx(np.array([[0.1] * 3, [0.1 * math.cos(math.pi * 0.1)] * 3]), abs=1e-15)
 
 
+@pytest.mark.usefixtures("no_figures")
 @pytest.mark.parametrize("text", ["components = ['trajectory']", "components = ['plant']\nstart.plant.tau_a = 0.0"])
 def test_any_part_of_the_system_runs_alone(here, text):
     Path("alone.toml").write_text(

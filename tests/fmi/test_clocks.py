@@ -103,6 +103,7 @@ def test_a_clock_without_a_usable_interval_is_named(fmu):
         simulate(one(fmu, period=0.0), 1.0, H)
 
 
+@pytest.mark.usefixtures("no_figures")
 def test_the_interval_of_a_clock_can_be_given(fmu, tmp_path, monkeypatch, capsys):
     results = simulate(one(fmu, period=0.0, fixed=0.375, tunable=0.25), 2.0, H)
     assert ticks(results, "c.fixed") == [0.375 * i for i in range(6)]

@@ -137,8 +137,22 @@ def test_a_run_that_is_well_is_as_it_was(tmp_path: Path) -> None:
     assert "is not a whole number of steps" in said[0]
 
 
-@pytest.mark.parametrize("to_group", [False, True])
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize(
+    ("number", "to_group"),
+    [
+        (signal.SIGINT, True),
+        (signal.SIGTERM, False),
+        *(
+            pytest.param(*rest, marks=pytest.mark.slow)
+            for rest in (
+                (signal.SIGINT, False),
+                (signal.SIGTERM, True),
+                (signal.SIGHUP, False),
+                (signal.SIGHUP, True),
+            )
+        ),
+    ],
+)
 def test_signals_reach_the_run(tmp_path: Path, number: signal.Signals, to_group: bool) -> None:
     tank(tmp_path / "tank.fmu")
     command = [sys.executable, "-m", "cosim", "run", "tank.fmu", "--step", "0.01", "--stop", "1e4", "--realtime", "1"]

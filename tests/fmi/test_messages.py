@@ -345,6 +345,7 @@ def test_without_a_file_messages_go_to_the_logger_of_python(tmp_path: Path, capl
 # On the command line
 
 
+@pytest.mark.usefixtures("no_figures")
 def test_a_run_shows_warnings_and_keeps_the_log(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     fmu, out = talker(tmp_path / "t.fmu", "WARNS"), tmp_path / "out"
     command = ["run", str(fmu), "--step", "0.5", "--stop", "2", "--out", str(out)]
@@ -362,6 +363,7 @@ def test_a_run_shows_warnings_and_keeps_the_log(tmp_path: Path, capsys: pytest.C
     assert not (out / "messages.log").exists()  # it belonged to the run before
 
 
+@pytest.mark.usefixtures("no_figures")
 def test_categories_on_the_command_line(tmp_path: Path) -> None:
     fmu, out = talker(tmp_path / "t.fmu", "WARNS"), tmp_path / "out"
     command = ["run", str(fmu), "--step", "0.5", "--stop", "2", "--out", str(out)]
@@ -369,6 +371,7 @@ def test_categories_on_the_command_line(tmp_path: Path) -> None:
     assert lines(out / "messages.log")[0].endswith("asked for: logTable logEvents")
 
 
+@pytest.mark.usefixtures("no_figures")
 def test_the_log_of_a_run_that_fails_is_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     fmu, out = talker(tmp_path / "t.fmu", "FAILS"), tmp_path / "out"
     assert main(["run", str(fmu), "--step", "0.5", "--stop", "5", "--out", str(out), "--log", "error"]) == 1
@@ -391,6 +394,7 @@ def test_the_log_of_a_run_without_results_is_kept_elsewhere(
     assert list(out.iterdir()) == []
 
 
+@pytest.mark.usefixtures("no_figures")
 def test_a_warning_that_the_terminal_cannot_show_ends_no_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     terminal = io.TextIOWrapper(io.BytesIO(), encoding="ascii")
     monkeypatch.setattr(sys, "stdout", terminal)

@@ -16,8 +16,8 @@ from fmu_export.native.toolchain import Target, compile_library, compiler_identi
 #: Set by conftest before any FMU is built: a folder of the session, the same in all workers.
 folder: Path | None = None
 
-#: Of what `built_once` builds, as the robot's FMUs, which run for long.
-OPTIMISATION = "-O1"
+#: Of the robot's FMUs, which run for long.
+OPTIMISATION_OF_ROBOT = "-O1"
 
 
 @contextmanager
@@ -50,7 +50,7 @@ def _compile_once(
     return path.read_bytes()
 
 
-def built_once(name: str, build: Callable[[Path], object], destination: Path) -> None:
+def built_once(name: str, build: Callable[[Path], object], destination: Path, optimisation: str | None = None) -> None:
     """Put into a folder what a function builds, which one worker does for all; each has a copy of its own."""
     assert folder is not None
     folder.mkdir(exist_ok=True)
@@ -58,7 +58,7 @@ def built_once(name: str, build: Callable[[Path], object], destination: Path) ->
     with _locked(folder / f"{name}.lock"):
         if not common.exists():
             part = Path(tempfile.mkdtemp(dir=folder))
-            with shared_compilation(OPTIMISATION):
+            with shared_compilation(optimisation):
                 build(part)
             if not common.exists():
                 part.rename(common)

@@ -38,7 +38,7 @@ from parallel_robot.models import MODELS
 from parallel_robot.scenario import load_scenario
 from plant_fmu.model import INPUTS, OUTPUTS, PARAMETERS
 from plant_fmu.model import MODEL as PLANT
-from tests.support.compilation import OPTIMISATION
+from tests.support.compilation import OPTIMISATION_OF_ROBOT
 from tests.support.native_fmus import (
     DISCARD,
     ERROR,
@@ -189,7 +189,7 @@ def test_derivatives_belong_to_their_states(native_fmus: Path, flavour: str, nam
 def test_same_sources_same_bytes(
     native_fmus: Path, tmp_path: Path, flavour: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(toolchain, "OPTIMISATION", OPTIMISATION)  # as those of the robot are built
+    monkeypatch.setattr(toolchain, "OPTIMISATION", OPTIMISATION_OF_ROBOT)  # as those of the robot are built
     (again,) = build(tmp_path, flavour, ["controller"])
     assert again.read_bytes() == (native_fmus / flavour / again.name).read_bytes()
 

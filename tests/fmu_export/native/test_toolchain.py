@@ -104,6 +104,12 @@ def test_same_sources_give_the_same_bytes(host_library: bytes, tmp_path: Path, m
     assert list(deep.iterdir()) == []
 
 
+def test_optimisation_is_that_of_the_moment(host_library: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Tests of models compile without, which takes a third of the time."""
+    monkeypatch.setattr(toolchain, "OPTIMISATION", "-O3")
+    assert compile_library(SOURCES, "gain") != host_library
+
+
 def test_sources_may_lie_in_folders(host_library: bytes, tmp_path: Path) -> None:
     assert_works(
         compile_library({"gain.h": SOURCES["gain.h"]} | {f"src/{n}": SOURCES[n] for n in SOURCES}, "gain"), tmp_path
