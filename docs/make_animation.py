@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from cosim import Results
-from parallel_robot.paper.report.series import chain_forces
+from parallel_robot.animation.motion import chain_forces
 from plant_fmu.model import PARAMETERS
 
 #: One lap takes 2 pi s (w = 1 rad/s); the second is steady, and ends nearly where it began.

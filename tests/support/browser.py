@@ -38,12 +38,14 @@ class Tabs:
         self._contexts: list[Any] = []
         self._troubles: list[str] = []
 
-    def open(self, page: Path, *, width: int = 1280, height: int = 900, **options: Any) -> Any:
-        """A tab with a page."""
+    def open(self, page: Path, *, width: int = 1280, height: int = 900, clock: bool = False, **options: Any) -> Any:
+        """A tab with a page; `clock` puts one into it that the test moves."""
         options = {"reduced_motion": "reduce", **options}
         context = self._browser.new_context(viewport={"width": width, "height": height}, **options)
         self._contexts.append(context)
         tab = context.new_page()
+        if clock:
+            tab.clock.install()
         tab.on("console", lambda message: self._troubles.append(message.text))
         tab.on("pageerror", lambda error: self._troubles.append(str(error)))
         tab.on("request", lambda r: None if r.url.startswith(("file:", "data:", "blob:")) else self._refuse(r.url))
@@ -87,9 +89,9 @@ def accessible(tab: Any) -> None:
     assert len(ids) == len(set(ids))
     small = tab.evaluate(
         """[...document.querySelectorAll('button, select, input, summary, nav a, [role=button]')].filter((e) => {
-            const target = e.closest('label') ?? e;
-            const { width, height } = target.getBoundingClientRect();
-            return e.checkVisibility() && width > 0 && Math.min(width, height) < 24;
+            const boxes = [e, e.closest('label') ?? e].map((t) => t.getBoundingClientRect());
+            const size = Math.max(...boxes.map(({ width, height }) => Math.min(width, height)));
+            return e.checkVisibility() && boxes[0].width > 0 && size < 24;
         }).map((e) => e.outerHTML.slice(0, 120))"""
     )
     assert not small, small

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from html import escape
 from typing import get_args
 
+from cosim.results.page.document import Section
 from parallel_robot.paper.report.prose import number, prose, table
 from parallel_robot.paper.report.series import CONDITION_NAMES, controller_names
 from parallel_robot.paper.reproduce.content import (
@@ -32,10 +33,8 @@ _LOOKS: dict[Verdict, tuple[str, str]] = {
 }
 
 
-def badge(verdict: Verdict) -> str:
-    """A verdict as colour, icon and text."""
-    look, icon = _LOOKS[verdict]
-    return f'<span class="badge {look}"><span aria-hidden="true">{icon}</span> {verdict}</span>'
+#: A claim shows so many values without being asked.
+_FEW = 6
 
 
 def scoreboard(claims: Sequence[Claim]) -> str:
@@ -48,8 +47,8 @@ def scoreboard(claims: Sequence[Claim]) -> str:
     return f'<ul class="scoreboard" aria-label="Verdicts on {len(claims)} claims">{tiles}</ul>'
 
 
-def claims_section(claims: Sequence[Claim]) -> str:
-    """The table of claims, with buttons that filter it."""
+def claims_section(claims: Sequence[Claim]) -> Section:
+    """The claims, one line each that opens, with buttons that filter them."""
     counts = Counter(c.verdict for c in claims)
     buttons = f'<button type="button" data-filter="all" aria-pressed="true">all {len(claims)}</button>' + "".join(
         f'<button type="button" data-filter="{v}" aria-pressed="false"><span aria-hidden="true">{_LOOKS[v][1]}</span> '
@@ -57,46 +56,46 @@ def claims_section(claims: Sequence[Claim]) -> str:
         for v in VERDICTS
         if counts[v]
     )
-    return f"""<section id="claims" aria-labelledby="claims-title">
-<h2 id="claims-title">Claims of the paper and their verdicts</h2>
+    html = f"""{scoreboard(claims)}
 <p>The program computes every verdict: it compares each measured value with the threshold. A claim holds when all values
 meet it, and in part when some do.</p>
 <div class="claims">
 <div class="controls"><div class="filters" role="group" aria-label="Show claims by verdict">{buttons}</div>
 <label>Find <input type="search" placeholder="words" size="14"></label>
 <span class="hint" role="status" aria-live="polite">all {len(claims)} claims</span></div>
-<table class="framed cards"><caption class="unseen">Claims of the paper with verdicts</caption>
-<thead><tr><th scope="col">Verdict</th><th scope="col">Claim</th><th scope="col">Finding</th></tr></thead>
-<tbody>
-{"".join(map(_claim, claims))}</tbody></table>
-</div>
-</section>"""
+<div class="list">
+{"".join(map(_claim, claims))}</div>
+</div>"""
+    return Section("claims", "Claims", html)
 
 
 def _claim(c: Claim) -> str:
+    look, icon = _LOOKS[c.verdict]
+    word = f'<span class="word"> {c.verdict}</span>'
     return (
-        f'<tr id="claim-{escape(c.id)}" data-verdict="{c.verdict}"><td data-head="Verdict">{badge(c.verdict)}</td>'
-        f'<td data-head="Claim"><p>{prose(c.claim)}</p><p class="where">{prose(c.where)} · '
-        f'<a href="#claim-{escape(c.id)}"><code>{escape(c.id)}</code></a></p></td>'
-        f'<td data-head="Finding"><p>{prose(c.why)}</p>{_measure(c)}</td></tr>\n'
+        f'<details class="claim" id="claim-{escape(c.id)}" data-verdict="{c.verdict}"><summary>'
+        f'<span class="badge {look}"><span aria-hidden="true">{icon}</span>{word}</span> '
+        f'<span class="line">{prose(c.claim)}</span></summary>'
+        f'<p class="where">{prose(c.where)} · <a href="#claim-{escape(c.id)}"><code>{escape(c.id)}</code></a></p>'
+        f"<p>{prose(c.why)}</p>{_measure(c)}</details>\n"
     )
 
 
 def _measure(c: Claim) -> str:
-    """The numbers behind a verdict, folded away."""
+    """The numbers behind a verdict."""
     if not c.metric:
         return ""
     unit = "" if c.unit == "1" else f" {escape(c.unit)}"
     threshold = "" if c.threshold is None else f", wanted {prose(c.relation)} {number(c.threshold)}{unit}"
-    runs = f"<p>Runs: {escape(', '.join(c.runs))}</p>" if c.runs else ""
+    runs = f"; runs: {escape(', '.join(c.runs))}" if c.runs else ""
     values = "".join(f"<li><span>{prose(n)}</span> <b>{number(v)}{unit}</b></li>" for n, v in c.values.items())
-    return (
-        f"<details><summary>{c.met} of {c.total} values meet it{threshold}</summary>"
-        f'<p>Measure: <code>{escape(c.metric)}</code></p>{runs}<ul class="values">{values}</ul></details>'
-    )
+    shown = f'<ul class="values">{values}</ul>'
+    if len(c.values) > _FEW:
+        shown = f"<details><summary>All {len(c.values)} values</summary>{shown}</details>"
+    return f'<p class="where">Measure: <code>{escape(c.metric)}</code>{threshold}{runs}</p>{shown}'
 
 
-def table1_section(rows: Sequence[TableRow]) -> str:
+def table1_section(rows: Sequence[TableRow]) -> Section:
     """Table 1: computed and printed."""
 
     def pair(value: float, printed: str) -> str:
@@ -116,14 +115,12 @@ def table1_section(rows: Sequence[TableRow]) -> str:
     ]
     heads = ("μ, ν", "α", "β (N m s/rad)", "J<sub>min</sub>", "printed digits")
     body = table(heads, cells, "Table 1, computed and as printed", "cards")
-    return f"""<section id="table1" aria-labelledby="table1-title">
-<h2 id="table1-title">Table 1: the optimal gains</h2>
-<p>The computed number stands first, the printed one beside it in small.</p>
-{body}
-</section>"""
+    html = f"""<p>The computed number stands first, the printed one beside it in small.</p>
+{body}"""
+    return Section("table1", "Table 1", html)
 
 
-def theorem_section(checks: Sequence[TheoremCheck], runs: Runs) -> str:
+def theorem_section(checks: Sequence[TheoremCheck], runs: Runs) -> Section:
     """Theorem 1 along the runs."""
     heads = (
         "Run",
@@ -149,13 +146,13 @@ def theorem_section(checks: Sequence[TheoremCheck], runs: Runs) -> str:
         )
         for t in checks
     ]
-    return f"""<section id="theorem1" aria-labelledby="theorem1-title">
-<h2 id="theorem1-title">Theorem 1 along the runs</h2>
+    html = f"""<details class="folded"><summary>{len(checks)} runs</summary>
 <p>The theorem says that V′ ≤ −λ|Z|² + h at all times, and so bounds |Z|. The largest V′ + λ|Z|² − h of a run shows
 whether it does: above zero, the inequality is violated. Printed: with h of (59) as it stands; corrected: with the h
 that the proof supports.</p>
 {table(heads, cells, "Theorem 1 along the runs", "cards")}
-</section>"""
+</details>"""
+    return Section("theorem1", "Theorem 1", html)
 
 
 def _sign(excess: float) -> str:
@@ -163,14 +160,14 @@ def _sign(excess: float) -> str:
     return f'<span class="badge {look}"><span aria-hidden="true">{icon}</span> {number(excess)}</span>'
 
 
-def errata_section(errata: Sequence[Erratum]) -> str:
+def errata_section(errata: Sequence[Erratum]) -> Section:
     """Errors and gaps of the paper as a list of cards."""
     cards = "".join(map(_erratum, errata))
-    return f"""<section id="errata" aria-labelledby="errata-title">
-<h2 id="errata-title">Errata and gaps of the paper</h2>
+    html = f"""<details class="folded"><summary>{len(errata)} errors and gaps of the paper</summary>
 <div class="errata">
 {cards}</div>
-</section>"""
+</details>"""
+    return Section("errata", "Errata", html)
 
 
 def _erratum(e: Erratum) -> str:
@@ -197,7 +194,7 @@ _LEAST, _MOST = -3, 4
 _WIDTH, _HEIGHT = 136, 14
 
 
-def readings_section(readings: Sequence[Reading]) -> str:
+def readings_section(readings: Sequence[Reading]) -> Section:
     """Steady errors, axes and torques under each assumption."""
     heads = (
         "The law",
@@ -221,8 +218,8 @@ def readings_section(readings: Sequence[Reading]) -> str:
         for r in readings
     ]
     reached = sum(r.reaches_printed for r in readings)
-    return f"""<section id="readings" aria-labelledby="readings-title">
-<h2 id="readings-title">What the printed figures may have been</h2>
+    html = f"""<details class="folded">
+<summary>{len(readings)} readings, {reached} of them as good as the insets</summary>
 <p>The insets of Figs. 8 to 12 show steady errors of some {prose("1e-6")} m and {prose("1e-5")} rad, and the main axes
 show how far the errors go on the way. Each row is one run under one assumption, with the gains of row (1, 1) unless it
 says otherwise: {reached} of {len(readings)} have steady errors as small as the insets show.
@@ -233,7 +230,8 @@ nominal robot of (27) needs for the desired motion, the least that its three mot
 limits, the velocity at the start and the leakage of (37) are parameters of the FMUs, whose defaults are the paper's
 law.</p>
 {table(heads, cells, "Steady errors, axes and torques by assumption", "cards readings")}
-</section>"""
+</details>"""
+    return Section("readings", "What the figures may have been", html)
 
 
 def _best(readings: Sequence[Reading]) -> str:

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from base64 import b64encode
 from html import escape
 from pathlib import Path
 
+from cosim.results.page.document import Section
+from parallel_robot.paper.report.pictures import Picture
 from parallel_robot.paper.report.prose import number, prose, table
-from parallel_robot.paper.robustness.content import FIGURES, Front, Robustness, StudyFigure
+from parallel_robot.paper.robustness.content import FIGURES, Front, Robustness
 from parallel_robot.paper.robustness.text import CONDITION_WORDS, NEAR_IN_WORDS
 
 
-def robustness_section(study: Robustness, folder: Path) -> str:
+def robustness_section(study: Robustness, folder: Path) -> Section:
     """Findings, figures and tables of a study in a folder.
 
     Raises
@@ -20,7 +21,10 @@ def robustness_section(study: Robustness, folder: Path) -> str:
         A figure can't be read.
     """
     findings = "".join(f"<dt>{prose(f.question)}</dt><dd>{prose(f.answer)}</dd>" for f in study.findings)
-    figures = "".join(_figure(figure, folder) for figure in study.figures)
+    figures = [
+        Picture(f"robustness-{f.name}", f.title, f.caption, f.alt, (folder / FIGURES / f"{f.name}.svg").read_bytes())
+        for f in study.figures
+    ]
     sources = table(
         ("source", "factor", "unit", "distribution"),
         (
@@ -43,15 +47,15 @@ def robustness_section(study: Robustness, folder: Path) -> str:
         "cards",
     )
     fronts = "".join(map(_front, study.fronts))
-    return f"""<section id="robustness" aria-labelledby="robustness-title">
-<h2 id="robustness-title">Robustness study</h2>
+    html = f"""<details class="folded">
+<summary>{study.runs:,} runs over all uncertain factors, and the Pareto front over the gains</summary>
 <p><code>cosim robustness</code> made {study.runs:,} runs of 15 s over all uncertain factors, and runs over a grid of
 {study.levels} × {study.levels} gains under two conditions. The steady error is the root mean square of the end
 effector’s distance from its desired position, from 8 s on; the control effort is the root mean square of
 |τ<sub>a</sub>| over the run.</p>
 <dl class="findings">{findings}</dl>
 <div class="figures">
-{figures}</div>
+{"".join(picture.html(f"figure: {picture.title}") for picture in figures)}</div>
 <h3>Uncertain factors</h3>
 {sources}
 <h3>Results over all runs</h3>
@@ -59,17 +63,8 @@ effector’s distance from its desired position, from 8 s on; the control effort
 <h3>The paper’s controllers and the Pareto front</h3>
 <p>{prose(NEAR_IN_WORDS[0].upper() + NEAR_IN_WORDS[1:])}.</p>
 {fronts}
-</section>"""
-
-
-def _figure(figure: StudyFigure, folder: Path) -> str:
-    data = b64encode((folder / FIGURES / f"{figure.name}.svg").read_bytes()).decode()
-    return f"""<figure id="robustness-{escape(figure.name)}">
-<button type="button" class="enlarge" aria-label="Enlarge figure: {escape(figure.title)}">
-<img src="data:image/svg+xml;base64,{data}" alt="{escape(figure.alt)}" decoding="async"></button>
-<figcaption><b>{prose(figure.title)}.</b> {prose(figure.caption)}</figcaption>
-</figure>
-"""
+</details>"""
+    return Section("robustness", "Robustness", html, blocks={f"{p.id}-data": p.deflated for p in figures})
 
 
 def _front(front: Front) -> str:

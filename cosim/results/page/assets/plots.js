@@ -4,7 +4,7 @@
 //   new Plot(element, view, {
 //     title: "plant.tau_a", unit: "N.m",                   // said to those who do not see it
 //     series: [{ label: "[1]", times, values }, ...],      // times (s), values with null where there is none;
-//   });                                                    // also colour, dash, hidden, stepped, pale
+//   });                                                    // also colour, dash, hidden, stepped, alpha
 //
 // Further settings: `bands` [{ lower, upper }] of series by number, `log`, `events` [{ time, text }], `height`, `range`
 // [low, high] of the values, `say` (whether the legend is shown), and `resolution` (seconds a value stands for).
@@ -222,7 +222,7 @@ class Plot {
       label: series.label,
       show: !series.hidden,
       stroke: () => theme.get(colour),
-      alpha: series.pale ? 0.45 : 1,
+      alpha: series.alpha ?? 1,
       width: 1.5,
       points: { show: series.dots ? true : (u, k, first, last) => last - first < 12, size: 5 },
       paths: series.stepped ? uPlot.paths.stepped({ align: 1 }) : undefined,

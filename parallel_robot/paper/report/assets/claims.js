@@ -1,7 +1,7 @@
-// Filter of the claims by verdict and by words, and figures that open large.
+// Filter of the claims by verdict and by words.
 
 function startClaims(root) {
-  const rows = [...root.querySelectorAll("tbody tr")];
+  const rows = [...root.querySelectorAll(".claim")];
   const buttons = [...root.querySelectorAll("[data-filter]")];
   const search = root.querySelector("input[type=search]");
   const count = root.querySelector("[role=status]");
@@ -27,17 +27,3 @@ function startClaims(root) {
 }
 
 document.querySelectorAll(".claims").forEach(startClaims);
-
-const large = document.querySelector("dialog.large");
-for (const button of document.querySelectorAll("figure button.enlarge")) {
-  button.addEventListener("click", () => {
-    const image = button.querySelector("img");
-    large.querySelector("img").src = image.src;
-    large.querySelector("img").alt = image.alt;
-    large.querySelector("p").textContent = button.closest("figure").querySelector("figcaption").textContent;
-    large.showModal();
-  });
-}
-large?.addEventListener("click", (event) => {
-  if (event.target.closest("img") === null) large.close();
-});

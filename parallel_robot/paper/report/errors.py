@@ -1,13 +1,13 @@
-"""The interactive plot of errors, torques and forces over time."""
+"""The section with errors, torques and estimates of all runs over time, in one plot."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from html import escape
-from typing import Any
 
+from cosim.results.page.document import Section
 from parallel_robot.paper.report.series import Series, controller_names
-from parallel_robot.paper.reproduce.content import CONDITIONS, Condition, Controller, Runs
+from parallel_robot.paper.reproduce.content import CONDITIONS, Condition, Runs
 from parallel_robot.paper.reproduce.figures.style import CONTROLLER_LINES
 
 _CONDITIONS: dict[Condition, str] = {
@@ -16,8 +16,8 @@ _CONDITIONS: dict[Condition, str] = {
     "nominal": "nominal (neither)",
 }
 
-#: Of the script (pixels).
-_LINE_WIDTH = 1.8
+#: Of a dash of the figures (pixels).
+_LINE_WIDTH = 1.5
 
 #: What can be plotted, in groups: column, label, unit, factor from the column's unit.
 _QUANTITIES: dict[str, tuple[tuple[str, str, str, float], ...]] = {
@@ -41,24 +41,8 @@ _QUANTITIES: dict[str, tuple[tuple[str, str, str, float], ...]] = {
 }
 
 
-def curves_data(controllers: Sequence[Controller]) -> dict[str, Any]:
-    """Quantities and dashes for the script."""
-    quantities = {
-        column: {"label": label, "unit": unit, "scale": scale}
-        for group in _QUANTITIES.values()
-        for column, label, unit, scale in group
-    }
-    return {"quantities": quantities, "dashes": [_dash(c.key) for c in controllers]}
-
-
-def _dash(key: str) -> list[float]:
-    """Dashes (pixels) of a controller as in the figures, which tell curves apart without colour."""
-    style = CONTROLLER_LINES[key]["linestyle"]
-    return [] if isinstance(style, str) else [round(_LINE_WIDTH * length, 1) for length in style[1]]
-
-
-def curves_section(series: Sequence[Series], runs: Runs) -> str:
-    """HTML of the plot."""
+def errors_section(series: Sequence[Series], runs: Runs) -> Section:
+    """The plot, its controls, and a table that is its legend."""
     names, steady_after = controller_names(runs), runs.steady_after
     closed = [s for s in series if s.controller is not None]
     rows = "".join(
@@ -76,11 +60,13 @@ def curves_section(series: Sequence[Series], runs: Runs) -> str:
         f"{_CONDITIONS[c]}</label>"
         for k, c in enumerate(present)
     )
-    return f"""<section id="errors" aria-labelledby="errors-title">
-<h2 id="errors-title">Errors over time, interactive</h2>
-<p>Drag across the plot to zoom, double-click to see all again. The table below is the legend: it switches curves on and
-off and gives the value at the cursor, and the peak and root mean square of the visible part.</p>
-<div class="curves" role="group" aria-label="Plot of errors over time">
+    html = f"""<div class="errors" role="group" aria-label="Plot of errors over time">
+<div class="curves"></div>
+<table class="key-table"><caption class="unseen">Curves of the plot, and their values</caption>
+<thead><tr><th scope="col">Curve</th><th scope="col"><span class="cursor-time">at the cursor</span> (<span class="unit"></span>)</th>
+<th scope="col">peak (<span class="unit"></span>)</th><th scope="col">rms (<span class="unit"></span>)</th></tr></thead>
+<tbody>
+{rows}</tbody></table>
 <div class="controls">
 <label>Quantity <select class="quantity">{groups}</select></label>
 <fieldset class="checks"><legend>Runs with</legend>{conditions}</fieldset>
@@ -88,16 +74,23 @@ off and gives the value at the cursor, and the peak and root mean square of the 
 <button type="button" class="steady" data-from="{steady_after:g}">Steady part, from {steady_after:g} s</button>
 <button type="button" class="reset">Show all</button>
 </div>
-<canvas tabindex="0" role="application" aria-label="Plot. Arrow keys move the cursor, plus and minus zoom, Escape shows all. Values follow as text and are in the table below."></canvas>
-<table class="key-table"><caption class="unseen">Curves of the plot, and their values</caption>
-<thead><tr><th scope="col">Curve</th><th scope="col"><span class="cursor-time">at the cursor</span> (<span class="unit"></span>)</th>
-<th scope="col">peak (<span class="unit"></span>)</th><th scope="col">rms (<span class="unit"></span>)</th></tr></thead>
-<tbody>
-{rows}</tbody></table>
-<p class="hint">Keys on the plot: ← and → move the cursor (with shift faster), + and − zoom, Esc shows all.</p>
-<p class="unseen" role="status" aria-live="polite"></p>
-</div>
-</section>"""  # noqa: E501
+<p class="hint">Drag across the plot to zoom, double-click to see all again. The table is the legend: it switches curves on
+and off and gives the value at the cursor, and the peak and root mean square of the visible part. Keys on the plot: ← and →
+move the cursor (with shift faster), + and − zoom, Esc shows all.</p>
+</div>"""  # noqa: E501
+    quantities = {
+        column: {"label": label, "unit": unit, "scale": scale}
+        for group in _QUANTITIES.values()
+        for column, label, unit, scale in group
+    }
+    dashes = [_dash(c.key) for c in runs.controllers]
+    return Section("errors", "Errors over time", html, data={"errors": {"quantities": quantities, "dashes": dashes}})
+
+
+def _dash(key: str) -> list[float]:
+    """Dashes (pixels) of a controller as in the figures, which tell curves apart without colour."""
+    style = CONTROLLER_LINES[key]["linestyle"]
+    return [] if isinstance(style, str) else [round(_LINE_WIDTH * length, 1) for length in style[1]]
 
 
 def _row(s: Series, name: str, controller: str) -> str:
@@ -106,8 +99,8 @@ def _row(s: Series, name: str, controller: str) -> str:
     return (
         f'<tr data-run="{escape(s.key)}" data-condition="{s.condition}" data-colour="{s.controller}" '
         f'data-name="{escape(s.label)}"><th scope="row"><label class="check"><input type="checkbox" checked>'
-        f'<svg class="sample" viewBox="0 0 34 8" aria-hidden="true"><path d="M1 4H33" stroke-dasharray="{dash}" '
-        f'style="stroke:var(--run-{s.controller})"/></svg>'
+        f'<svg class="sample" viewBox="0 0 28 8" aria-hidden="true"><path d="M1 4H27" stroke-dasharray="{dash}" '
+        f'class="line-{s.controller}"/></svg>'
         f"<span>{escape(name)} <small>{s.condition}</small></span></label></th>"
         "<td><output></output></td><td><output></output></td><td><output></output></td></tr>\n"
     )
