@@ -114,7 +114,9 @@ def extrapolated_inputs(
                     f"extrapolated by '{other.name}' and '{extrapolation.name}'; use one of them"
                 )
     elements = {
-        component: tuple(e for e in port.all_elements() if (component, e.variable.name) in by_variable)
+        component: tuple(
+            e for name in port.variables if (component, name) in by_variable for e in port.elements_of(name)
+        )
         for component, port in system.ports.items()
     }
     by_rates = [k for k in system.links if _uses_rates(moving, k)]
@@ -207,7 +209,7 @@ class _Rated:
         """Fed inputs on which what a link carries depends directly."""
         name = link.source_component
         names = self._system.feedthrough[name].get(link.source.variable.name, ())
-        elements = [e for e in self._system.ports[name].all_elements() if e.variable.name in names]
+        elements = self._system.ports[name].elements_in(names)
         return [e for e in elements if (name, e.name) in self._link_to or (name, e.name) in self._driven]
 
 

@@ -40,7 +40,7 @@ from cosim.loop.model_exchange import (
     OutsideInputs,
     group_library,
 )
-from cosim.master.algorithm import AUTO, SOLVERS, algorithm
+from cosim.master.algorithm import AUTO, algorithm
 from cosim.master.extrapolated_inputs import ExtrapolatedInputs
 from cosim.master.failures import Failing, SimulationError
 from cosim.master.operations import Exchange, NamedOperation, OperationTable
@@ -56,6 +56,9 @@ _TOLERANCE = 1e-6
 
 #: Methods with a fixed step.
 _FIXED = ("rk4",)
+
+#: What integrates components in model exchange, by name.
+SOLVERS = (AUTO, *METHODS)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -426,21 +429,16 @@ class ModelExchangeGroup:
         instance = self._instances[row.component]
         if group.status == NOT_FINITE:
             wrong = [f"'{name}'" for name, position in row.finite if not math.isfinite(inner.values[position])]
-            hint = f"; {_SHORTER}" if self._solver.method in _FIXED else ""
-            what = f"{len(wrong)} outputs are not finite within a step, the first is {wrong[0]}{hint}"
+            what = f"{len(wrong)} outputs are not finite within a step, the first is {wrong[0]}"
             return SimulationError(row.component, group.failed_at, what, instance.log())
         error = instance.failure(row.function, group.status)
-        hint = f"; where states grow without bound, {_SHORTER}" if self._solver.method in _FIXED else ""
-        found = SimulationError(row.component, group.failed_at, f"{error} within a step{hint}", instance.log())
+        found = SimulationError(row.component, group.failed_at, f"{error} within a step", instance.log())
         found.__cause__ = error
         return found
 
 
 #: Numbers of a group that are whole.
 _WHOLE = ("at_once", "indicators_known", "n_steps", "n_rejected", "n_events")
-
-#: What to do about states that grow by a step that is too long.
-_SHORTER = "take a shorter step (solver_step, as an option --solver-step), or solver 'dopri5'"
 
 #: Why a group has failed.
 _REASONS = {
@@ -450,7 +448,8 @@ _REASONS = {
     "chatters",
     STEP_TOO_SHORT: "the components in model exchange need a step that is too short to be taken; their states change "
     "too fast, or jump without an event",
-    STATES_NOT_FINITE: f"states of the components in model exchange are not finite; {_SHORTER}",
+    STATES_NOT_FINITE: "states of the components in model exchange are not finite after a step; take a shorter one "
+    "(solver_step, as an option --solver-step), or an adaptive method (--solver dopri5)",
 }
 
 
@@ -480,19 +479,14 @@ def _doubles(array: np.ndarray) -> Any:
     return array.ctypes.data_as(ctypes.POINTER(ctypes.c_double))
 
 
-def check_components(system: ResolvedSystem, asked: Solver) -> None:
-    """Whether components in model exchange communicate at each communication point, and are there if a solver is.
+def check_components(system: ResolvedSystem) -> None:
+    """Whether components in model exchange communicate at each communication point.
 
     Raises
     ------
     SetupError
-        One does not, or there are none for the solver that was asked for.
+        One does not.
     """
-    if asked != Solver() and not any(port.is_model_exchange for port in system.ports.values()):
-        raise SetupError(
-            f"no component is in model exchange, so the solver '{asked.method}' has nothing to integrate; choose it "
-            "(interface='model-exchange', as an option --interface model-exchange), or leave the solver out"
-        )
     for name, component in system.components.items():
         if component.every != 1 and system.ports[name].is_model_exchange:
             raise SetupError(

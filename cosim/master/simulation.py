@@ -59,7 +59,7 @@ from cosim.master.value_layout import ValueLayout
 from cosim.results.results import Results
 from cosim.system.resolution import Drive, StartValue, resolve, resolve_start_value, split
 from cosim.system.system import Signal, System
-from cosim.system.variables import Element, Ports, variables_of
+from cosim.system.variables import LARGE, Element, Ports, variables_of
 
 #: By how many steps the stop time may miss a whole number of them, for rounding.
 _STEP_TOLERANCE = 1e-6
@@ -172,8 +172,7 @@ class Simulation:
         asked = [(c.interface or interface) == MODEL_EXCHANGE for c in system.components.values() if c.fmu]
         with_equations = [is_model_exchange(description) for description in descriptions.values()]
         chosen_interface = all(a for a, used in zip(asked, with_equations, strict=True) if used)
-        asked_solver = Solver(solver, solver_step)
-        self._solver = asked_solver.chosen(interface_chosen=chosen_interface)
+        self._solver = Solver(solver, solver_step).chosen(interface_chosen=chosen_interface)
         descriptions |= {name: function.description() for name, function in self._functions.items()}
         self._ports: dict[str, Ports] = {}
         known: dict[int, Ports] = {}
@@ -185,10 +184,11 @@ class Simulation:
         self._resolved = resolve(
             system, self._ports, needs_levels=chosen.order.needs_levels, strict_inputs=strict_inputs
         )
-        check_components(self._resolved, asked_solver)
+        check_components(self._resolved)
         self._texts = Texts()
         self._algorithm = chosen
         self._recorded, self._records_all = _recorded(record, self._ports), record is None
+        self._large = _large(self._ports) if record is None else []
         self._refusals = Refusals()
         self._lay_out()
         self._log, self._messages = self._taking_messages(log)
@@ -659,8 +659,6 @@ class Simulation:
             raise SetupError(f"{self._occupied_by}; end it first, or make another simulation")
         if isinstance(record_every, bool) or not isinstance(record_every, int) or record_every < 1:
             raise SetupError(f"record_every = {record_every!r} must be a positive whole number of steps")
-        if any(port.is_model_exchange for port in self._ports.values()):
-            self._solver.steps_in(grid.step_size)
         extra = self._extra_starts(start)
         given = {(s.component, e.name) for s in extra for e in s.elements}
         # a vector of this run replaces what the system gives for its elements
@@ -777,6 +775,7 @@ class Simulation:
             "order": self._order,
             "extrapolation": self._extrapolated.summary(),
             "inputs_kept": list(self._resolved.kept),
+            **({"arrays_not_recorded": self._large} if self._large else {}),
             **({"clocks_without_source": list(self._resolved.unticked)} if self._resolved.unticked else {}),
             "record_every": record_every,
             "units": dict(self._units),
@@ -915,7 +914,8 @@ class Simulation:
         """Values of all real parameters, as the FMUs report them."""
         values: dict[str, float] = {}
         for component, port in self._ports.items():
-            elements = [e for e in port.of_causality("parameter") if e.variable.type in ("Real", "Float64")]
+            names = (n for n in port.names_of("parameter") if port.variables[n].type in ("Real", "Float64"))
+            elements = [e for n in names for e in port.elements_of(n) if len(port.elements_of(n)) <= LARGE]
             if elements:
                 buffer = np.zeros(len(elements))
                 instance = self._instances[component]
@@ -1059,13 +1059,25 @@ def number_of_steps(start_time: float, stop_time: float, step_size: float) -> in
     return steps
 
 
+def _large(ports: Mapping[str, Ports]) -> list[str]:
+    """Inputs and outputs that are recorded only where a user names them or elements of them."""
+    return [
+        f"{component}.{name}"
+        for component, port in ports.items()
+        for causality in ("input", "output")
+        for name in port.names_of(causality)
+        if len(port.elements_of(name)) > LARGE
+    ]
+
+
 def _recorded(record: Sequence[str] | None, ports: Mapping[str, Ports]) -> list[tuple[str, Element]]:
     if record is None:
         return [
             (component, element)
             for component, port in ports.items()
             for causality in ("input", "output")
-            for element in port.of_causality(causality)
+            for name in port.names_of(causality)
+            for element in (port.elements_of(name) if len(port.elements_of(name)) <= LARGE else ())
             if element.is_exchanged
         ]
     if isinstance(record, str):

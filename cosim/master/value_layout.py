@@ -128,7 +128,7 @@ class ValueLayout:
         through = self._system.feedthrough[component]
         names = {name for e in transfer.elements for name in through.get(e.variable.name, ())}
         port = self._system.ports[component]
-        return tuple(e for e in port.all_elements() if e.variable.name in names and (component, e.name) in self.rates)
+        return tuple(e for e in port.elements_in(names) if (component, e.name) in self.rates)
 
     def _lay_out_rates(self) -> list[Transfer]:
         """Give rates their positions, behind all values: those of the groups of inputs, and those of the outputs."""
@@ -223,10 +223,10 @@ class ValueLayout:
         for component, port in self._system.ports.items():
             for level_of, transfers_of_kind in zip(kinds, transfers, strict=True):
                 groups: dict[tuple[int, str, str], list[Element]] = {}
-                for element in port.all_elements():
-                    key = (component, element.variable.name)
-                    if key in level_of:
-                        groups.setdefault((level_of[key], element.variable.type, element.timing), []).append(element)
+                for name, variable in port.variables.items():
+                    key = (component, name)
+                    for element in port.elements_of(name) if key in level_of else ():
+                        groups.setdefault((level_of[key], variable.type, element.timing), []).append(element)
                 for (level, *_), group in sorted(groups.items(), key=_clocks_first):
                     elements = tuple(sorted(group, key=partial(self._rank_of, component)))
                     transfer = Transfer(component, level, elements, first=len(self.positions))

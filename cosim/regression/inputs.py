@@ -36,7 +36,7 @@ def input_elements(ports: Ports, names: list[str], case: Case) -> list[Element]:
     CosimError
         A name is none of an input, or that of a whole vector.
     """
-    elements = []
+    elements: list[Element] = []
     for name in names:
         found = ports.find(name)
         if len(found) != 1 or found[0].variable.causality != "input":

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Set
+from collections.abc import Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass
 from typing import Any, get_args
 
@@ -16,7 +16,7 @@ from cosim.fmi.types import CONVERSIONS
 from cosim.system.levels import AlgebraicLoop, Node, levels
 from cosim.system.system import AsWritten, Component, Connection, Signal, SignalFunction, System, Units
 from cosim.system.units import UnitsDiffer, conversion
-from cosim.system.variables import Element, Ports, is_alias
+from cosim.system.variables import LARGE, Element, ElementArray, Ports, is_alias
 
 
 @dataclass(frozen=True)
@@ -181,7 +181,7 @@ _COMPUTED = ("local", "calculatedParameter")
 
 def _find(path: str, ports: Mapping[str, Ports], causality: str, role: str) -> tuple[str, list[Element]]:
     port, name = split(path, ports)
-    elements = port.find(name)
+    elements = list(port.find(name))
     for element in elements:
         actual = element.variable.causality
         allowed = element.is_tunable if causality == "input" else actual in _COMPUTED
@@ -397,10 +397,14 @@ def _check_feeding(
         fed[component, name] = by
     _check_added(drives, {(k.target_component, k.target.name) for k in links})
     held = {(s.component, e.name) for s in starts for e in s.elements}
+    touched = {(s.component, e.variable.name) for s in starts for e in s.elements[:1]}
+    touched |= {(k.target_component, k.target.variable.name) for k in links}
+    touched |= {(d.component, e.variable.name) for d in drives for e in d.targets}
     kept = [
         (component, e)
         for component, port in ports.items()
-        for e in port.of_causality("input")
+        for name in port.names_of("input")
+        for e in _whole_or_elements(port.elements_of(name), component, touched)
         if (component, e.name) not in fed
         and (component, e.name) not in held
         and not (is_time_based(e.variable) or is_alias(e.variable))
@@ -410,6 +414,13 @@ def _check_feeding(
             f"nothing feeds input {', '.join(missing)}; connect it, drive it with a signal, or hold it at a start value"
         )
     return kept
+
+
+def _whole_or_elements(array: ElementArray, component: str, touched: Set[Node]) -> Sequence[Element]:
+    """The elements of an input; one for all of a large array of which nothing is fed or has a start value here."""
+    if len(array) > LARGE and (component, array[0].variable.name) not in touched:
+        return [array.whole]
+    return array
 
 
 def _check_added(drives: Iterable[Drive], connected: Set[Node]) -> None:
@@ -446,7 +457,7 @@ def _feedthrough(
         component, variable = link.source_component, link.source.variable
         if variable.name not in found[component]:
             changes = variable.causality == "local" and variable.variability not in ("constant", "fixed")
-            inputs = {element.variable.name for element in ports[component].of_causality("input")}
+            inputs = set(ports[component].names_of("input"))
             found[component][variable.name] = inputs | parameters[component] if changes else set()
     return found
 
@@ -471,11 +482,11 @@ def levels_of(
         for output, depends_on in feedthrough[component].items():
             feeds[component, output] = {(component, name) for name in depends_on}
             inputs.update(feeds[component, output])
-        inputs.update((component, element.variable.name) for element in port.of_causality("input"))
-        for element in port.of_causality("input"):  # it is set while its clock is active
-            if element.is_clocked:
-                clocks = {(component, name) for name in port.clocked[element.variable.name]}
-                feeds.setdefault((component, element.variable.name), set()).update(clocks & inputs)
+        inputs.update((component, name) for name in port.names_of("input"))
+        for name in port.names_of("input"):  # it is set while its clock is active
+            if any(element.is_clocked for element in port.elements_of(name)[:1]):
+                clocks = {(component, clock) for clock in port.clocked[name]}
+                feeds.setdefault((component, name), set()).update(clocks & inputs)
     for node in inputs:
         feeds.setdefault(node, set())
     for link in links:

@@ -8,21 +8,25 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Container, Iterable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import product
-from typing import Any
+from itertools import chain
+from typing import Any, overload
 
 from fmpy.model_description import ModelDescription, ModelVariable, Unit
 
 from cosim.errors import ArgumentError, SetupError, nearest
+from cosim.fmi.archive.description import MOST_ELEMENTS
 from cosim.fmi.event_mode import CLOCK, DISCRETE, set_intervals, timing_of, uses_events
 from cosim.fmi.interfaces import is_model_exchange
 from cosim.fmi.model_exchange import timing_in_model_exchange
 from cosim.fmi.structure import resize
 from cosim.fmi.types import FMI_TYPES, FmiType
+
+#: Arrays with more elements are recorded, and named in messages, element by element only where a user does so.
+LARGE = 10_000
 
 _ELEMENT = re.compile(r"(?P<vector>.+)\[\d+(,\d+)*\]$")
 
@@ -105,6 +109,66 @@ class Element:
         return known
 
 
+class ElementArray(Sequence[Element]):
+    """The elements of a variable, made when one is asked for; a scalar has one.
+
+    Parameters
+    ----------
+    variable : ModelVariable
+    timing : str
+        See `Element`.
+    """
+
+    def __init__(self, variable: ModelVariable, timing: str = "") -> None:
+        self._variable = variable
+        self._timing = timing
+        self._shape: tuple[int, ...] = variable.shape or ()
+        self._size = math.prod(self._shape)
+
+    def __len__(self) -> int:
+        return self._size
+
+    @overload
+    def __getitem__(self, k: int) -> Element: ...
+
+    @overload
+    def __getitem__(self, k: slice) -> list[Element]: ...
+
+    def __getitem__(self, k: int | slice) -> Element | list[Element]:
+        if isinstance(k, slice):
+            return [self[i] for i in range(*k.indices(self._size))]
+        if not -self._size <= k < self._size:
+            raise IndexError(k)
+        return self._element(k % self._size)
+
+    @property
+    def whole(self) -> Element:
+        """All elements as one, for messages."""
+        return Element(self._variable.name, self._variable, 0, self._timing)
+
+    def element(self, name: str) -> Element | None:
+        """The element of a name, as `m[2,3]`; None where there is none."""
+        place = indices(name)
+        if not self._shape or len(place) != len(self._shape):
+            return None
+        offset = 0
+        for i, n in zip(place, self._shape, strict=True):
+            if not 1 <= i <= n:
+                return None
+            offset = offset * n + i - 1
+        element = self._element(offset)
+        return element if element.name == name else None
+
+    def _element(self, offset: int) -> Element:
+        if not self._shape:
+            return Element(self._variable.name, self._variable, 0, self._timing)
+        place, rest = [], offset
+        for n in reversed(self._shape):
+            rest, i = divmod(rest, n)
+            place.append(str(i + 1))
+        return Element(f"{self._variable.name}[{','.join(reversed(place))}]", self._variable, offset, self._timing)
+
+
 class Ports:
     """Finds the elements of one component's variables by name.
 
@@ -127,17 +191,18 @@ class Ports:
         self.is_model_exchange = is_model_exchange(description)
         timing = timing_in_model_exchange if self.is_model_exchange else timing_of if self.uses_events else _at_any_time
         self.description = description
-        self._elements: dict[str, Element] = {}
         self._variables = {v.name: v for v in description.modelVariables}
-        self._vectors: dict[str, list[Element]] = {}
-        for variable in description.modelVariables:
-            for element in _elements_of(variable, timing(variable)):
-                self._elements[element.name] = element
-                match = _ELEMENT.match(element.name)
-                if match:
-                    self._vectors.setdefault(match["vector"], []).append(element)
-        for elements in self._vectors.values():
-            elements.sort(key=lambda e: indices(e.name))
+        self._timing = {name: timing(variable) for name, variable in self._variables.items()}
+        self._ambiguous = _ambiguous(description)
+        self._vectors: dict[str, list[str]] = {}
+        for name, variable in self._variables.items():
+            if math.prod(variable.shape or ()) > MOST_ELEMENTS:
+                shape = " x ".join(map(str, variable.shape))
+                raise SetupError(f"'{component}.{name}' has {shape} elements, more than can be read ({MOST_ELEMENTS})")
+            if not variable.shape and (match := _ELEMENT.match(name)):
+                self._vectors.setdefault(match["vector"], []).append(name)
+        for names in self._vectors.values():
+            names.sort(key=indices)
 
     def of_another(self, component: str) -> Ports:
         """The variables of another component with the same FMU, whose description its start values do not change."""
@@ -147,26 +212,42 @@ class Ports:
         other.feedthrough, other._by_causality, other._units = self.feedthrough, self._by_causality, self._units
         return other
 
-    def find(self, name: str) -> list[Element]:
+    def find(self, name: str) -> Sequence[Element]:
         """Elements of a scalar, an element or a vector.
 
         Raises
         ------
         SetupError
-            No variable has this name; the message offers the nearest one.
+            No variable has this name, or several have; the message offers the nearest one.
         """
-        if name in self._elements:
-            return [self._elements[name]]
-        if name in self._vectors:
-            return self._vectors[name]
+        if name in self._ambiguous:
+            raise SetupError(f"'{self.component}.{name}' is the name of several variables; export its FMU again")
+        found: Sequence[Element] | None = None
         if name in self._variables:
+            found = self.elements_of(name)
+        elif name in self._vectors:
+            found = [self.elements_of(scalar)[0] for scalar in self._vectors[name]]
+        elif (match := _ELEMENT.match(name)) and match["vector"] in self._variables:
+            element = self.elements_of(match["vector"]).element(name)
+            found = None if element is None else [element]
+        if found is None:
+            hint = nearest(name, chain(self._vectors, self._variables))
+            raise SetupError(f"component '{self.component}' has no variable '{name}'; {hint}")
+        if not found:
             raise SetupError(f"'{self.component}.{name}' has no elements: its size is 0 by structural parameters")
-        hint = nearest(name, [*self._vectors, *self._elements])
-        raise SetupError(f"component '{self.component}' has no variable '{name}'; {hint}")
+        return found
+
+    def elements_of(self, name: str) -> ElementArray:
+        """Elements of the variable with this very name; one of a scalar."""
+        return ElementArray(self._variables[name], self._timing[name])
+
+    def elements_in(self, names: Container[str]) -> list[Element]:
+        """Elements of some variables, in the order of the model description."""
+        return [element for name in self._variables if name in names for element in self.elements_of(name)]
 
     def all_elements(self) -> list[Element]:
         """All elements, in the order of the model description."""
-        return list(self._elements.values())
+        return [element for name in self._variables for element in self.elements_of(name)]
 
     def description_of(self, name: str) -> ModelVariable:
         """The variable with this very name."""
@@ -174,13 +255,22 @@ class Ports:
 
     def of_causality(self, causality: str) -> list[Element]:
         """All elements of one causality, in the order of the model description."""
-        return list(self._by_causality.get(causality, ()))
+        return [element for name in self.names_of(causality) for element in self.elements_of(name)]
+
+    def names_of(self, causality: str) -> Sequence[str]:
+        """Names of the variables of one causality, in the order of the model description."""
+        return self._by_causality.get(causality, ())
+
+    @property
+    def variables(self) -> Mapping[str, ModelVariable]:
+        """All variables by name, in the order of the model description."""
+        return self._variables
 
     @cached_property
-    def _by_causality(self) -> dict[str, list[Element]]:
-        found: dict[str, list[Element]] = {}
-        for element in self._elements.values():
-            found.setdefault(element.variable.causality, []).append(element)
+    def _by_causality(self) -> dict[str, list[str]]:
+        found: dict[str, list[str]] = {}
+        for name, variable in self._variables.items():
+            found.setdefault(variable.causality, []).append(name)
         return found
 
     @cached_property
@@ -205,8 +295,7 @@ class Ports:
         """The element that an element of an alias stands for; of others the element itself."""
         if not is_alias(element.variable):
             return element
-        variable = element.variable.alias
-        return next(e for e in self._elements.values() if e.variable is variable and e.offset == element.offset)
+        return self.elements_of(element.variable.alias.name)[element.offset]
 
     @cached_property
     def clocked(self) -> dict[str, set[str]]:
@@ -254,11 +343,12 @@ def indices(name: str) -> tuple[int, ...]:
     return tuple(int(i) for i in name[name.rindex("[") + 1 : -1].split(","))
 
 
-def _elements_of(variable: ModelVariable, timing: str) -> list[Element]:
-    shape = variable.shape or ()
-    if not shape:
-        return [Element(variable.name, variable, 0, timing)]
-    all_indices = product(*(range(1, n + 1) for n in shape))
-    return [
-        Element(f"{variable.name}[{','.join(map(str, i))}]", variable, k, timing) for k, i in enumerate(all_indices)
-    ]
+def _ambiguous(description: ModelDescription) -> frozenset[str]:
+    """Names that several variables have which are not the same."""
+    first: dict[str, ModelVariable] = {}
+    found = set()
+    for variable in description.modelVariables:
+        known = first.setdefault(variable.name, variable)
+        if (known.valueReference, known.type) != (variable.valueReference, variable.type):
+            found.add(variable.name)
+    return frozenset(found)

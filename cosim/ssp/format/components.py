@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from cosim.fmi.fmu_file import LoadedFMU, load
-from cosim.fmi.interfaces import AUTO_INTERFACE
 from cosim.ssp.errors import SSPError
 from cosim.ssp.format.diagram import Wire
 from cosim.system.resolution import resolve, split
@@ -54,7 +53,7 @@ def content_of(system: System) -> SystemContent:
     for name, c in system.components.items():
         if c.fmu is None:
             raise SSPError(f"component '{name}' is a function in Python; an SSP takes FMUs only")
-        fmus[name] = load(name, c.fmu, c.interface or AUTO_INTERFACE)
+        fmus[name] = load(name, c.fmu)
     ports = {name: Ports(name, fmu.description, system.components[name].start) for name, fmu in fmus.items()}
     resolve(system, ports, needs_levels=False)
     sources = _sources(fmus)
@@ -74,7 +73,7 @@ def content_of(system: System) -> SystemContent:
     for name, packaged in content.components.items():
         packaged.inputs = [e for e in packaged.ports.of_causality("input") if (name, e.name) in fed]
         for variable, value in system.components[name].start.items():
-            elements = packaged.ports.find(variable)
+            elements = list(packaged.ports.find(variable))
             values = list(value) if isinstance(value, Iterable) and not isinstance(value, str) else [value]
             for element, v in zip(elements, values * len(elements) if len(values) == 1 else values, strict=True):
                 if (name, element.name) not in fed:
@@ -84,7 +83,7 @@ def content_of(system: System) -> SystemContent:
 
 def _elements(path: str, ports: dict[str, Ports]) -> tuple[str, list[Element]]:
     port, name = split(path, ports)
-    return port.component, port.find(name)
+    return port.component, list(port.find(name))
 
 
 def _sources(fmus: dict[str, LoadedFMU]) -> dict[str, str]:
