@@ -11,6 +11,7 @@ from importlib.metadata import entry_points
 
 from cosim.errors import CosimError
 from cosim.master.interrupts import take_as_ctrl_c
+from cosim.terminal import filtered_output
 from cosim.versions import versions
 from fmu_export.errors import ModelError
 
@@ -30,6 +31,9 @@ _OWN = {
         "completion",
     )
 }
+
+#: Messages that are longer are cut off.
+_LONGEST = 4000
 
 #: Entry-point group by which other packages add commands: name -> module with a function `register(subparsers)`.
 COMMAND_GROUP = "cosim.commands"
@@ -78,7 +82,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
         return supervised(lambda: _code_of(lambda: int(options.run(options)), given))
 
-    return _code_of(command, given)
+    with filtered_output():
+        return _code_of(command, given)
 
 
 def _code_of(command: Callable[[], int], given: Sequence[str]) -> int:
@@ -88,12 +93,22 @@ def _code_of(command: Callable[[], int], given: Sequence[str]) -> int:
     except KeyboardInterrupt:
         print("cosim: interrupted", file=sys.stderr)
         return 130
-    except (CosimError, ModelError, ValueError, OSError, MemoryError) as error:
+    except Exception as error:
         if "--debug" in given:
             traceback.print_exc()
         else:
-            print(f"cosim: {' '.join(str(error).split())}", file=sys.stderr)
+            print(f"cosim: {_line(error)}", file=sys.stderr)
         return 1
+
+
+def _line(error: Exception) -> str:
+    """What is said of an error: its text; of one that is not meant for users also what it is."""
+    text = " ".join(str(error).split())
+    if len(text) > _LONGEST:
+        text = f"{text[:_LONGEST]} ... ({len(text) - _LONGEST} characters more)"
+    if isinstance(error, (CosimError, ModelError, ValueError, OSError, MemoryError)):
+        return text
+    return f"{type(error).__name__}: {text}; this is a fault of the program: please report what --debug shows"
 
 
 def _asked_for(arguments: Sequence[str]) -> dict[str, str] | None:

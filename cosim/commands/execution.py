@@ -18,7 +18,7 @@ from typing import Any, Self
 
 from tqdm import tqdm
 
-from cosim.commands.options import LOG_FILE, chosen_interfaces, log_options
+from cosim.commands.options import LOG_FILE, log_options
 from cosim.commands.supervision import works_in
 from cosim.errors import CosimError, SetupError, nearest
 from cosim.fmi.message_log import Log
@@ -36,6 +36,7 @@ from cosim.results.results import Results
 from cosim.results.stored import StoredResults, TableWriter
 from cosim.scenario.metrics import Metric, measured
 from cosim.system.system import AsWritten, System
+from cosim.terminal import screen
 from cosim.versions import versions
 from cosim.whole_files import PART, part_of, write_json
 
@@ -69,14 +70,11 @@ class Plan:
     record: Sequence[str] | None = None
     record_every: int = 1
     tolerance: float | None = None
-    solver: str = "auto"
-    solver_step: float | None = None
 
     @classmethod
     def from_options(cls, args: argparse.Namespace, stop_time: float, step_size: float, start_time: float) -> Self:
         """The plan of a system that itself says no more than these times (s)."""
-        keys = ("order", "extrapolation", "record", "record_every", "tolerance", "solver", "solver_step")
-        given = {key: getattr(args, key) for key in keys}
+        given = {key: getattr(args, key) for key in ("order", "extrapolation", "record", "record_every", "tolerance")}
         return cls(stop_time, step_size, start_time, **{key: v for key, v in given.items() if v is not None})
 
 
@@ -262,8 +260,6 @@ def execute(
             log=log,
             threads=threads,
             profile=profile,
-            solver=plan.solver,
-            solver_step=plan.solver_step,
         ) as simulation,
         _progress(plan) as progress,
     ):
@@ -357,7 +353,9 @@ def _progress(plan: Plan) -> Iterator[Callable[[float], None]]:
     layout = "{desc} {percentage:3.0f}%|{bar}| {n:.1f}/{total:.1f} s simulated [{elapsed}<{remaining}]"
     no_terminal = None  # tqdm's word for: no bar where there is no terminal to draw it on
     total = plan.stop_time - plan.start_time
-    with tqdm(total=total, desc="running", delay=2.0, leave=False, bar_format=layout, disable=no_terminal) as bar:
+    with tqdm(
+        file=screen(), total=total, desc="running", delay=2.0, leave=False, bar_format=layout, disable=no_terminal
+    ) as bar:
 
         def report(time: float) -> None:
             bar.update(time - plan.start_time - bar.n)
@@ -399,7 +397,7 @@ def _write(
     if "log" in info:
         info["log"] = {**info["log"], "file": LOG_FILE}
     for line in (*_out_of_the_ordinary(info), *notes(info["messages"])):
-        print(_printable(f"note: {line}"))
+        print(f"note: {' '.join(line.split())}")
     info["fmus"] = {name: {**fmu, "path": prepared.said_path(fmu["path"])} for name, fmu in info["fmus"].items()}
     summary = {
         **prepared.about,
@@ -485,6 +483,8 @@ def _out_of_the_ordinary(info: Mapping[str, Any]) -> Iterator[str]:
             f"the FMU of '{component}' says that it interpolates inputs, but {why}; they are held between "
             "communication points (--extrapolation hold)"
         )
+    if large := info.get("arrays_not_recorded"):
+        yield f"large arrays are recorded only where they, or elements, are named (--record): {', '.join(large)}"
     if refused := info.get("not_recorded", {}):
         names = ", ".join(f"{name} ({why})" for name, why in refused.items())
         yield f"FMUs refuse to give these outputs, which are not in the results: {names}"
@@ -509,12 +509,6 @@ def _metrics(prepared: PreparedRun, results: Results | StoredResults) -> dict[st
     return {**further, **measured(prepared.metrics, results)}
 
 
-def _printable(text: str) -> str:
-    """A text of others as the terminal can show it: what can't be printed must not end a run."""
-    encoding = sys.stdout.encoding or "utf-8"
-    return text.encode(encoding, "backslashreplace").decode(encoding)
-
-
 def _in_one_line(error: Exception) -> str:
     text = " ".join(str(error).split())
     return text if isinstance(error, CosimError) else f"{type(error).__name__}: {text}"
@@ -528,7 +522,6 @@ def in_words(prepared: PreparedRun, summary: Mapping[str, Any], *, drawn: bool =
         prepared.title,
         f"{duration:g} s at {plan.step_size * 1e3:g} ms, {plan.order} order: loop {summary['loop_time_s']:.2f} s",
         _extrapolation(summary["extrapolation"]),
-        *_model_exchange(summary),
     ]
     if pace := summary.get("realtime"):
         lines.append(
@@ -543,17 +536,6 @@ def in_words(prepared: PreparedRun, summary: Mapping[str, Any], *, drawn: bool =
         lines += ["", *(f"{name:<40}{'-' if v is None else f'{v:.6g}':>14}" for name, v in values.items())]
     what = "results, summary and figures" if drawn else "results and summary"
     return "\n".join([*lines, f"{what}: {prepared.folder}"])
-
-
-def _model_exchange(summary: Mapping[str, Any]) -> list[str]:
-    """What was integrated together, and how."""
-    if "model_exchange" not in summary:
-        return []
-    found = summary["model_exchange"]
-    names = found["components"]
-    who = f"components {', '.join(names)}" if len(names) <= _MOST_SAID else f"{len(names)} components"
-    how = f"tolerance {found['tolerance']:g}, " if "tolerance" in found else ""
-    return [f"model exchange: {who} by {found['solver']}, {how}{found['steps']} steps, {found['events']} events"]
 
 
 def _profile(summary: Mapping[str, Any]) -> list[str]:
@@ -579,13 +561,8 @@ _ORDINALS = ("first", "second", "third", "fourth")
 
 def _extrapolation(found: dict[str, Any]) -> str:
     """What inputs do between communication points, in words."""
-    held, exact = found["hold"], found.get("model_exchange", ())
+    held = found["hold"]
     names = sorted((n for n in found if n in EXTRAPOLATIONS and n != "hold" and found[n]), key=lambda n: -len(found[n]))
-    if exact and not held and not names:
-        return "all connected inputs are coupled exactly"
-    if exact:
-        rest = {key: value for key, value in found.items() if key != "model_exchange"}
-        return f"{len(exact)} inputs coupled exactly; other {_extrapolation(rest)}"
     if not names:
         return "inputs held between communication points (zero-order hold, first-order coupling)"
     accuracy = f"{_ORDINALS[min(EXTRAPOLATIONS[name].degree for name in names)]}-order coupling"
@@ -655,22 +632,6 @@ def with_start_values(system: System, assignments: Sequence[str], remedy: str, o
         start = {n: v for n, v in components[component].start.items() if n != name} | {name: value}
         components[component] = dataclasses.replace(components[component], start=start)
     return dataclasses.replace(system, components=components)
-
-
-def with_interfaces(system: System, texts: Sequence[str]) -> System:
-    """A copy of a system with the interfaces of options [COMPONENT=]INTERFACE.
-
-    Raises
-    ------
-    SetupError
-        An option makes no sense.
-    """
-    fmus = [name for name, component in system.components.items() if component.fmu is not None]
-    changed = {
-        name: dataclasses.replace(system.components[name], interface=interface)
-        for name, interface in chosen_interfaces(texts, fmus).items()
-    }
-    return dataclasses.replace(system, components={**system.components, **changed})
 
 
 def refuse(options: Mapping[str, Any], why: str) -> None:

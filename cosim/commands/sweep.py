@@ -15,19 +15,14 @@ from typing import TYPE_CHECKING, Any
 
 from tqdm import tqdm
 
-from cosim.commands.options import (
-    Standard,
-    add_algorithm_options,
-    add_model_exchange_options,
-    chosen_interfaces,
-    standard_of,
-)
+from cosim.commands.options import Standard, add_algorithm_options, standard_of
 from cosim.errors import CosimError
 from cosim.scenario.family import ScenarioFamily, default_scenario, families, family_name, named
 from cosim.scenario.scenario import Scenario, ScenarioComponent
 from cosim.sweep.errors import SweepError
 from cosim.sweep.points import DESIGNS, Factor, Levels, Range, advice, design, parse_factor, parse_whole_numbers
 from cosim.temporary import TemporaryFolder
+from cosim.terminal import screen
 
 if TYPE_CHECKING:
     from cosim.scenario.metrics import Metric
@@ -110,7 +105,6 @@ def register(subparsers: Any) -> None:
     )
     run_.add_argument("--stop", type=float, metavar="T", help="stop time in s")
     add_algorithm_options(run_)
-    add_model_exchange_options(run_)
     run_.add_argument("--out", type=Path, metavar="DIR", help="results folder (default results/sweep-<scenario>)")
     run_.add_argument("--workers", type=int, metavar="N", help="processes on this machine (default: one for each core)")
     run_.add_argument("--scheduler", metavar="ADDRESS", help="run on the Dask cluster there, as tcp://head:8786")
@@ -248,7 +242,7 @@ def _of_description(
     return Scenario(
         name=path.stem,
         title=found.name,
-        components={name: ScenarioComponent(c.fmu, c.every, interface=c.interface) for name, c in components.items()},
+        components={name: ScenarioComponent(c.fmu, c.every) for name, c in components.items()},
         stop_time=found.stop_time or 0.0,
         step_size=found.step_size or 0.0,
         start_time=found.start_time,
@@ -268,11 +262,8 @@ def _with_options(
         "order": args.order,
         "extrapolation": args.extrapolation,
         "metrics": {**scenario.metrics, **metrics} if metrics else None,
-        "solver": args.solver,
-        "solver_step": args.solver_step,
     }
-    scenario = dataclasses.replace(scenario, **{k: v for k, v in given.items() if v is not None})
-    return scenario.with_interfaces(chosen_interfaces(args.interface, scenario.components))
+    return dataclasses.replace(scenario, **{k: v for k, v in given.items() if v is not None})
 
 
 def _metrics(texts: list[str], scenarios: Mapping[str, Scenario], family: ScenarioFamily) -> dict[str, Metric]:
@@ -340,7 +331,7 @@ def sweep_progress(points: int, what: str = "sweep") -> Iterator[Callable[[int, 
     def report(done: int, workers: int) -> None:
         if not bars:  # what was there before must not count for the rate
             no_terminal = None  # tqdm's word for: no bar where there is no terminal to draw it on
-            bars.append(tqdm(total=points, initial=done, unit=" runs", desc=what, disable=no_terminal))
+            bars.append(tqdm(file=screen(), total=points, initial=done, unit=" runs", desc=what, disable=no_terminal))
         bars[0].set_postfix_str(f"{workers} workers" if workers else "waiting for workers", refresh=False)
         bars[0].update(done - bars[0].n)
 

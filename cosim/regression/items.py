@@ -18,6 +18,7 @@ from cosim.regression.run import ScheduledOnly, interfaces_of
 from cosim.regression.session import PARTS, SELECTION, WRITTEN, folder_for_shipped
 from cosim.regression.shipped import all_cases
 from cosim.regression.tolerances import Interface
+from cosim.terminal import printable
 
 
 def collector(path: Path, parent: pytest.Collector) -> pytest.Collector | None:
@@ -96,7 +97,7 @@ class _Plain(pytest.Item):
 
     def repr_failure(self, excinfo: pytest.ExceptionInfo[BaseException], *args: Any) -> Any:
         if isinstance(excinfo.value, CosimError):
-            return str(excinfo.value)
+            return printable(str(excinfo.value))
         return super().repr_failure(excinfo, *args)
 
     def reportinfo(self) -> tuple[Path, None, str]:
@@ -120,7 +121,7 @@ class NoReference(Trouble):
 
     def runtest(self) -> None:
         """Say so."""
-        pytest.skip(self.line)
+        pytest.skip(printable(self.line))
 
 
 class NotTried(Trouble):
@@ -128,7 +129,7 @@ class NotTried(Trouble):
 
     def runtest(self) -> None:
         """Say so."""
-        pytest.skip(self.line)
+        pytest.skip(printable(self.line))
 
 
 class CaseItem(_Plain):
@@ -151,7 +152,7 @@ class CaseItem(_Plain):
         if outcome.findings:
             raise Differences("\n".join(outcome.findings))
         if outcome.unclear:
-            pytest.skip(outcome.unclear)
+            pytest.skip(printable(outcome.unclear))
 
 
 def near(path: Path) -> Path:
@@ -174,7 +175,7 @@ def judged(item: pytest.Item, case: Case, fmu: Path, interface: Interface) -> Ou
     )
     item.user_properties += outcome.summary()
     if outcome.said:
-        item.add_report_section("call", "FMU", outcome.said)
+        item.add_report_section("call", "FMU", printable(outcome.said))
     if config.getoption("cosim_fmu_report"):
         item.stash.setdefault(PARTS, []).append(part(outcome))
     return outcome

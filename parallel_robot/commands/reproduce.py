@@ -13,6 +13,7 @@ from tqdm import tqdm
 from cosim.commands.options import add_overwrite_option
 from cosim.errors import CosimError, needs
 from cosim.output import ResultFolder
+from cosim.terminal import screen
 from parallel_robot.commands.robot_fmus import make_ready
 
 if TYPE_CHECKING:
@@ -98,7 +99,9 @@ def _check(content: Reproduction) -> None:
 def _progress(total: int) -> Iterator[Callable[[str], None]]:
     """A progress bar, drawn when the work takes more than two seconds and there is a terminal."""
     layout = "{desc} {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt} {postfix} [{elapsed}<{remaining}]"
-    with tqdm(total=total, desc="reproducing", delay=2.0, leave=False, bar_format=layout, disable=None) as bar:
+    with tqdm(
+        file=screen(), total=total, desc="reproducing", delay=2.0, leave=False, bar_format=layout, disable=None
+    ) as bar:
 
         def report(what: str) -> None:
             bar.set_postfix_str(what, refresh=False)

@@ -13,6 +13,7 @@ from cosim.commands.options import add_overwrite_option
 from cosim.commands.sweep import check_some_succeeded, sweep_progress, sweep_table, sweep_warning
 from cosim.errors import needs
 from cosim.output import SUMMARY, ResultFolder
+from cosim.terminal import screen
 from cosim.whole_files import write_json
 from parallel_robot.commands.robot_fmus import chosen_flavour, make_ready
 
@@ -100,7 +101,7 @@ def _run(args: argparse.Namespace, results: ResultFolder) -> int:
         check_some_succeeded(summary)
     found: list[Robustness] = []
     no_terminal = None  # tqdm's word for: no bar where there is no terminal to draw it on
-    with tqdm(total=STEPS, desc="figures", delay=2.0, leave=False, disable=no_terminal) as bar:
+    with tqdm(file=screen(), total=STEPS, desc="figures", delay=2.0, leave=False, disable=no_terminal) as bar:
 
         def write(where: Path) -> None:
             study = analyse(folder, where, args.seed, args.levels, bar.update)

@@ -18,6 +18,7 @@ ROOMS = (
         "cosim.errors",
         "cosim.versions",
         "cosim.file_kinds",
+        "cosim.terminal",
         "cosim.xml_elements",
         "cosim.whole_files",
         "cosim.file_lock",
