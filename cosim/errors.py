@@ -9,6 +9,10 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from itertools import islice
+
+#: So many known names, and so many characters of a wrong one, are compared: all of a large model would take minutes.
+_MOST_NAMES, _LONGEST_NAME = 2000, 200
 
 
 class CosimError(Exception):
@@ -69,8 +73,8 @@ def needs(extra: str) -> Iterator[None]:
 
 def nearest(name: str, known: Iterable[str]) -> str:
     """Hint for a wrong name: the nearest known one, or all of them when none is near."""
-    names = list(known)
-    close = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
+    names = list(islice(known, _MOST_NAMES))
+    close = difflib.get_close_matches(name[:_LONGEST_NAME], names, n=1, cutoff=0.5)
     if close:
         return f"did you mean '{close[0]}'?"
     if not names:

@@ -111,7 +111,7 @@ def _archive(path: Path) -> FileKind:
     try:
         with zipfile.ZipFile(path) as archive:
             names = archive.namelist()
-    except (OSError, zipfile.BadZipFile):
+    except Exception:  # zipfile raises whatever a damaged archive makes it
         return ARCHIVE
     for member, kind in (
         ("modelDescription.xml", FMU),

@@ -18,7 +18,6 @@ from cosim.commands.execution import (
     UsageError,
     refuse,
     results_folder,
-    with_interfaces,
     with_start_values,
 )
 from cosim.errors import nearest
@@ -62,7 +61,7 @@ def prepared_fmu(args: argparse.Namespace) -> Iterator[PreparedRun]:
     yield PreparedRun(
         source=str(path),
         title=title,
-        system=with_interfaces(with_start_values(system, args.set, remedy, component), args.interface),
+        system=with_start_values(system, args.set, remedy, component),
         plan=plan,
         folder=folder,
         about={"fmu": str(path), "title": title},

@@ -12,6 +12,9 @@ from cosim.fmi.fmu_file import read_fmu
 from cosim.fmi.validation import problems_of
 from cosim.temporary import TemporaryFolder
 
+#: So many findings of one file are printed.
+_MOST_PROBLEMS = 100
+
 
 def register(subparsers: Any) -> None:
     """Add the parser of `cosim validate`."""
@@ -40,7 +43,9 @@ def _problems(path: Path) -> list[str]:
     if kind_of(path) in (SSP, NPZ, WORKBOOK):
         return [not_read(path, "an FMU", "").removeprefix(f"{path}: ")]
     try:
-        return problems_of(path)
+        problems = problems_of(path)
+        more = len(problems) - _MOST_PROBLEMS
+        return problems[:_MOST_PROBLEMS] + ([f"and {more} findings more"] if more > 0 else [])
     except CosimError as error:
         return [str(error).removeprefix(f"{path}: ")]
 

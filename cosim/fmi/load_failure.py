@@ -6,7 +6,7 @@ import re
 import sys
 from pathlib import Path
 
-from cosim.fmi.archive.libraries import is_cut_off, machine_of_file
+from cosim.fmi.archive.libraries import is_damaged, machine_of_file
 
 #: The loader's words for a further library that it does not find: glibc, musl, macOS.
 _MISSING = re.compile(
@@ -95,11 +95,9 @@ def not_loadable(path: Path) -> str:
     """Why a library can't be loaded here, as far as its headers say, to follow the name of the FMU; else empty."""
     where = f"can't be loaded: its library {path.name}"
     made_for, here = machine_of_file(path), machine_of_file(Path(sys.executable))
-    if made_for is None or is_cut_off(path):
-        return f"{where} {_DAMAGED}"
-    if here is not None and not made_for.serves(here):
+    if made_for is not None and here is not None and not made_for.serves(here):
         return f"{where} is for {made_for}, and this process is {here}; get an FMU with a binary for this machine"
-    return ""
+    return f"{where} {_DAMAGED}" if made_for is None or is_damaged(path) else ""
 
 
 def _how_to_get(name: str) -> str:

@@ -54,7 +54,7 @@ def _of_libraries(fmu: LoadedFMU, folder: Path) -> list[str]:
             fmu.check_binary(build=has_sources(fmu.files))
         except SetupError as error:
             return [*found, str(error).removeprefix(f"{fmu.path}: ")]
-    elif not has_sources(fmu.files) and not libraries:
+    elif not has_sources(fmu.files) and not any(len(library.parts) == 3 for library in libraries):
         return [*found, "has neither a library nor C sources; export it again"]
     if fmu.description.coSimulation is None:
         return found

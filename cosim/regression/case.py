@@ -11,6 +11,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
+
 from cosim.errors import CosimError, nearest
 from cosim.regression.options import Options, read_options
 from cosim.regression.tolerances import Interface, Tolerances, read_toml, tolerances_of
@@ -90,11 +92,11 @@ class Case:
                 f"case '{self.name}': there is no {self.reference_path}; "
                 f"make it with: pytest --fmu <FMU> --fmu-reference <FOLDER> --fmu-rebaseline {self.name}"
             )
-        return Results.read(self.reference_path)
+        return _in_order(self.reference_path)
 
     def inputs(self) -> Results | None:
         """Values of inputs over time; None where there is no such file, or it has times only."""
-        inputs = Results.read(self.inputs_path) if self.inputs_path.is_file() else None
+        inputs = _in_order(self.inputs_path) if self.inputs_path.is_file() else None
         return inputs if inputs is not None and len(inputs.time) else None
 
     def options(self) -> Options | None:
@@ -191,6 +193,14 @@ def find_cases(fmu: Path, folder: Path | None = None) -> list[Case]:
         return [own]
     cases = [Case(path.name, path) for path in sorted(folder.glob("*/"))]
     return [case for case in cases if case.exists and _fmu_of(case) == fmu.stem]
+
+
+def _in_order(path: Path) -> Results:
+    """A table whose times are finite and do not descend."""
+    table = Results.read(path)
+    if not np.isfinite(table.time).all() or (np.diff(table.time) < 0.0).any():
+        raise CaseError(f"{path}: its times must be finite and must not descend; mend them")
+    return table
 
 
 def _fmu_of(case: Case) -> str:

@@ -99,7 +99,7 @@ def read_toml(path: str | PathLike[str]) -> dict[str, Any]:
     """
     try:
         data = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         why = f"can't be read as TOML: {error}"
         raise ToleranceError(not_read(Path(path), _WANTED, why, SCENARIO, TOLERANCES, TOML)) from error
     try:

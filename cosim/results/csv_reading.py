@@ -116,9 +116,10 @@ def _separator(path: str | PathLike[str], header: str) -> str:
 
 def _names(path: str | PathLike[str], header: _Row, line: str, separator: str) -> tuple[list[str], dict[str, str]]:
     """Names of the columns, and units that stand behind them."""
+    in_quotes = set(re.findall(r'"((?:[^"]|"")*)"', line))
 
     def quoted(cell: str) -> bool:
-        return '"{}"'.format(cell.replace('"', '""')) in line
+        return cell.replace('"', '""') in in_quotes
 
     cells = list(header.cells)
     while not cells[-1].strip() and not quoted(cells[-1]):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 from collections.abc import Collection, Mapping, Sequence
 from functools import cache
 from importlib.metadata import entry_points
@@ -166,7 +167,7 @@ def named(name_or_path: str) -> tuple[ScenarioFamily, Path] | None:
         for family in families().values()
         for name in family.scenario_names()
         if family.folder is not None
-        and (name == name_or_path or (family.folder / f"{name}.toml").resolve() == Path(name_or_path).resolve())
+        and (name == name_or_path or os.path.realpath(family.folder / f"{name}.toml") == os.path.realpath(name_or_path))
     ]
     if len(found) > 1:
         paths = ", ".join(str(path) for _, path in found)

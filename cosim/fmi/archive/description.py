@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING
 
 from cosim.fmi.archive.findings import FileFindings, quoted
+from cosim.terminal import printable
 
 if TYPE_CHECKING:
     from lxml.etree import _Element
@@ -130,12 +131,20 @@ class _Description:
             self._check_attributes(element, _WHOLE, _is_whole, "a whole number")
             self._check_attributes(element, _REAL, _is_finite, "a finite number")
         for element in self.root.iterfind("DefaultExperiment"):
-            times = ("startTime", "stopTime", "stepSize")
-            for name in times:
+            for name in ("startTime", "stopTime", "stepSize"):
                 text = element.get(name)
                 if text is not None and not _is_finite(text):
                     at = f"{self._at(element)}: its default experiment has {name}={quoted(text)}"
                     self.found.add(wrong=f"{at}, which is no number; export it again")
+            if not self.found.wrong:
+                self._check_experiment(element)
+
+    def _check_experiment(self, element: _Element) -> None:
+        start, stop = float(element.get("startTime", "0")), element.get("stopTime")
+        if stop is not None and float(stop) <= start:
+            self.found.add(unclean=f"{self._at(element)}: its default experiment stops at {stop}, not after its start")
+        if float(element.get("stepSize", "1")) <= 0.0:
+            self.found.add(unclean=f"{self._at(element)}: its default experiment has a step that is not positive")
 
     def _check_attributes(
         self, element: _Element, names: tuple[str, ...], right: Callable[[str], bool], what: str
@@ -184,7 +193,7 @@ class _Description:
         for variable in self.variables:
             name = variable.get("name")
             here = f"{self._at(variable)}: variable {quoted(name)}"
-            if name is None:
+            if not name:
                 self.found.add(wrong=f"{self._at(variable)}: a variable has no name; export it again")
                 continue
             reference = variable.get("valueReference", "")
@@ -226,8 +235,10 @@ class _Description:
         for name, variable in self._named():
             if structured and not _STRUCTURED.fullmatch(name):
                 self.found.add(unclean=f"{self._at(variable)}: variable {quoted(name)} has no structured name")
-            elif not structured and re.search(r"[\t\n\r]", name):
-                self.found.add(unclean=f"{self._at(variable)}: variable {quoted(name)} has a tab or a line break")
+            elif not structured and (printable(name) != name or "\n" in name or "\t" in name):
+                self.found.add(
+                    unclean=f"{self._at(variable)}: variable {quoted(name)} has a character that can't be seen"
+                )
             first = by_name.setdefault(name, variable)
             if first is variable:
                 continue
@@ -284,6 +295,9 @@ class _Description:
         for variable in self.variables:
             sizes = [self._size(d, variable, by_reference) for d in variable.iterfind("Dimension")]
             here = f"{self._at(variable)}: array {quoted(variable.get('name'))}"
+            words = variable.get("start", "").split() if variable.tag not in ("String", "Binary") else []
+            if sizes and None not in sizes and len(words) not in (0, 1, math.prod(size or 0 for size in sizes)):
+                self.found.add(unclean=f"{here} has {len(words)} start values for its elements")
             if None not in sizes and math.prod(size or 0 for size in sizes) > MOST_ELEMENTS:
                 shape = " x ".join(map(str, sizes))
                 self.found.add(wrong=f"{here} has {shape} elements, more than can be read ({MOST_ELEMENTS})")

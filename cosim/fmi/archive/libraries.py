@@ -22,7 +22,11 @@ _MACH_O: dict[bytes, Literal["little", "big"]] = {
     b"\xcf\xfa\xed\xfe": "little",
 }
 _FAT = b"\xca\xfe\xba\xbe"
-_PT_LOAD = 1
+_PT_LOAD, _ET_DYN = 1, 3
+
+#: Processors of ELF whose libraries have 32 bits.
+_OF_32_BITS = (3, 40)
+
 _MACH_O_MACHINES = {7: "32-bit x86", 0x01000007: "64-bit x86", 0x0100000C: "64-bit ARM"}
 
 #: Folder below `binaries` -> system and processor of its libraries.
@@ -105,27 +109,37 @@ def _mach_o(data: bytes, order: Literal["little", "big"]) -> tuple[str, ...]:
     return (_MACH_O_MACHINES[number],) if number in _MACH_O_MACHINES else ()
 
 
-def is_cut_off(path: Path) -> bool:
-    """Whether a library of Linux ends before its last segment does, which ends the process that loads it."""
+def is_damaged(path: Path) -> bool:
+    """Whether a library of Linux is none by its header, or ends before its last segment does.
+
+    The loader refuses the former; the latter ends the process that loads it.
+    """
     try:
         with path.open("rb") as file:
             head = file.read(64)
             size = file.seek(0, os.SEEK_END)
-            if head[:5] != b"\x7fELF\2":
-                return False  # none of those that are loaded here
-            if len(head) < 64:
+            if head[:4] != b"\x7fELF":
+                return False
+            if len(head) < 64 or head[4] not in (1, 2) or head[5] not in (1, 2):
                 return True
-            order = "<" if head[5] == 1 else ">"
-            (table,) = struct.unpack(f"{order}Q", head[32:40])
-            entry, number = struct.unpack(f"{order}HH", head[54:58])
-            if entry < 56 or table + entry * number > size:
+            order, wide = "<" if head[5] == 1 else ">", head[4] == 2
+            (kind,) = struct.unpack(f"{order}H", head[16:18])
+            (table,) = struct.unpack(f"{order}Q", head[32:40]) if wide else struct.unpack(f"{order}I", head[28:32])
+            entry, number = struct.unpack(f"{order}HH", head[54:58] if wide else head[42:46])
+            machine = int.from_bytes(head[18:20], "little" if head[5] == 1 else "big")
+            if kind != _ET_DYN or wide != (machine not in _OF_32_BITS) or entry < (56 if wide else 32):
+                return True
+            if table + entry * number > size:
                 return True
             file.seek(table)
             segments = file.read(entry * number)
     except OSError:
         return False
     for place in range(0, entry * number, entry):
-        kind, _, begin, _, _, length = struct.unpack(f"{order}IIQQQQ", segments[place : place + 40])
+        if wide:
+            kind, _, begin, _, _, length = struct.unpack(f"{order}IIQQQQ", segments[place : place + 40])
+        else:
+            kind, begin, _, _, length = struct.unpack(f"{order}IIIII", segments[place : place + 20])
         if kind == _PT_LOAD and begin + length > size:
             return True
     return False

@@ -89,7 +89,7 @@ class Members(AbstractContextManager["Members"]):
     def __init__(self, path: Path, what: str = "FMU", *, with_backslashes: bool = False) -> None:
         self.findings = FileFindings()
         self._what = what
-        _check_directory(path)
+        counted = _check_directory(path)
         try:
             self.archive = zipfile.ZipFile(path)
         except zipfile.BadZipFile:
@@ -98,6 +98,10 @@ class Members(AbstractContextManager["Members"]):
             raise ArchiveError(f"its directory of members can't be read: {error}; get the {what} again") from None
         self.infos = self.archive.infolist()
         try:
+            if counted not in (None, len(self.infos)):
+                raise ArchiveError(
+                    f"says that it has {counted} members, and has {len(self.infos)}; get the {what} again"
+                )
             self._check_sizes()
             for info in self.infos:
                 name = info.orig_filename.replace("\\", "/") if with_backslashes else info.orig_filename
@@ -282,8 +286,8 @@ class Members(AbstractContextManager["Members"]):
                 )
 
 
-def _check_directory(path: Path) -> None:
-    """Refuse a directory of members that would fill the memory, before it is read."""
+def _check_directory(path: Path) -> int | None:
+    """Refuse a directory of members that would fill the memory, before it is read; how many it says that there are."""
     with path.open("rb") as file:
         size = file.seek(0, os.SEEK_END)
         file.seek(max(0, size - _END_SIZE - 0xFFFF))
@@ -295,7 +299,8 @@ def _check_directory(path: Path) -> None:
                 raise ArchiveError("is a part of an archive in several; join them")
             if length != 0xFFFFFFFF and length > _MOST_MEMBERS * (_MOST_PATH // 4):
                 raise ArchiveError(f"has a directory of members of {length} bytes; not opened")
-            return
+            return members if members != 0xFFFF else None
+    return None
 
 
 def _places(data: bytes, what: bytes) -> Iterator[int]:

@@ -159,8 +159,7 @@ def _component(
     definitions: _Definitions,
     version: str,
 ) -> None:
-    implementation = "ModelExchange" if packaged.ports.is_model_exchange else "CoSimulation"
-    component = _sub(elements, "ssd:Component", name=name, source=packaged.source, implementation=implementation)
+    component = _sub(elements, "ssd:Component", name=name, source=packaged.source, implementation="CoSimulation")
     if packaged.fmu.description.description:
         component.set("description", packaged.fmu.description.description)
     connectors = _sub(component, "ssd:Connectors")

@@ -16,7 +16,6 @@ from fmpy.model_description import Unit
 
 from cosim.errors import nearest
 from cosim.fmi.fmu_file import load
-from cosim.fmi.interfaces import AUTO_INTERFACE, CO_SIMULATION, MODEL_EXCHANGE
 from cosim.ssp.errors import SSPError
 from cosim.ssp.format.document import Definitions, Document, open_document, read_definitions
 from cosim.ssp.format.package import DESCRIPTION, Archive
@@ -67,10 +66,6 @@ class Dictionary:
     signals: dict[str, Connector]
 
 
-#: Implementation of a component in an SSP -> interface of its FMU, None for whichever it has.
-IMPLEMENTATIONS = {"any": None, "CoSimulation": CO_SIMULATION, "ModelExchange": MODEL_EXCHANGE}
-
-
 @dataclass
 class Part:
     """A system, a component, or a reference to a signal dictionary.
@@ -96,8 +91,6 @@ class Part:
         Variables of a component.
     fmu : Path, optional
         The FMU of a component.
-    interface : str, optional
-        Interface of the FMU that is meant, if one is.
     source : str, optional
         Its name in the package.
     broken : set of str
@@ -114,7 +107,6 @@ class Part:
     dictionary: Dictionary | None = None
     ports: Ports | None = None
     fmu: Path | None = None
-    interface: str | None = None
     source: str | None = None
     broken: set[str] = field(default_factory=set)
 
@@ -283,16 +275,15 @@ def _component(element: DataElement, path: str, document: Document) -> Part:
     if source.partition("#")[0].lower().endswith((".ssp", ".ssd")):
         raise SSPError(f"{here} is an FMU by its type, but '{source}' is none; set type to {_PACKAGE_TYPE}")
     implementation = element.attrib.get("implementation", "any")
-    if implementation not in IMPLEMENTATIONS:
+    if implementation not in ("any", "CoSimulation"):
         raise SSPError(
-            f"{here} is meant for {implementation}; only co-simulation and model exchange are supported, "
-            "export the FMU for one of them and set implementation to it"
+            f"{here} is meant for {implementation}; only co-simulation is supported, "
+            "export the FMU for it and set implementation to CoSimulation"
         )
-    interface = IMPLEMENTATIONS[implementation]
     name = _located(document, source, here)
     fmu = document.package.unpack(name, document.folder)
-    ports = Ports(path, load(path, fmu, interface or AUTO_INTERFACE).description)
-    part = Part(path, element, document, [(element, document)], ports=ports, fmu=fmu, source=name, interface=interface)
+    ports = Ports(path, load(path, fmu).description)
+    part = Part(path, element, document, [(element, document)], ports=ports, fmu=fmu, source=name)
     for connector in children(element, "Connectors", "Connector"):
         name = connector.attrib["name"]
         part.broken.add(name)
