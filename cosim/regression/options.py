@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from cosim.errors import CosimError
+from cosim.whole_files import write_whole
 
 #: Key of the file -> attribute. Further keys that the rules allow say nothing that is needed here.
 _KEYS = {
@@ -88,4 +89,4 @@ def write_options(options: Options, path: Path) -> None:
     """
     values = {key: getattr(options, attribute) for key, attribute in _KEYS.items()}
     lines = [f"{key}, {value!r}\n" for key, value in values.items() if value is not None]
-    path.write_text("".join(lines), encoding="utf-8")
+    write_whole(path, lambda part: part.write_text("".join(lines), encoding="utf-8"))

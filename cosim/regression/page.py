@@ -10,6 +10,7 @@ from pathlib import Path
 from cosim.regression.comparison import SignalComparison
 from cosim.regression.outcome import Outcome, share
 from cosim.regression.plot import plot
+from cosim.whole_files import write_whole
 
 #: Content of the page for one case; texts and flags only, for it may come from another process.
 Part = dict[str, str | bool]
@@ -100,7 +101,7 @@ Lower panels: where in the band it is, from −1 to 1. Differences with a time s
 </html>
 """
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(text, encoding="utf-8")
+    write_whole(path, lambda part: part.write_text(text, encoding="utf-8"))
 
 
 def _figures(signals: Sequence[SignalComparison]) -> str:

@@ -17,6 +17,7 @@ from cosim.regression.options import write_options
 from cosim.regression.run import RunOptions, interfaces_of
 from cosim.regression.tolerances import Interface, vector_of
 from cosim.results.results import Results
+from cosim.whole_files import write_whole
 
 _OPTION = "--fmu-rebaseline"
 
@@ -75,7 +76,8 @@ def rebaseline(case: Case, path: Path, interface: Interface, timeout: float, *, 
         written.append(case.options_path)
     if not case.tolerances_path.is_file():
         both = len(interfaces_of(fmu)) > 1
-        case.tolerances_path.write_text(_tolerances(results, both=both), encoding="utf-8")
+        text = _tolerances(results, both=both)
+        write_whole(case.tolerances_path, lambda part: part.write_text(text, encoding="utf-8"))
         written.append(case.tolerances_path)
     return f"wrote {', '.join(map(str, written))}: look at the changes, and commit them"
 

@@ -22,6 +22,7 @@ from cosim.ssp.format.structure import GIVING, SEPARATOR, TAKING
 from cosim.system.read import Findings
 from cosim.system.variables import Ports
 from cosim.temporary import TemporaryFolder
+from cosim.whole_files import write_whole
 
 #: Name of the parameter sets that hold the values of `SSPFile.set_parameter`.
 _EDITED = "edited"
@@ -233,7 +234,7 @@ class SSPFile:
         parse(data, "ssd", self._where, Findings(SSPError))
         packed = io.BytesIO()
         self._pack(packed, data)
-        Path(path).write_bytes(packed.getvalue())
+        write_whole(Path(path), lambda part: part.write_bytes(packed.getvalue()))
 
     def _pack(self, stream: IO[bytes], description: bytes) -> None:
         used = {unquote(e.getAttribute("source")) for e in self._elements().values()}

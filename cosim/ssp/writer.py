@@ -16,6 +16,7 @@ from cosim.ssp.format.description import description_file, parameter_file
 from cosim.ssp.format.package import DESCRIPTION
 from cosim.ssp.format.schema import parse
 from cosim.system.system import System
+from cosim.whole_files import write_whole
 
 _DATE = (1980, 1, 1, 0, 0, 0)  # of all members: equal systems become equal files
 
@@ -103,7 +104,7 @@ def write_ssp(
             compression = zipfile.ZIP_STORED if member.endswith(".fmu") else zipfile.ZIP_DEFLATED
             archive.writestr(zipfile.ZipInfo(member, _DATE), content, compression)
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_bytes(data.getvalue())
+    write_whole(path, lambda part: part.write_bytes(data.getvalue()))
 
 
 def _parameter_files(

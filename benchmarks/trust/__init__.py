@@ -1,0 +1,1 @@
+"""What hostile and broken input, kills and full disks cost: `python -m benchmarks.trust`."""
