@@ -28,6 +28,8 @@ _OWN = {
         "info",
         "scenarios",
         "validate",
+        "sign",
+        "verify",
         "completion",
     )
 }

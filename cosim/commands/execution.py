@@ -18,7 +18,7 @@ from typing import Any, Self
 
 from tqdm import tqdm
 
-from cosim.commands.options import LOG_FILE, log_options
+from cosim.commands.options import LOG_FILE, check_signatures, log_options
 from cosim.commands.supervision import works_in
 from cosim.errors import CosimError, SetupError, nearest
 from cosim.fmi.message_log import Log
@@ -103,6 +103,8 @@ class PreparedRun:
     drawing : str, optional
         `module:function` that draws the results; see `FigureProcess.write`.
     drawing_arguments : tuple
+    archive_of : callable
+        The file that has brought an FMU, which is the FMU itself but for those in an SSP.
     said_path : callable
         The path of an FMU file as the summary names it.
     """
@@ -119,6 +121,7 @@ class PreparedRun:
     report: Callable[[Mapping[str, Any]], Sequence[str]] | None = None
     drawing: str | None = None
     drawing_arguments: tuple[Any, ...] = ()
+    archive_of: Callable[[Path], Path] = Path
     said_path: Callable[[str], str] = str
 
 
@@ -130,6 +133,8 @@ def run_prepared(prepared: PreparedRun, args: argparse.Namespace, figures: Figur
     CosimError
         The run can't be made, or failed; the message says where what was recorded is.
     """
+    fmus = [component.fmu for component in prepared.system.components.values() if component.fmu is not None]
+    check_signatures(args.require_signed, map(prepared.archive_of, fmus))
     formats = args.format or ["csv"]
     names = [f"results.{name}" for name in formats] + ([REPORT] if args.report else [])
     names += [LOG_FILE] if args.log or args.log_categories else []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Literal
 
@@ -55,6 +56,32 @@ def add_overwrite_option(parser: argparse._ActionsContainer) -> None:
         action="store_true",
         help="replace files of the names of results that belong to no run, and remove what runs left that were killed",
     )
+
+
+def add_signature_option(parser: argparse._ActionsContainer) -> None:
+    """Add --require-signed."""
+    parser.add_argument(
+        "--require-signed",
+        action="append",
+        default=[],
+        type=Path,
+        metavar="KEY",
+        help="run only FMUs, or an SSP, that the owner of this public key has signed (cosim sign); may be repeated",
+    )
+
+
+def check_signatures(keys: Sequence[Path], archives: Iterable[Path]) -> None:
+    """Check, where keys are required, that archives are signed with one of them.
+
+    Raises
+    ------
+    CosimError
+        One is not.
+    """
+    if keys:
+        from cosim.signing import check_signed
+
+        check_signed(archives, keys)
 
 
 def log_options(args: argparse.Namespace, folder: Path) -> Log | None:

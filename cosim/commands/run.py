@@ -12,6 +12,7 @@ from cosim.commands.options import (
     add_algorithm_options,
     add_log_options,
     add_overwrite_option,
+    add_signature_option,
     standard_of,
 )
 from cosim.results.figure_process import FigureProcess
@@ -103,6 +104,7 @@ def register(subparsers: Any) -> None:
         help="a recorded output that is NaN or infinite ends the run (error), or the summary says which one, and from "
         "when on (mark, the default); one that feeds another component always ends it",
     )
+    add_signature_option(parser)
     add_log_options(parser)
     parser.add_argument("--seed", type=int, help="seed of the random signals")
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder of the results (default results/<scenario>)")

@@ -54,6 +54,7 @@ def prepared_description(args: argparse.Namespace, standard: Standard) -> Iterat
                     "notes": [in_archive(note) for note in found.notes],
                     **({"places": dict(found.places)} if found.places else {}),
                 },
+                archive_of=lambda fmu: path if fmu.is_relative_to(unpacked) else fmu,
                 said_path=in_archive,
             )
         except CosimError as error:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from tqdm import tqdm
 
-from cosim.commands.options import Standard, add_algorithm_options, standard_of
+from cosim.commands.options import Standard, add_algorithm_options, add_signature_option, check_signatures, standard_of
 from cosim.errors import CosimError
 from cosim.scenario.family import ScenarioFamily, default_scenario, families, family_name, named
 from cosim.scenario.scenario import Scenario, ScenarioComponent
@@ -103,6 +103,7 @@ def register(subparsers: Any) -> None:
     run_.add_argument(
         "--build", action="store_true", help="compile the C sources of FMUs that have no binary for a worker's machine"
     )
+    add_signature_option(run_)
     run_.add_argument("--stop", type=float, metavar="T", help="stop time in s")
     add_algorithm_options(run_)
     run_.add_argument("--out", type=Path, metavar="DIR", help="results folder (default results/sweep-<scenario>)")
@@ -132,10 +133,18 @@ def run(args: argparse.Namespace) -> int:
 
 @dataclass(frozen=True)
 class _System:
-    """Scenarios of one system, by what the user wrote, and their family."""
+    """Scenarios of one system, by what the user wrote, and their family.
+
+    `brought_by` has the folder that an SSP was unpacked to -> the SSP.
+    """
 
     scenarios: Mapping[str, Scenario]
     family: ScenarioFamily
+    brought_by: Mapping[Path, Path]
+
+    def archive_of(self, fmu: Path) -> Path:
+        """The file that has brought an FMU, which is the FMU itself but for those in an SSP."""
+        return next((ssp for folder, ssp in self.brought_by.items() if fmu.is_relative_to(folder)), fmu)
 
 
 def _run(args: argparse.Namespace, unpacked: Path) -> int:
@@ -165,6 +174,7 @@ def _run(args: argparse.Namespace, unpacked: Path) -> int:
         curve_period=args.curves,
         build=args.build,
     )
+    check_signatures(args.require_signed, [system.archive_of(path) for path in files.values()])
     check(study, files, varied)
     if note := advice(args.design, len(points)):
         print(note)
@@ -195,10 +205,12 @@ def _read(args: argparse.Namespace, steps: Levels | None, unpacked: Path) -> _Sy
 
     scenarios: dict[str, Scenario] = {}
     of: dict[str, ScenarioFamily] = {}
+    brought_by: dict[Path, Path] = {}
     for number, text in enumerate(args.scenario):
         standard = standard_of(text) if named(text) is None else None
         if standard is not None:
             folder = unpacked / f"{number}"
+            brought_by[folder] = Path(text)
             scenarios[text], of[text] = _of_description(Path(text), standard, folder, args, steps), ScenarioFamily()
         elif Path(text).suffix.lower() == ".fmu":
             raise SweepError(f"{text} is a single FMU; write a TOML scenario with it as its component, and sweep that")
@@ -214,7 +226,7 @@ def _read(args: argparse.Namespace, steps: Levels | None, unpacked: Path) -> _Sy
                 if getattr(args, dest) is not None:
                     raise SweepError(f"{option} is for scenarios of {name}; leave it out")
     metrics = _metrics(args.metric, scenarios, family)
-    return _System({text: _with_options(s, args, steps, metrics) for text, s in scenarios.items()}, family)
+    return _System({text: _with_options(s, args, steps, metrics) for text, s in scenarios.items()}, family, brought_by)
 
 
 def _of_description(

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from cosim.commands.options import add_signature_option, check_signatures
 from cosim.errors import CosimError
 from cosim.file_kinds import NPZ, SSP, WORKBOOK, kind_of, not_read
 from cosim.fmi.fmu_file import read_fmu
@@ -33,6 +34,7 @@ def register(subparsers: Any) -> None:
         action="store_true",
         help="with --run: compile the C sources of FMUs that have no binary for this machine",
     )
+    add_signature_option(parser)
     parser.set_defaults(run=run)
 
 
@@ -92,5 +94,6 @@ def run(args: argparse.Namespace) -> int:
         if not problems:
             print(f"{path}: ok")
         if args.run_references and path.is_file():
+            check_signatures(args.require_signed, [path])
             found = _run_references(path, build=args.build) or found
     return int(found)

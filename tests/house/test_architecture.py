@@ -23,6 +23,7 @@ ROOMS = (
         "cosim.whole_files",
         "cosim.file_lock",
         "cosim.temporary",
+        "cosim.signing",
     ),
     ("cosim.loop",),
     ("cosim.fmi",),

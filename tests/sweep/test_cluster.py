@@ -17,6 +17,7 @@ import dask
 import psutil
 import pytest
 from distributed import Client
+from distributed.security import Security
 
 import cosim.sweep.cluster
 from cosim import Simulation
@@ -43,11 +44,13 @@ STOP_TIME = 0.2 if DEFAULT_FLAVOUR == "pythonfmu" else 5.0
 class Cluster:
     """A scheduler and workers on this machine, each started as on any cluster."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, **settings: str) -> None:
         self.folder = folder
+        self.settings = settings  # of the environment
         self.processes: list[subprocess.Popen[bytes]] = []
         file = folder / "scheduler.json"
-        self.scheduler = self._start("scheduler", "--host", "127.0.0.1", "--port", "0", "--scheduler-file", str(file))
+        where = ("--host", "tls://127.0.0.1" if settings else "127.0.0.1", "--port", "0")
+        self.scheduler = self._start("scheduler", *where, "--scheduler-file", str(file))
         self.address: str = wait_for(lambda: file.is_file() and json.loads(file.read_text() or "{}").get("address"))
 
     def worker(self) -> subprocess.Popen[bytes]:
@@ -65,7 +68,11 @@ class Cluster:
                 stdout=log,
                 stderr=log,
                 cwd=self.folder,
-                env={**os.environ, "PYTHONPATH": str(ROOT)},  # the workers import the study of these tests
+                env={
+                    **os.environ,
+                    **self.settings,
+                    "PYTHONPATH": str(ROOT),
+                },  # the workers import the study of these tests
             )
         self.processes.append(started)
         return started
@@ -258,6 +265,60 @@ def test_a_scheduler_that_does_not_answer_has_no_workers_or_dies_is_one_line(clu
     assert text.startswith("the scheduler ")
     assert text.endswith("start the same command again: it goes on where it stopped")
     assert read(tmp_path / "out").num_rows >= 3
+
+
+def certificates(folder: Path) -> dict[str, dict[str, str]]:
+    """Settings of Dask's TLS, with certificates that are made for it, for client, scheduler and workers."""
+    made, folder = Security.temporary(), folder / "tls"
+    folder.mkdir(parents=True)
+    found: dict[str, dict[str, str]] = {}
+    (folder / "ca.pem").write_text(made.tls_ca_file)
+    for role in ("client", "scheduler", "worker"):
+        found[role] = {}
+        for what in ("cert", "key"):
+            path = folder / f"{role}-{what}.pem"
+            path.write_text(getattr(made, f"tls_{role}_{what}"))
+            found[role][what] = str(path)
+    return found
+
+
+def tls(certificates: dict[str, dict[str, str]], ca_file: str | None) -> dask.config.set:
+    """Context in which this process has certificates."""
+    settings = {f"distributed.comm.tls.{r}.{w}": p for r, pair in certificates.items() for w, p in pair.items()}
+    return dask.config.set({"distributed.comm.tls.ca-file": ca_file, **settings})
+
+
+@pytest.mark.slow
+def test_a_cluster_with_tls_takes_who_has_its_certificates_and_nobody_else(counter, tmp_path, monkeypatch):
+    """As docs/sweeps.md has it."""
+    monkeypatch.setattr(cosim.sweep.cluster, "_ANSWER", 5.0)
+    study = CounterStudy(sha256(counter))
+    files, points = {study.fmu: counter}, counter_points(4)
+    own, others = certificates(tmp_path / "own"), certificates(tmp_path / "others")
+    ca = {name: str(tmp_path / name / "tls/ca.pem") for name in ("own", "others")}
+    settings = {
+        f"DASK_DISTRIBUTED__COMM__TLS__{role.upper()}__{what.upper()}": path
+        for role, pair in own.items()
+        for what, path in pair.items()
+    }
+    settings |= {
+        "DASK_DISTRIBUTED__COMM__TLS__CA_FILE": ca["own"],
+        "DASK_DISTRIBUTED__COMM__REQUIRE_ENCRYPTION": "true",
+    }
+    cluster = Cluster(tmp_path, **settings)
+    try:
+        assert cluster.address.startswith("tls://127.0.0.1:")
+        cluster.worker()
+        for config, ca_file in (({}, None), (others, ca["others"]), (own, ca["others"]), (others, ca["own"])):
+            address = cluster.address if config else cluster.address.replace("tls:", "tcp:")
+            with tls(config, ca_file), pytest.raises(SweepError, match="no answer") as refused:
+                sweep(study, files, points, tmp_path / "out", scheduler=address)
+            assert "\n" not in str(refused.value)
+        with tls(own, ca["own"]):
+            summary = sweep(study, files, points, tmp_path / "out", scheduler=cluster.address)
+        assert (summary.done, summary.failed) == (4, 0)
+    finally:
+        cluster.close()
 
 
 def listening() -> set[str]:
