@@ -76,7 +76,7 @@ static double correct_for_inputs(Core *core, double time, double h, const double
 /* One step tried, with the inputs that the importer gives inside it, if it does. */
 static CoreStatus try_step(Core *core, double time, double h, const double x[], const double u[], double u_rate[],
                            const double rates[], double next[], double *error) {
-    if (core_inputs_are_asked_for(core)) core_ask_over(core, time, h, u, u_rate);
+    if (core_inputs_are_asked_for(core)) core_ask_over(core, time, h, time + h, u, u_rate);
     CoreStatus status = method_step(core, time, h, x, u, u_rate, rates, next, error);
     if (status != CORE_OK) return status;
     if (!(*error > 1.0) && !core_all_finite(next, N_X)) *error = NAN;

@@ -20,18 +20,19 @@ void core_ask_for_inputs(Core *core, double time) {
 }
 
 #if N_X + N_EVENTS > 0
-void core_ask_over(Core *core, double time, double h, const double u[], double u_rate[]) {
+void core_ask_over(Core *core, double time, double h, double end_time, const double u[], double u_rate[]) {
     static const double times[N_INPUT_TIMES] = INPUT_TIMES;
     for (int k = 0; k < N_INPUT_TIMES; k++) {
-        core_ask_for_inputs(core, times[k] == 1.0 ? time + h : time + times[k] * h);
+        core_ask_for_inputs(core, times[k] == 1.0 ? end_time : time + times[k] * h);
         memcpy(core->u_at[k], INPUTS(core), N_U * sizeof *u);
     }
     const double *end = INPUTS(core);
     for (int j = 0; j < N_U; j++) u_rate[j] = (end[j] - u[j]) / h;
     core->curved = 0;
     for (int k = 0; k < N_INPUT_TIMES - 1; k++)
-        for (int j = 0; j < N_U; j++) { /* linear but for rounding? */
-            double off = core->u_at[k][j] - (u[j] + times[k] * h * u_rate[j]), size = fabs(u[j]) + fabs(end[j]);
+        for (int j = 0; j < N_U; j++) { /* linear but for rounding, also of the time? */
+            double off = core->u_at[k][j] - (u[j] + times[k] * h * u_rate[j]);
+            double size = fabs(u[j]) + fabs(end[j]) + fabs(time) * fabs(u_rate[j]);
             core->curved |= !(fabs(off) <= 8.0 * DBL_EPSILON * size);
         }
 }
@@ -75,7 +76,7 @@ static CoreStatus core_integrate(Core *core, double time, double *length, double
     for (int i = 0; i < n; i++) {
         if (asked) {
             memcpy(u, INPUTS(core), N_U * sizeof *u);
-            core_ask_over(core, time + i * h, h, u, rate);
+            core_ask_over(core, time + i * h, h, time + (i + 1) * h, u, rate);
         } else {
             for (int j = 0; j < N_U; j++) u[j] = INPUTS(core)[j] + i * h * s->u_rate[j];
             memcpy(rate, s->u_rate, N_U * sizeof *rate);

@@ -250,9 +250,9 @@ static inline int core_inputs_are_asked_for(const Core *core) {
 /* Have the inputs of a time inside the step. */
 void core_ask_for_inputs(Core *core, double time);
 
-/* Ask for the inputs over an internal step of length h that begins with `u`; those at its end stay. `u_rate` becomes their
+/* Ask for the inputs over an internal step of length h to `end_time` that begins with `u`; those at its end stay. `u_rate` becomes their
  * mean rate, and `core->curved` says whether they are linear. */
-void core_ask_over(Core *core, double time, double h, const double u[], double u_rate[]);
+void core_ask_over(Core *core, double time, double h, double end_time, const double u[], double u_rate[]);
 
 /* Have the inputs of an event after this length of an internal step. */
 static inline void core_arrive_with_inputs(Core *core, double time, double to_event, const double u[],

@@ -211,7 +211,7 @@ static CoreStatus step_again(const Step *step, double h, double x[], double indi
 #if N_X > 0
     double error, u_rate[N_U + 1];
     memcpy(u_rate, step->u_rate, N_U * sizeof *u_rate);
-    if (step->curved) core_ask_over(step->core, step->time, h, step->u, u_rate);
+    if (step->curved) core_ask_over(step->core, step->time, h, step->time + h, step->u, u_rate);
     CoreStatus status = method_step(step->core, step->time, h, step->x, step->u, u_rate, step->rates, x, &error);
     if (status != CORE_OK) return status;
     if (!(error <= 2.0)) /* though the whole step has been accepted */
