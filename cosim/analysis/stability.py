@@ -23,7 +23,7 @@ import numpy as np
 
 from cosim.analysis.linear import LinearComponent, LinearSystem, Node
 from cosim.errors import ArgumentError, SetupError
-from cosim.master.algorithm import AUTO, Algorithm, algorithm, can_be_extrapolated
+from cosim.master.algorithm import AUTO, EXTRAPOLATIONS, Algorithm, algorithm, can_be_extrapolated
 
 #: Between which steps (s) the largest stable one is searched by default.
 SHORTEST, LONGEST = 1e-4, 1.0
@@ -268,7 +268,9 @@ class _Interpreter:
             raise SetupError(f"step = {step!r} must be a positive number of seconds")
         self._system = system
         self._step = step
-        self._extrapolation = chosen.extrapolation
+        # one that is watched leaves the choice to the run; it falls back to this, which is linear
+        watched = chosen.extrapolation.is_watched
+        self._extrapolation = EXTRAPOLATIONS["linear"] if watched else chosen.extrapolation
         self._every = {name: system.every.get(name, 1) for name in system.components}
         if system.levels is None and chosen.order.needs_levels:
             raise SetupError(

@@ -38,7 +38,8 @@ if TYPE_CHECKING:
 class LoadedFMU:
     """An FMU file, its model description, and the names of the files in it.
 
-    `resets_completely` is what the FMU says of itself in an annotation: after a reset an instance is as a new one.
+    Two things the FMU says of itself in an annotation: `resets_completely`, after a reset an instance is as a new one;
+    and up to which order it takes derivatives of its inputs, 0 if it says nothing.
     """
 
     path: Path
@@ -46,6 +47,7 @@ class LoadedFMU:
     description: ModelDescription
     files: tuple[str, ...]
     resets_completely: bool = False
+    input_derivative_order: int = 0
 
     @property
     def tolerance(self) -> float | None:
@@ -272,7 +274,7 @@ def check_fmu(path: Path, here: str) -> CheckedFMU:
     if why := _not_for_a_run(description, root):
         findings.add(wrong=why)
         return CheckedFMU(None, findings, readable)
-    fmu = LoadedFMU(path, sha256, description, files, _says_reset_is_complete(root))
+    fmu = LoadedFMU(path, sha256, description, files, *_said_of_instances(root))
     return CheckedFMU(fmu, findings, readable)
 
 
@@ -302,11 +304,14 @@ def _not_for_a_run(description: ModelDescription, root: _Element) -> str:
     return ""
 
 
-def _says_reset_is_complete(root: _Element) -> bool:
-    """Whether the annotation is there that the exporter of this project writes; see `fmu_export.package`."""
+def _said_of_instances(root: _Element) -> tuple[bool, int]:
+    """Whether a reset is complete, and the order of input derivatives, by an annotation; see `fmu_export.package`."""
     annotations = (*root.iterfind("VendorAnnotations/Tool"), *root.iterfind("Annotations/Annotation"))
-    return any(
-        a.get("name", a.get("type")) == "closed-chain-cosim" and element.get("resetIsComplete") == "true"
+    said = [
+        element
         for a in annotations
         for element in a.iterfind("Instance")
-    )
+        if a.get("name", a.get("type")) == "closed-chain-cosim"
+    ]
+    orders = [element.get("maxInputDerivativeOrder", "0") for element in said]
+    return any(element.get("resetIsComplete") == "true" for element in said), int("3" in orders) * 3

@@ -77,6 +77,7 @@ class Extrapolated(ctypes.Structure):
         ("history", POINTER(c_double)),
         ("rates", POINTER(c_double)),
         ("derivatives", POINTER(c_double)),
+        ("watched", POINTER(c_double)),
         ("buffer", POINTER(c_double)),
         ("orders", POINTER(c_int32)),
         ("weights", POINTER(c_double)),

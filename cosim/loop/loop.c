@@ -183,6 +183,36 @@ static void go_on(const Extrapolated *in, const double *restrict now, const doub
     if (rates && in->points > 1) push(in->rates + n, rates, in->points, n);
 }
 
+/* Errors are forgotten at this rate from point to point, and a polynomial is used while its own are below this part of
+ * those of a line: then it can't be the cause of an oscillation that a line would damp. */
+#define FORGETTING 0.95
+#define BETTER 0.25
+
+/* How wrong was what was foretold for this point; at the start and after a jump, with less to go by, nothing counts. */
+static void look_back(const Extrapolated *in, const double *restrict now, int32_t n, bool counts) {
+    const double *foretold = in->watched;
+    double *restrict errors = in->watched + 2 * n;
+    for (int32_t i = 0; i < 2 * n; i++) {
+        double error = fabs(foretold[i] - now[i < n ? i : i - n]), before = FORGETTING * errors[i];
+        errors[i] = !counts ? 0.0 : error > before ? error : before;
+    }
+}
+
+/* Foretell the values at the end of a step, and let inputs go straight whose polynomials have been no better than lines. */
+static void choose(const Extrapolated *in, const double *restrict now, double step, double per_second, int32_t n) {
+    const double *restrict before = in->history + n, *errors = in->watched + 2 * n;
+    double *restrict foretold = in->watched, *derivatives = in->derivatives;
+    for (int32_t i = 0; i < n; i++) {
+        double change = 0.0, slope = in->known > 1 ? now[i] - before[i] : 0.0;
+        for (int32_t d = in->degree; d >= 1; d--) change = (derivatives[(d - 1) * n + i] + change) * (step / d);
+        foretold[i] = now[i] + change;
+        foretold[n + i] = now[i] + slope;
+        if (errors[i] <= BETTER * errors[n + i]) continue;
+        for (int32_t d = 1; d < in->degree; d++) derivatives[d * n + i] = 0.0;
+        derivatives[i] = slope * per_second;
+    }
+}
+
 /* Derivatives of the polynomial through the next value of a signal, this one, and up to two before, times the step^order;
  * with fewer before its degree is lower. */
 static const double through[3][3][4] = {
@@ -224,12 +254,15 @@ static int extrapolate(const Loop *loop, const Operation *op, int64_t point, dou
     int64_t next = point + op->every, row = next - loop->first_sample;
     bool fresh = point == 0 || jumps_within(loop, point - op->every, point); /* what was before says nothing */
     bool ahead = row < loop->n_rows && !jumps_within(loop, point, next);
+    bool knew_all = in->known == in->points;
     in->known = fresh ? 1 : in->known < in->points ? in->known + 1 : in->points;
     if (in->rates) {
         double step = op->every * loop->step_size;
         for (int32_t i = 0; i < n; i++) in->rates[i] = step * loop->values[in->first_rate + i];
     }
+    if (in->watched) look_back(in, now, n, knew_all && !fresh);
     go_on(in, now, in->rates, per_second, n);
+    if (in->watched) choose(in, now, op->every * loop->step_size, per_second, n);
     int32_t first = n - op->n_targets;
     int32_t before = in->degree > 1 && first < n ? samples_before(loop, point, op->every, in->degree) : 0;
     for (int32_t i = first; i < n; i++) {
@@ -497,6 +530,7 @@ static const Field layout[] = {
     FIELD(Extrapolated, history),
     FIELD(Extrapolated, rates),
     FIELD(Extrapolated, derivatives),
+    FIELD(Extrapolated, watched),
     FIELD(Extrapolated, buffer),
     FIELD(Extrapolated, orders),
     FIELD(Extrapolated, weights),

@@ -30,6 +30,8 @@ typedef struct {
         *history; /* points rows of n: values at this point (before it is reached: at the last one), before it, ... */
     double *rates; /* the same of their rates, times the step; NULL where none are used */
     double *derivatives; /* degree rows of n: by time, the first, the second, ... */
+    double *watched; /* four rows of n: what was foretold for this point, by the polynomials and by lines through the last
+                        two values, and how wrong both have been lately; NULL where polynomials are used however that is */
     double *buffer; /* FMI 3.0: n values during the step */
     const int32_t *orders; /* of the derivatives, as fmi2SetRealInputDerivatives wants them */
     const double *weights; /* for 1, 2, ... points known values: degree rows of points, times the step^-order; then, where

@@ -60,6 +60,9 @@ class Extrapolation:
     rate_weights : tuple of tuple of float
         The same for the first derivatives of the input, times h, that the FMU which gives it knows; empty where none
         are used.
+    is_watched : bool
+        Each input goes straight, as by linear extrapolation, unless the polynomial has lately foretold its values at
+        least four times as well.
     """
 
     name: str
@@ -68,6 +71,7 @@ class Extrapolation:
     weights: tuple[tuple[float, ...], ...] = ()
     start: str = ""
     rate_weights: tuple[tuple[float, ...], ...] = ()
+    is_watched: bool = False
 
     @property
     def degree(self) -> int:
@@ -146,6 +150,8 @@ def _check_weights(entry: Extrapolation) -> None:
         raise SetupError(f"extrapolation '{entry.name}': its degree is {entry.degree}, more than {MOST_DEGREE}")
     if needs_start and EXTRAPOLATIONS[entry.start].degree > entry.degree:
         raise SetupError(f"extrapolation '{entry.name}': start must name a registered one of no higher degree")
+    if entry.is_watched and entry.points < 3:
+        raise SetupError(f"extrapolation '{entry.name}': one that is watched goes by at least 3 values")
     if needs_start and EXTRAPOLATIONS[entry.start].uses_rates and not entry.uses_rates:
         raise SetupError(f"extrapolation '{entry.name}': start must name a registered one that uses no derivatives")
 
@@ -249,6 +255,19 @@ register(
         _over((93, (25, -22, -3)), (31, (-22, 2, 20)), (31, (-26, 8, 18))),
         start="hermite",
         rate_weights=_over((558, (497, -112, 5)), (31, (54, -34, 22)), (93, (121, -98, 109))),
+    )
+)
+
+
+register(
+    Extrapolation(
+        "adaptive",
+        "smoothed cubic Hermite extrapolation where it foretells values better than a line",
+        "as hermite-least-squares where that has lately foretold the input four times as well as a line, else linear",
+        EXTRAPOLATIONS["hermite-least-squares"].weights,
+        start="hermite",
+        rate_weights=EXTRAPOLATIONS["hermite-least-squares"].rate_weights,
+        is_watched=True,
     )
 )
 

@@ -14,7 +14,15 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 
 from cosim.errors import SetupError
-from cosim.master.algorithm import AUTO, Algorithm, Extrapolation, can_be_extrapolated, extrapolation_named
+from cosim.master.algorithm import (
+    AUTO,
+    EXTRAPOLATIONS,
+    MOST_DEGREE,
+    Algorithm,
+    Extrapolation,
+    can_be_extrapolated,
+    extrapolation_named,
+)
 from cosim.system.resolution import Link, ResolvedSystem
 from cosim.system.variables import Element
 
@@ -64,7 +72,10 @@ class ExtrapolatedInputs:
 
 
 def extrapolated_inputs(
-    system: ResolvedSystem, algorithm: Algorithm, refusing: Collection[str] = ()
+    system: ResolvedSystem,
+    algorithm: Algorithm,
+    refusing: Collection[str] = (),
+    orders: Mapping[str, int] | None = None,
 ) -> ExtrapolatedInputs:
     """Decide for every fed input.
 
@@ -74,6 +85,9 @@ def extrapolated_inputs(
     algorithm : Algorithm
     refusing : collection of str
         Components whose FMUs were found to refuse derivatives of their inputs, whatever their descriptions say.
+    orders : mapping, optional
+        Component -> up to which order its FMU is known to take derivatives of its inputs, of FMI 1.0 and 2.0; where an
+        extrapolation is not demanded, others are extrapolated linearly.
 
     Raises
     ------
@@ -93,13 +107,18 @@ def extrapolated_inputs(
         if extrapolation.degree == 0 or ((obstacle or _jumps(system, link)) and not demanded):
             held.append(name)
             continue
+        if not demanded and extrapolation.degree > _order_of(system, component, orders or {}):
+            extrapolation = EXTRAPOLATIONS["linear"]
         if obstacle:
             raise SetupError(
                 f"extrapolation '{extrapolation.name}': input '{name}' can only be held, for {obstacle}; use '{AUTO}'"
             )
-        if extrapolation.uses_rates and link is not None and (obstacle := rated.obstacle(link)):
+        unknown = rated.obstacle(link) if extrapolation.uses_rates and link is not None else None
+        if unknown and not demanded:
+            extrapolation = EXTRAPOLATIONS["linear"]
+        elif unknown:
             raise SetupError(
-                f"extrapolation '{extrapolation.name}': the derivative of '{name}' is not known, for {obstacle}; use "
+                f"extrapolation '{extrapolation.name}': the derivative of '{name}' is not known, for {unknown}; use "
                 "'cubic' or one of lower degree"
             )
         moving[key] = extrapolation
@@ -139,6 +158,14 @@ def _wanted(algorithm: Algorithm, link: Link | None) -> tuple[Extrapolation, boo
     if link is None or link.extrapolation is None:
         return algorithm.extrapolation, algorithm.demanded
     return extrapolation_named(link.extrapolation)
+
+
+def _order_of(system: ResolvedSystem, component: str, orders: Mapping[str, int]) -> int:
+    """Up to which order a component is known to take derivatives of its inputs; who asks for inputs takes any."""
+    port = system.ports[component]
+    if port.is_model_exchange or port.description.fmiMajorVersion == 3:
+        return MOST_DEGREE
+    return max(1, orders.get(component, 0))
 
 
 def _uses_rates(moving: Mapping[Key, Extrapolation], link: Link) -> bool:

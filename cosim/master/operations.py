@@ -462,6 +462,8 @@ class Exchange:
             inputs.rates = self._arena.zeros(points * n)
             inputs.first_rate = self._layout.rates[group.component, elements[0].name]
         inputs.derivatives = self._arena.zeros(degree * n)
+        if extrapolation.is_watched:
+            inputs.watched = self._arena.zeros(4 * n)
         inputs.buffer = self._arena.zeros(n)
         inputs.orders = self._arena.integers([order for order in orders for _ in range(n)])
         inputs.weights = self._arena.array(ctypes.c_double, _weights(extrapolation))
@@ -564,7 +566,8 @@ def _describe(conversion: Conversion, source: FmiType, code: int, bounds: tuple[
 
 def _arrays_of(inputs: Extrapolated, n: int) -> list[tuple[Any, int]]:
     arrays = [(inputs.history, max(1, inputs.points - 1) * n), (inputs.derivatives, inputs.degree * n)]
-    return [*arrays, (inputs.rates, inputs.points * n)] if inputs.rates else arrays
+    arrays += [(inputs.rates, inputs.points * n)] if inputs.rates else []
+    return [*arrays, (inputs.watched, 4 * n)] if inputs.watched else arrays
 
 
 def _history_of(inputs: Extrapolated, n: int) -> list[float]:

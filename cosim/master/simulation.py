@@ -203,7 +203,8 @@ class Simulation:
 
     def _lay_out(self) -> None:
         """Decide what is extrapolated and recorded, and where all values stand, by what the FMUs have not refused."""
-        self._extrapolated = extrapolated_inputs(self._resolved, self._algorithm, self._refusals.derivatives)
+        orders = {name: fmu.input_derivative_order for name, fmu in self._fmus.items()}
+        self._extrapolated = extrapolated_inputs(self._resolved, self._algorithm, self._refusals.derivatives, orders)
         recorded = [(c, e) for c, e in self._recorded if f"{c}.{e.name}" not in self._refusals.outputs]
         self._layout = ValueLayout(self._resolved, recorded, self._extrapolated)
         self._names = [f"{component}.{element.name}" for component, element in recorded]

@@ -206,13 +206,8 @@ class _Whole:
                 )
         needs_levels = chosen.order.needs_levels
         alone = resolve(system, self.ports, needs_levels=needs_levels)
-        demanded = extrapolated_inputs(alone, chosen)  # whether what is demanded is possible
-        for key, each in demanded.moving.items():
-            if each.uses_rates:
-                raise SetupError(
-                    f"extrapolation '{each.name}' of '{'.'.join(key)}': packed FMUs exchange no derivatives of "
-                    "outputs; pack the system with 'cubic-least-squares' or one of lower degree"
-                )
+        orders = {name: fmu.input_derivative_order for name, fmu in self.fmus.items()}
+        extrapolated_inputs(alone, chosen, orders=orders)  # whether what is demanded is possible
         self._refuse_binary(alone)
         own_inputs = chosen_inputs(alone, inputs, fmi)
         own_outputs, notes = chosen_outputs(alone, outputs, fmi)
@@ -230,7 +225,7 @@ class _Whole:
                     f"the signal that feeds '{drive.component}.{drive.targets[0].name}' is sampled every "
                     f"{step_size:g} s up to {times[1]:g} s, and keeps its last value afterwards"
                 )
-        extrapolated = extrapolated_inputs(self.resolved, dataclasses.replace(chosen, demanded=False))
+        extrapolated = extrapolated_inputs(self.resolved, dataclasses.replace(chosen, demanded=False), orders=orders)
         exchanged = [(component, element) for component, element in own_outputs if not element.type.is_text]
         layout = ValueLayout(self.resolved, exchanged, extrapolated)
         self.interface = interface_of(

@@ -19,7 +19,7 @@ from cosim.fmi.fmu_file import LoadedFMU
 from cosim.fmi.instance import Instance
 from cosim.fmi.structure import is_structural
 from cosim.fmi.types import FmiType, Texts
-from cosim.loop.binding import Conversion, Extrapolated, OperationKind
+from cosim.loop.binding import Conversion, Extrapolated, OperationKind, Rates
 from cosim.master.extrapolated_inputs import ExtrapolatedInputs
 from cosim.master.operations import Exchange, NamedOperation, OperationTable
 from cosim.master.value_layout import ValueLayout
@@ -286,6 +286,8 @@ class Plan:
         for positions in (self._layout.added, self._layout.positions):
             for (component, name), position in positions.items():
                 names[position] = f"{component}.{name}"
+        for (component, name), position in self._layout.rates.items():
+            names[position] = f"{component}.der({name})"
         return names
 
     def _text_slots(self) -> Iterator[int]:
@@ -312,6 +314,7 @@ class Plan:
         targets = {
             OperationKind.GET: 1,
             OperationKind.EXTRAPOLATE: 1,
+            OperationKind.DIFFERENTIATE: 1,
             OperationKind.STEP: 0,
             OperationKind.TRANSFORM: 3,
         }
@@ -340,9 +343,15 @@ class Plan:
             ]
         if kind == OperationKind.EXTRAPOLATE:
             inputs = Extrapolated.from_address(operation.data)
-            degree, points = inputs.degree, inputs.points
-            weights = inputs.weights[: points * degree * points]
-            return [degree, points, *inputs.orders[: operation.n_references], *map(_real, weights)]
+            degree, points, rates = inputs.degree, inputs.points, bool(inputs.rates)
+            weights = inputs.weights[: (1 + rates) * points * degree * points]
+            more = [int(rates), int(bool(inputs.watched)), inputs.first_rate]
+            return [degree, points, *more, *inputs.orders[: operation.n_references], *map(_real, weights)]
+        if kind == OperationKind.DIFFERENTIATE:
+            through = Rates.from_address(operation.data)
+            m = through.n
+            fed_through = [*through.knowns[:m], *through.positions[:m]] if m else []
+            return [*through.orders[: operation.n], m, *fed_through]
         return []
 
 

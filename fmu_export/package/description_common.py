@@ -73,9 +73,9 @@ def indicator_attributes(name: str, reference: int) -> dict[str, str]:
     }
 
 
-def reset_annotation() -> ET.Element:
-    """Says that an instance is after a reset what a new one is, so that a master may use it again."""
-    return ET.Element("Instance", resetIsComplete="true")
+def instance_annotation() -> ET.Element:
+    """What the standard has no attribute for: reset instances are as new ones, and the order of input derivatives."""
+    return ET.Element("Instance", resetIsComplete="true", maxInputDerivativeOrder="3")
 
 
 def type_attributes(v: ScalarVariable, types: Mapping[Items, str]) -> dict[str, str]:

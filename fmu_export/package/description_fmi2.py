@@ -15,8 +15,8 @@ from fmu_export.package.description_common import (
     add_units,
     enumeration_types,
     indicator_attributes,
+    instance_annotation,
     package_version,
-    reset_annotation,
     to_bytes,
     type_attributes,
 )
@@ -80,7 +80,7 @@ def model_description(
     add_log_categories(root)
     add_default_experiment(root, model)
     tool_annotation = ET.SubElement(ET.SubElement(root, "VendorAnnotations"), "Tool", name=DISTRIBUTION)
-    tool_annotation.append(reset_annotation())
+    tool_annotation.append(instance_annotation())
     variables = ET.SubElement(root, "ModelVariables")
     guesses = {d.state: d.state_start for d in derivatives}
     for reference, v in enumerate(interface.variables):

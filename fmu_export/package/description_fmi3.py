@@ -21,8 +21,8 @@ from fmu_export.package.description_common import (
     add_units,
     enumeration_types,
     indicator_attributes,
+    instance_annotation,
     package_version,
-    reset_annotation,
     to_bytes,
     type_attributes,
 )
@@ -117,7 +117,7 @@ def model_description(
         ET.SubElement(variables, "Float64", indicator_attributes(name, reference))
     _model_structure(root, interface)
     annotation = ET.SubElement(ET.SubElement(root, "Annotations"), "Annotation", type=DISTRIBUTION)
-    annotation.append(reset_annotation())
+    annotation.append(instance_annotation())
     return to_bytes(root)
 
 

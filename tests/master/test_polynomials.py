@@ -225,6 +225,7 @@ STEPS = [1 / 40, 1 / 80, 1 / 160, 1 / 320]
         ("tangent", 2.0, 2.0),
         ("hermite", 4.0, 3.0),
         ("hermite-least-squares", 4.0, 3.0),
+        ("adaptive", 4.0, 3.0),
     ],
 )
 def test_order_of_convergence_of_a_feedback_loop(fmus: Path, name: str, after_start: float, whole: float) -> None:
@@ -245,7 +246,7 @@ def test_order_of_convergence_of_a_feedback_loop(fmus: Path, name: str, after_st
     assert orders[1] == pytest.approx(whole, abs=0.2)
 
 
-@pytest.mark.parametrize("name", ["cubic-least-squares", "hermite-least-squares"])
+@pytest.mark.parametrize("name", ["cubic-least-squares", "hermite-least-squares", "adaptive"])
 def test_bits_are_equal_in_all_versions_of_fmi_and_after_a_restored_state(fmus: Path, name: str) -> None:
     with Simulation(loop(fmus), extrapolation=name) as simulation:
         whole = simulation.run(2.0, 0.1)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cosim import SetupError, System, simulate
+from cosim import System, simulate
 from cosim.pack import pack
 from cosim.scenario.signals import CsvColumn, Multisine, PulseTrain, Ramp, Shape, ShapedSignal, Step
 from tests.support.packed_fmus import VERSIONS, columns, initialized, instance_of, robot, run_in_fmpy, small_loop
@@ -62,12 +62,16 @@ def test_polynomials_of_higher_degree(
     assert np.array_equal(run_in_fmpy(packed.path, 3.0, 0.1, packed.outputs), columns(expected, packed.outputs))
 
 
-def test_rates_are_not_packed(small_fmus: dict[str, Path], tmp_path: Path) -> None:
-    message = (
-        r"^extrapolation 'hermite' of 'g\.u\[1\]': packed FMUs exchange no derivatives of outputs; pack the system"
-    )
-    with pytest.raises(SetupError, match=message):
-        pack(small_loop(small_fmus["fmi2"]), tmp_path / "W.fmu", 0.1, extrapolation="hermite")
+@pytest.mark.parametrize("name", ["hermite", "adaptive"])
+@pytest.mark.parametrize("flavours", [("fmi2", "fmi2"), ("fmi2", "fmi3")], ids="-".join)
+def test_rates_of_outputs_are_exchanged(
+    small_fmus: dict[str, Path], tmp_path: Path, flavours: tuple[str, str], name: str
+) -> None:
+    """The packed FMU has an open input of its own, on which the gain's other output depends."""
+    system = small_loop(small_fmus[flavours[0]], 1, small_fmus[flavours[1]])
+    expected = simulate(system, 3.0, 0.1, extrapolation=name)
+    packed = pack(system, tmp_path / "W.fmu", 0.1, extrapolation=name)
+    assert np.array_equal(run_in_fmpy(packed.path, 3.0, 0.1, packed.outputs), columns(expected, packed.outputs))
 
 
 @pytest.mark.parametrize("version", VERSIONS)

@@ -111,6 +111,13 @@ static bool bind(Packed *packed) {
             }
             operation->function = function;
             operation->instance = component->instance;
+            if (operation->kind == DIFFERENTIATE) {
+                Rates *rates = operation->data;
+                const char *directional =
+                    operation->version == 3 ? "fmi3GetDirectionalDerivative" : "fmi2GetDirectionalDerivative";
+                rates->function = rates->n ? component_function(component, directional) : NULL;
+                if (rates->n && !rates->function) return false;
+            }
             if (operation->kind == EXTRAPOLATE && operation->version == 3 && !component->asked)
                 component->asked = operation; /* the others of this component stand behind it */
         }
@@ -129,6 +136,8 @@ static void begin_anew(Packed *packed) {
         int32_t n = packed->n_extrapolated_inputs[i];
         memset(inputs->history, 0, (size_t)inputs->points * (size_t)n * sizeof *inputs->history);
         memset(inputs->derivatives, 0, (size_t)inputs->degree * (size_t)n * sizeof *inputs->derivatives);
+        if (inputs->rates) memset(inputs->rates, 0, (size_t)inputs->points * (size_t)n * sizeof *inputs->rates);
+        if (inputs->watched) memset(inputs->watched, 0, 4 * (size_t)n * sizeof *inputs->watched);
         inputs->known = inputs->refused = 0;
         inputs->time = 0.0;
     }

@@ -207,14 +207,30 @@ static void read_extrapolated(Reader *in, Operation *operation) {
     if (!inputs) return;
     inputs->degree = count(in);
     inputs->points = count(in);
+    int32_t uses_rates = number(in), is_watched = number(in);
+    inputs->first_rate = number(in);
     inputs->orders = integers(in, operation->n_references);
-    inputs->weights = reals(in, (int64_t)inputs->points * inputs->degree * inputs->points);
+    inputs->weights = reals(in, (uses_rates ? 2 : 1) * (int64_t)inputs->points * inputs->degree * inputs->points);
+    if (uses_rates) inputs->rates = ROOM(double, (int64_t)inputs->points * operation->n);
+    if (is_watched) inputs->watched = ROOM(double, 4 * (int64_t)operation->n);
     inputs->history = ROOM(double, (int64_t)inputs->points * operation->n);
     inputs->derivatives = ROOM(double, (int64_t)inputs->degree * operation->n);
     inputs->buffer = ROOM(double, ((int64_t)inputs->degree + 1) * operation->n); /* derivatives, too; see unfinished.c */
     packed->n_extrapolated_inputs[packed->n_extrapolated] = operation->n;
     packed->extrapolated[packed->n_extrapolated++] = inputs;
     operation->data = inputs;
+}
+
+static Rates *read_rates(Reader *in, int32_t n) {
+    Rates *rates = ROOM(Rates, 1);
+    if (!rates) return NULL;
+    rates->orders = integers(in, n);
+    rates->n = count(in);
+    rates->knowns = references(in, rates->n);
+    rates->positions = integers(in, rates->n);
+    rates->seed = ROOM(double, rates->n);
+    rates->change = ROOM(double, n);
+    return rates;
 }
 
 static void read_operation(Reader *in, Operation *operation, Component **owner, const char **function) {
@@ -260,6 +276,9 @@ static void read_operation(Reader *in, Operation *operation, Component **owner, 
             operation->data = conversions;
             break;
         }
+        case DIFFERENTIATE:
+            operation->data = read_rates(in, operation->n);
+            break;
         case SAMPLE:
         case CALL:
         case GROUP:
@@ -353,7 +372,7 @@ static void read_all(Reader *in) {
     expect(in, "end");
     packed->follows_other_steps = packed->reach == 1;
     for (int32_t i = 0; i < packed->n_extrapolated; i++)
-        if (packed->extrapolated[i]->points > 2) packed->follows_other_steps = false;
+        if (packed->extrapolated[i]->points > 2 || packed->extrapolated[i]->rates) packed->follows_other_steps = false;
     gather_breakpoints(in);
 }
 

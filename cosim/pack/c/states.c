@@ -27,7 +27,8 @@ static int64_t n_of_history(const Packed *packed) {
     int64_t n = 0;
     for (int32_t i = 0; i < packed->n_extrapolated; i++)
         n += (int64_t)packed->n_extrapolated_inputs[i] *
-             (packed->extrapolated[i]->points + packed->extrapolated[i]->degree);
+             ((packed->extrapolated[i]->rates ? 2 : 1) * packed->extrapolated[i]->points +
+              packed->extrapolated[i]->degree + (packed->extrapolated[i]->watched ? 4 : 0));
     return n;
 }
 
@@ -36,10 +37,12 @@ static void pass_history(Packed *packed, double numbers[], bool save) {
     for (int32_t i = 0; i < packed->n_extrapolated; i++) {
         Extrapolated *inputs = packed->extrapolated[i];
         size_t n = (size_t)packed->n_extrapolated_inputs[i];
-        double *arrays[] = {inputs->history, inputs->derivatives};
-        size_t sizes[] = {n * (size_t)inputs->points, n * (size_t)inputs->degree};
-        for (int k = 0; k < 2; numbers += sizes[k], k++)
-            if (save) memcpy(numbers, arrays[k], sizes[k] * sizeof *numbers);
+        double *arrays[] = {inputs->history, inputs->derivatives, inputs->rates, inputs->watched};
+        size_t sizes[] = {n * (size_t)inputs->points, n * (size_t)inputs->degree,
+                          inputs->rates ? n * (size_t)inputs->points : 0, inputs->watched ? 4 * n : 0};
+        for (int k = 0; k < 4; numbers += sizes[k], k++)
+            if (!sizes[k]) continue;
+            else if (save) memcpy(numbers, arrays[k], sizes[k] * sizeof *numbers);
             else memcpy(arrays[k], numbers, sizes[k] * sizeof *numbers);
     }
 }
