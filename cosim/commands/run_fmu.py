@@ -47,7 +47,7 @@ def prepared_fmu(args: argparse.Namespace) -> Iterator[PreparedRun]:
     component = path.stem.replace(".", "_")
     folder = results_folder(args, component)
     description = load(component, path).description
-    plan = _plan(description, path, args)
+    plan = _plan(component, description, path, args)
     system = System()
     system.add(component, path)
     remedy = f"take it out of {args.input}"
@@ -71,8 +71,11 @@ def prepared_fmu(args: argparse.Namespace) -> Iterator[PreparedRun]:
     )
 
 
-def _plan(description: ModelDescription, path: Path, args: argparse.Namespace) -> Plan:
-    """The options, and where they say nothing, the default experiment of the FMU."""
+def _plan(component: str, description: ModelDescription, path: Path, args: argparse.Namespace) -> Plan:
+    """The options, and where they say nothing, the default experiment of the FMU.
+
+    Names to record need not name the component, as those of start values.
+    """
     default = description.defaultExperiment
     times = {
         name: float(text)
@@ -87,7 +90,11 @@ def _plan(description: ModelDescription, path: Path, args: argparse.Namespace) -
     if step_size is None:
         step_size = (stop_time - start_time) / _STEPS
         print(f"note: {path} has no default step; it is {step_size:g} s here, {_STEPS} steps in all (--step)")
-    return Plan.from_options(args, stop_time, step_size, start_time)
+    plan = Plan.from_options(args, stop_time, step_size, start_time)
+    if plan.record is None:
+        return plan
+    whole = [name if name.partition(".")[0] == component else f"{component}.{name}" for name in plan.record]
+    return dataclasses.replace(plan, record=whole)
 
 
 def _driven(ports: Ports, path: Path, plan: Plan) -> list[Signal]:

@@ -169,7 +169,9 @@ def split(path: str, ports: Mapping[str, Ports]) -> tuple[Ports, str]:
     """
     component, dot, name = path.partition(".")
     if not dot:
-        raise SetupError(f"'{path}' must be written as component.variable")
+        having = [name for name, port in ports.items() if port.has(path)]
+        hint = f", as {' or '.join(f'{name}.{path}' for name in having)}" if having else ""
+        raise SetupError(f"'{path}' must be written as component.variable{hint}")
     if component not in ports:
         raise SetupError(f"'{path}': there is no component '{component}'; {nearest(component, ports)}")
     return ports[component], name

@@ -212,6 +212,10 @@ class Ports:
         other.feedthrough, other._by_causality, other._units = self.feedthrough, self._by_causality, self._units
         return other
 
+    def has(self, name: str) -> bool:
+        """Whether there is a variable, or a vector of scalars, of this name."""
+        return name in self._variables or name in self._vectors
+
     def find(self, name: str) -> Sequence[Element]:
         """Elements of a scalar, an element or a vector.
 

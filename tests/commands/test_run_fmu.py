@@ -75,6 +75,15 @@ def test_times_and_start_values_of_options(capsys: pytest.CaptureFixture[str]) -
 
 
 @pytest.mark.usefixtures("here")
+def test_names_to_record_need_not_name_the_only_component(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", "Tank.fmu", "--record", "x", "--record", "Tank.a"]) == 0
+    assert results("Tank").names == ["Tank.x", "Tank.a"]
+    capsys.readouterr()
+    assert main(["run", "Tank.fmu", "--record", "level"]) == 1
+    assert "component 'Tank' has no variable 'level'; known are" in error_line(capsys)
+
+
+@pytest.mark.usefixtures("here")
 def test_an_fmu_that_says_no_step_is_run_in_500(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["run", "probe.fmu"]) == 1
     assert "probe.fmu has no default stop time; give one with --stop" in error_line(capsys)
