@@ -6,13 +6,11 @@ from collections.abc import Iterable
 from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
-from typing import Literal, cast
+from typing import TYPE_CHECKING, Literal, cast
 
 from cosim.errors import CosimError, nearest
 from fmu_export.errors import DocumentationError
-from fmu_export.modelling.model import Model
 from fmu_export.native.toolchain import TARGETS, ToolchainError, compiler_identity, find_compiler, host_target
-from fmu_export.package.description_common import package_version
 from fmu_export.package.record import (
     Recipe,
     fingerprint_of_sources,
@@ -23,13 +21,21 @@ from fmu_export.package.record import (
 )
 from fmu_export.pythonfmu.binary import BinariesMissing
 from parallel_robot.choices import FLAVOURS, WASM
-from parallel_robot.models import MODELS, closed_loop_model
+
+if TYPE_CHECKING:
+    from fmu_export.modelling.model import Model
 
 #: The FMU that holds the whole closed loop; no part of the system that `cosim run` couples.
 CLOSED_LOOP = "closed_loop"
 
+#: The components that `cosim run` couples.
+_COUPLED = ("plant", "controller", "trajectory")
+
 #: All that can be built.
-BUILDABLE = (*MODELS, CLOSED_LOOP)
+BUILDABLE = (*_COUPLED, CLOSED_LOOP)
+
+#: Names of their models, which take a while to import.
+_NAMES = dict(zip(BUILDABLE, ("RobotPlant", "RobotController", "RobotTrajectory", "RobotClosedLoop"), strict=True))
 
 #: The run that each FMU brings along: its end (s), and how far each input is from its start value, by turns.
 _REFERENCE_TIME, _OFF = 0.02, 0.05
@@ -49,15 +55,17 @@ class BuildError(CosimError):
 
 def fmu_path(folder: Path, flavour: str, component: str) -> Path:
     """Path of the FMU behind a component: `<folder>/<flavour>/<FMU name>.fmu`, or `.wasm` of that flavour."""
-    return folder / flavour / f"{_model(component).name}.{'wasm' if flavour == WASM else 'fmu'}"
+    return folder / flavour / f"{_NAMES[component]}.{'wasm' if flavour == WASM else 'fmu'}"
 
 
 def _model(component: str) -> Model:
+    from parallel_robot.models import MODELS, closed_loop_model
+
     return closed_loop_model() if component == CLOSED_LOOP else MODELS[component]
 
 
 def build(
-    folder: Path, flavour: str, components: Iterable[str] = tuple(MODELS), *, all_platforms: bool = False
+    folder: Path, flavour: str, components: Iterable[str] = _COUPLED, *, all_platforms: bool = False
 ) -> list[Path]:
     """Build FMUs of a flavour into `<folder>/<flavour>`; those that are there and would come out the same stay.
 
@@ -100,6 +108,7 @@ def build(
 def _build_one(model: Model, component: str, folder: Path, flavour: str, all_platforms: bool) -> None:
     # CasADi and matplotlib take a while to import, and only building needs them
     from fmu_export.native.backend import build_native
+    from fmu_export.package.description_common import package_version
     from fmu_export.package.documentation import figures_of
     from fmu_export.package.metadata import Metadata, project_licence
     from fmu_export.package.references import Reference
@@ -134,6 +143,8 @@ def _recipe(flavour: str, all_platforms: bool) -> Recipe:
     ToolchainError
         There is no C compiler for a native flavour.
     """
+    from fmu_export.package.description_common import package_version
+
     compiler = "" if flavour == "pythonfmu" else compiler_identity(all_platforms=all_platforms or flavour == WASM)
     return Recipe(_sources(), fingerprint_of_tools(flavour, package_version(), compiler))
 
@@ -157,6 +168,7 @@ def build_continuous(folder: Path) -> Path:
         There is no C compiler, or the folder can't be written.
     """
     from fmu_export.native.backend import build_native  # CasADi takes a while to import
+    from parallel_robot.models import closed_loop_model
 
     model = replace(closed_loop_model(), solver="rodas4")
     path = folder / "rodas4" / f"{model.name}.fmu"
@@ -180,7 +192,7 @@ def build_missing(folder: Path, flavour: str) -> list[Path]:
     BuildError
         As `build`.
     """
-    missing = [i for i in MODELS if not fmu_path(folder, flavour, i).is_file()]
+    missing = [i for i in _COUPLED if not fmu_path(folder, flavour, i).is_file()]
     return build(folder, flavour, missing) if missing else []
 
 
@@ -189,7 +201,7 @@ def default_flavour(folder: Path) -> tuple[str, str]:
 
     fmi2 where its FMUs are there or can be compiled, else pythonfmu, which needs no compiler.
     """
-    if all(fmu_path(folder, "fmi2", i).is_file() for i in MODELS):
+    if all(fmu_path(folder, "fmi2", i).is_file() for i in _COUPLED):
         return "fmi2", ""
     try:
         host_target()
@@ -202,4 +214,4 @@ def default_flavour(folder: Path) -> tuple[str, str]:
 def outdated(folder: Path, flavour: str) -> list[Path]:
     """FMU files of a flavour that were built from other sources than the present ones."""
     sources = _sources()
-    return [path for path in (fmu_path(folder, flavour, i) for i in MODELS) if has_other_sources(path, sources)]
+    return [path for path in (fmu_path(folder, flavour, i) for i in _COUPLED) if has_other_sources(path, sources)]

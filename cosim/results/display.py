@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from html import escape
 from typing import Any
 
 import numpy as np
@@ -59,6 +58,8 @@ def as_html(
     ends : sequence of (float, sequence)
         Times (s) and values, one a name, that are shown: the first and the last row, or none.
     """
+    from html import escape  # a table of all entities comes with it
+
     found = labels(names)
     rows = []
     for label, positions in list(found.items())[:_MOST_ROWS]:
@@ -66,7 +67,7 @@ def as_html(
         cells = [
             f"<code>{escape(label)}</code>",
             escape(unit),
-            *(_shown([values[i] for i in positions]) for _, values in ends),
+            *(escape(_shown([values[i] for i in positions])) for _, values in ends),
         ]
         rows.append("<tr>" + "".join(f'<td style="text-align: left">{cell}</td>' for cell in cells) + "</tr>")
     more = len(found) - len(rows)
@@ -82,5 +83,5 @@ def as_html(
 
 
 def _shown(values: Sequence[Any]) -> str:
-    shown = [f"{v:.5g}" if isinstance(v, float) else escape(str(v)) for v in values[:_MOST_ELEMENTS]]
+    shown = [f"{v:.5g}" if isinstance(v, float) else str(v) for v in values[:_MOST_ELEMENTS]]
     return ", ".join([*shown, "..."] if len(values) > len(shown) else shown)

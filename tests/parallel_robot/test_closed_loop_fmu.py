@@ -16,7 +16,7 @@ from fmu_export.control_backend import to_control
 from fmu_export.native.backend import build_native
 from fmu_export.pythonfmu.backend import build_pythonfmu
 from parallel_robot import continuous_loop as closed_loop
-from parallel_robot.fmus import CLOSED_LOOP, fmu_path
+from parallel_robot.fmus import BUILDABLE, CLOSED_LOOP, fmu_path
 from parallel_robot.models import MODELS, closed_loop_model
 from parallel_robot.wiring import CONNECTIONS
 from tests.support.compilation import shared_compilation
@@ -63,6 +63,11 @@ def ends(results: Results, prefix: str = "", every: float = 24e-3) -> np.ndarray
 
 def distance(a: np.ndarray, b: np.ndarray) -> float:
     return float(np.hypot(*(a - b).T).max())
+
+
+def test_files_have_the_names_of_their_models() -> None:
+    models = {**MODELS, CLOSED_LOOP: closed_loop_model()}
+    assert {c: fmu_path(Path(), "fmi2", c).stem for c in BUILDABLE} == {c: m.name for c, m in models.items()}
 
 
 @pytest.mark.parametrize("flavour", ["fmi2", "fmi3", "pythonfmu"])
