@@ -1,56 +1,59 @@
-"""The page about a session: one HTML file, without scripts and without anything from elsewhere."""
+"""The page about a session: one HTML file, with pictures of what is off first."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import json
+from base64 import b64decode, b64encode
+from collections.abc import Mapping, Sequence
 from html import escape
-from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 from cosim.regression.comparison import SignalComparison
 from cosim.regression.outcome import Outcome, share
-from cosim.regression.plot import plot
+from cosim.regression.pictures import picture
+from cosim.results.page.document import PLOT_SCRIPTS, PLOT_STYLES, Section, asset, assets, document, table
 from cosim.whole_files import write_whole
 
 #: Content of the page for one case; texts and flags only, for it may come from another process.
 Part = dict[str, str | bool]
 
+_PACKAGE = "cosim.regression"
+
 
 def part(outcome: Outcome) -> Part:
-    """A line of the summary and a section."""
-    anchor = escape(f"{outcome.fmu}-{outcome.case}-{outcome.interface}", quote=True).replace(" ", "-")
+    """A case: whether it passed, its title, its cells of the table, its section, and its pictures as JSON."""
     passed = not outcome.findings
-    verdict = _verdict(passed)
-    title = f"{escape(outcome.case)} <small>{outcome.interface}</small>"
     worst = outcome.worst
     farthest = (
-        f"<td>{escape(worst.name)}</td><td>{_number(worst, worst.distance[worst.worst])}</td>"
-        f"<td>{_number(worst, worst.allowed)}</td>"
+        [escape(worst.name), _number(worst, worst.distance[worst.worst]), _number(worst, worst.allowed)]
         if worst is not None
-        else "<td>–</td><td>–</td><td>–</td>"
+        else ["–", "–", "–"]
     )
-    row = (
-        f'<tr><th scope="row"><a href="#{anchor}">{title}</a></th><td>{verdict}</td>{farthest}'
-        f'<td>{len(outcome.signals)}</td><td>{outcome.seconds:.2g} s</td><td class="path">{escape(outcome.fmu)}'
-        "</td></tr>"
-    )
-    findings = "".join(f"<li>{escape(finding)}</li>" for finding in outcome.findings)
-    said = f"<details><summary>What the FMU printed</summary><pre>{escape(outcome.said)}</pre></details>"
+    cells = [_verdict(passed), *farthest, f"{len(outcome.signals)}", f"{outcome.seconds:.2g} s", escape(outcome.fmu)]
     ordered = sorted(outcome.signals, key=share, reverse=True)
     off = [signal for signal in ordered if signal.finding]
     within = [signal for signal in ordered if not signal.finding]
+    findings = "".join(f"<li>{escape(finding)}</li>" for finding in outcome.findings)
+    folded = f"<details><summary>{_count(len(within), 'signal')} within the tolerance</summary>"
     section = [
-        f'<section id="{anchor}"><h2>{title} {verdict}</h2>',
-        f'<p class="path">{escape(outcome.fmu)}</p>',
+        _figures(off, 0),
         f'<ul class="findings">{findings}</ul>' if findings else "",
-        _figures(off),
-        f"<details><summary>{_count(len(within), 'signal')} within the tolerance</summary>{_figures(within)}</details>"
-        if within
+        f"{folded}{_figures(within, len(off))}</details>" if within else "",
+        f"<details><summary>What the FMU printed</summary><pre>{escape(outcome.said)}</pre></details>"
+        if outcome.said
         else "",
-        said if outcome.said else "",
-        "</section>",
+        f'<p class="path">{escape(outcome.fmu)}</p>',
     ]
-    return {"passed": passed, "row": row, "section": "\n".join(filter(None, section))}
+    pictures = [picture(signal) for signal in (*off, *within)]
+    drawn = [{**p.data, "bytes": b64encode(p.block).decode()} for p in pictures]
+    return {
+        "passed": passed,
+        "title": f"{escape(outcome.case)} <small>{outcome.interface}</small>",
+        "cells": json.dumps(cells),
+        "section": "\n".join(filter(None, section)),
+        "pictures": json.dumps(drawn),
+    }
 
 
 def write_page(parts: Sequence[Part], path: Path) -> None:
@@ -70,42 +73,51 @@ def write_page(parts: Sequence[Part], path: Path) -> None:
         else (f"All {_count(len(parts), 'run')} passed" if len(parts) > 1 else "The run passed")
     )
     ordered = sorted(parts, key=lambda one: one["passed"])  # what failed comes first
-    style = (files("cosim.regression") / "page.css").read_text(encoding="utf-8")
+    sections, rows = [], []
+    for k, one in enumerate(ordered, 1):
+        section = _section(one, f"run-{k}")
+        sections.append(section)
+        rows.append([f'<a href="#{section.id}">{one["title"]}</a>', *json.loads(str(one["cells"]))])
+    pictures: dict[str, Any] = {}
+    for section in sections:
+        pictures |= section.data["pictures"]
     heads = ("Case", "Verdict", "Farthest off", "Difference", "Allowed", "Signals", "Time", "File")
-    table = "".join(f'<th scope="col">{h}</th>' for h in heads)
-    rows = "\n".join(str(one["row"]) for one in ordered)
-    sections = "\n".join(str(one["section"]) for one in ordered)
-    text = f"""<!DOCTYPE html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<title>{head}: regression of FMUs</title>
-<style>
-{style}</style>
-</head>
-<body>
-<main>
-<h1>Regression of FMUs: {head[0].lower()}{head[1:]}</h1>
-<p>CS is co-simulation, ME model exchange. Upper panels: <span class="key reference">reference</span>,
-<span class="key result">result</span> and <span class="key band">band</span> that the result has to stay in.
-Lower panels: where in the band it is, from −1 to 1. Differences with a time shift are those from the funnel.</p>
-<div class="wide" tabindex="0" role="region" aria-label="All runs"><table>
-<thead><tr>{table}</tr></thead>
-<tbody>
-{rows}
-</tbody></table></div>
-{sections}
-</main>
-</body>
-</html>
-"""
+    sections.append(Section("all", "All runs", table(heads, rows, "All runs")))
+    header = f"""<h1>Regression of FMUs: {head[0].lower()}{head[1:]}</h1>
+<p class="hint">CS is co-simulation, ME model exchange. Upper plots: reference, result, and the band that it has to stay
+in. Lower plots: where in the band it is, from −1 to 1. Differences with a time shift are those from the funnel. Drag to
+zoom, double-click to see all.</p>"""
+    text = document(
+        f"{head}: regression of FMUs",
+        header,
+        sections,
+        styles=[*assets(PLOT_STYLES), asset("regression.css", _PACKAGE)],
+        scripts=[*assets(PLOT_SCRIPTS), asset("regression.js", _PACKAGE)],
+        data={"pictures": pictures},
+    )
     path.parent.mkdir(parents=True, exist_ok=True)
     write_whole(path, lambda part: part.write_text(text, encoding="utf-8"))
 
 
-def _figures(signals: Sequence[SignalComparison]) -> str:
-    figures = [f"<figure><figcaption>{_caption(s)}</figcaption>\n{plot(s)}\n</figure>" for s in signals]
+def _section(one: Part, name: str) -> Section:
+    """The section of a case, whose pictures get names of their own in the page."""
+    html, data, blocks = str(one["section"]), {}, {}
+    drawn: list[Mapping[str, Any]] = json.loads(str(one["pictures"]))
+    for k, described in enumerate(drawn):
+        block = f"{name}-{k}"
+        html = html.replace(f'data-picture="{k}"', f'data-picture="{block}"', 1)
+        data[block] = {key: value for key, value in described.items() if key != "bytes"} | {"block": block}
+        blocks[block] = b64decode(described["bytes"])
+    title = f"{one['title']} {_verdict(bool(one['passed']))}"
+    return Section(name, title, html, data={"pictures": data}, blocks=blocks, listed=not one["passed"])
+
+
+def _figures(signals: Sequence[SignalComparison], first: int) -> str:
+    figures = [
+        f'<figure data-picture="{k}"><figcaption>{_caption(s)}</figcaption><div class="curves"></div>'
+        '<div class="place"></div></figure>'
+        for k, s in enumerate(signals, first)
+    ]
     return '<div class="figures">' + "\n".join(figures) + "</div>" if figures else ""
 
 
@@ -127,4 +139,5 @@ def _count(n: int, noun: str) -> str:
 
 
 def _verdict(passed: bool) -> str:
-    return f'<span class="verdict {"passed" if passed else "failed"}">{"passed" if passed else "failed"}</span>'
+    look, icon, text = ("good", "✓", "passed") if passed else ("bad", "✗", "failed")
+    return f'<span class="badge {look}"><span aria-hidden="true">{icon}</span> {text}</span>'

@@ -11,6 +11,7 @@ from cosim.results.page import facts
 from cosim.results.page.curves import BUDGET
 from cosim.results.page.document import PLOT_SCRIPTS, PLOT_STYLES, Section, assets, document, table
 from cosim.results.page.run_page import curves_section, further_sections
+from cosim.whole_files import write_whole
 
 if TYPE_CHECKING:
     from cosim.results.recorded import Recorded
@@ -173,5 +174,5 @@ def write_compare_page(runs: Mapping[str, Recorded], path: Path, title: str = ""
     """
     text = compare_page(runs, title)
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(text, encoding="utf-8", newline="\n")
+    write_whole(path, lambda part: part.write_text(text, encoding="utf-8", newline="\n"))
     return path

@@ -46,6 +46,8 @@ class Section:
         Name -> what a script finds in `DATA[name]`.
     blocks : mapping
         Id -> deflated bytes; see `decode.js`.
+    listed : bool
+        Whether the table of contents has it.
     """
 
     id: str
@@ -55,6 +57,7 @@ class Section:
     scripts: Sequence[str] = ()
     data: Mapping[str, Any] = field(default_factory=dict)
     blocks: Mapping[str, bytes] = field(default_factory=dict)
+    listed: bool = True
 
     def in_page(self) -> str:
         """HTML of the section with its heading."""
@@ -67,7 +70,7 @@ class Section:
 
 def contents(sections: Iterable[Section]) -> str:
     """Links to sections."""
-    links = "".join(f'<a href="#{escape(s.id, quote=True)}">{s.title}</a>' for s in sections)
+    links = "".join(f'<a href="#{escape(s.id, quote=True)}">{s.title}</a>' for s in sections if s.listed)
     return f'<nav class="contents" aria-label="Sections">{links}</nav>'
 
 
@@ -104,11 +107,12 @@ def document(
     """
     style = "\n".join(dict.fromkeys([*styles, *(text for s in sections for text in s.styles)]))
     script = "\n".join(dict.fromkeys([*scripts, *(text for s in sections for text in s.scripts)]))
-    known = dict(data or {})
+    known: dict[str, Any] = {}
     binary = dict(blocks or {})
     for section in sections:
         known.update(section.data)
         binary.update(section.blocks)
+    known.update(data or {})
     policy = "; ".join(
         (
             "default-src 'none'",

@@ -12,6 +12,7 @@ from cosim.output import SUMMARY
 from cosim.results.recorded import Recorded
 from cosim.results.results import Results
 from cosim.results.stored import StoredResults
+from cosim.whole_files import is_part, part_of
 
 #: Endings of tables, those first that are read fastest.
 _ENDINGS = (".parquet", ".npz", ".csv", ".mat", ".json")
@@ -50,10 +51,11 @@ def read_run(path: Path) -> FoundRun:
         if not path.exists():
             raise ResultsError(f"{path}: there is no such folder or file")
         return FoundRun(path.stem, _table(path, {}))
-    info = _summary(path)
-    for ending in _ENDINGS:
-        table = path / f"results{ending}"
+    whole = [path / f"results{ending}" for ending in _ENDINGS]
+    for table in (*whole, *map(part_of, whole)):  # what a killed run has left is better than nothing
         if table.is_file():
+            summary = path / SUMMARY
+            info = _summary(part_of(summary) if is_part(table) else summary)
             log = path / _LOG
             text = log.read_text(encoding="utf-8", errors="replace") if log.is_file() else ""
             return FoundRun(path.resolve().name, _table(table, info), text)
@@ -64,8 +66,7 @@ def read_run(path: Path) -> FoundRun:
     )
 
 
-def _summary(folder: Path) -> dict[str, Any]:
-    path = folder / SUMMARY
+def _summary(path: Path) -> dict[str, Any]:
     if not path.is_file():
         return {}
     try:

@@ -14,6 +14,7 @@ from cosim.results.page import facts
 from cosim.results.page.curves import BUDGET, curves_of
 from cosim.results.page.diagram import diagram_section
 from cosim.results.page.document import PLOT_SCRIPTS, PLOT_STYLES, Section, asset, assets, document
+from cosim.whole_files import write_whole
 
 if TYPE_CHECKING:
     from cosim.results.recorded import Recorded
@@ -158,5 +159,5 @@ def write_run_page(run: Recorded, path: Path, title: str = "", log: str = "") ->
     """
     text = run_page(run, title, log)
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(text, encoding="utf-8", newline="\n")
+    write_whole(path, lambda part: part.write_text(text, encoding="utf-8", newline="\n"))
     return path

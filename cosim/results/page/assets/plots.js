@@ -4,7 +4,7 @@
 //   new Plot(element, view, {
 //     title: "plant.tau_a", unit: "N.m",                   // said to those who do not see it
 //     series: [{ label: "[1]", times, values }, ...],      // times (s), values with null where there is none;
-//   });                                                    // also colour, dash, hidden, stepped, alpha
+//   });                                                    // also colour, dash, hidden, stepped, dots, alpha
 //
 // Further settings: `bands` [{ lower, upper }] of series by number, `log`, `events` [{ time, text }], `height`, `range`
 // [low, high] of the values, `say` (whether the legend is shown), and `resolution` (seconds a value stands for).
@@ -208,7 +208,7 @@ class Plot {
     if (this.view.cursor !== null) this.pointed();
   }
 
-  /** The columns that uPlot wants: one for the times that curves have in common. */
+  /** The columns that uPlot wants: one for all times; a curve is undefined, and has no gap, where it has no row. */
   table() {
     const { series, log } = this.settings;
     const drawn = (s) => (log ? Array.from(s.values, (v) => (v ? Math.log10(Math.abs(v)) : null)) : s.values);
@@ -225,8 +225,7 @@ class Plot {
       alpha: series.alpha ?? 1,
       width: 1.5,
       points: { show: series.dots ? true : (u, k, first, last) => last - first < 12, size: 5 },
-      paths: series.stepped ? uPlot.paths.stepped({ align: 1 }) : undefined,
-      spanGaps: this.settings.series.some((s) => s.times !== series.times), // rows of other curves are no gaps
+      paths: series.dots ? () => null : series.stepped ? uPlot.paths.stepped({ align: 1 }) : undefined,
     };
   }
 
@@ -379,7 +378,7 @@ function margins(low, high, log) {
 function tick(value) {
   const size = Math.abs(value);
   const text = size !== 0 && (size < 1e-4 || size >= 1e6) ? value.toExponential() : String(Number(value.toPrecision(9)));
-  return text.replace(/(\.\d{6})\d+e/, "$1e").replaceAll("-", "−");
+  return text.replace(/(\.\d{6})\d+e/, "$1e").replace("e+", "e").replaceAll("-", "−");
 }
 
 /** Labels of ticks; where they differ in far digits only, the distance from the first one. */

@@ -33,7 +33,7 @@ function shown(value, digits = 4) {
   if (value === null || !Number.isFinite(value)) return "–";
   const size = Math.abs(value);
   const text = size !== 0 && (size < 1e-3 || size >= 1e6) ? value.toExponential(digits - 1) : value.toPrecision(digits);
-  return (text.includes("e") ? text : String(Number(text))).replaceAll("-", "−");
+  return (text.includes("e") ? text.replace("e+", "e") : String(Number(text))).replaceAll("-", "−");
 }
 
 /** An element with attributes and children; texts stay texts. */
