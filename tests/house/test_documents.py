@@ -6,6 +6,7 @@ import re
 import runpy
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -125,3 +126,16 @@ def test_links_of_the_documents_lead_somewhere() -> None:
 
 def test_readme_names_only_commands_that_exist() -> None:
     assert set(re.findall(r"`cosim ([a-z]+)", README)) <= set(commands())
+
+
+@pytest.mark.parametrize("name", ["Dockerfile", ".github/workflows/wheels.yml"])
+def test_what_builds_elsewhere_names_extras_commands_and_files_that_exist(name: str) -> None:
+    text = (ROOT / name).read_text(encoding="utf-8")
+    extras = set(re.findall(r"\[([a-z]+)\]", text))
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert extras
+    assert extras <= set(project["optional-dependencies"])
+    used = set(re.findall(r"-m cosim ([a-z]+)", text)) | set(re.findall(r'CMD \["([a-z]+)"', text))
+    assert used
+    assert used <= set(commands())
+    assert all((ROOT / script).is_file() for script in re.findall(r"python (\w+\.py)", text))

@@ -1,0 +1,21 @@
+# The program cosim with the parallel robot and its FMUs, without a compiler:
+#   docker build -t cosim .
+#   docker run --rm -v "$PWD/results:/work/results" cosim            the closed loop of the paper
+#   docker run --rm -v "$PWD:/work" cosim run my.fmu                 an FMU of yours, for Linux
+
+FROM python:3.13 AS build
+WORKDIR /src
+COPY . .
+RUN pip wheel --no-cache-dir --quiet --wheel-dir /wheels ".[robot]" \
+    && pip install --no-cache-dir --quiet --no-index --find-links /wheels "closed-chain-cosim[robot]" \
+    && python build_fmus.py --flavour fmi2 --flavour fmi3 --fmus /fmus
+
+FROM python:3.13-slim
+RUN --mount=type=bind,from=build,source=/wheels,target=/wheels \
+    pip install --no-cache-dir --quiet --no-index --find-links /wheels "closed-chain-cosim[robot]" \
+    && useradd --create-home cosim && mkdir /work && chown cosim /work
+COPY --from=build --chown=cosim /fmus /work/fmus
+USER cosim
+WORKDIR /work
+ENTRYPOINT ["cosim"]
+CMD ["run"]
