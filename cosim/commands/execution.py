@@ -165,6 +165,7 @@ def run_prepared(prepared: PreparedRun, args: argparse.Namespace, figures: Figur
                 units_row=args.units_row,
                 threads=_threads(args.threads),
                 profile=args.profile,
+                coupling_tolerance=args.coupling_tolerance,
                 nonfinite=args.nonfinite,
             )
         except SetupError as error:
@@ -243,6 +244,7 @@ def execute(
     units_row: bool = False,
     threads: Threads = 1,
     profile: bool = False,
+    coupling_tolerance: float | None = None,
     nonfinite: NonFinite = "mark",
 ) -> Results | StoredResults:
     """Run a system; a run that is too long for memory goes to the disk as it comes, into a folder.
@@ -279,11 +281,12 @@ def execute(
             realtime=realtime,
             progress=progress,
             checkpoint=checkpoint,
+            coupling_tolerance=coupling_tolerance,
             nonfinite=nonfinite,
         )
         points = number_of_steps(plan.start_time, plan.stop_time, plan.step_size) + 1
         n_values = points // max(1, plan.record_every) * (len(simulation.names) + 1)
-        if n_values <= MOST_VALUES_IN_MEMORY:
+        if n_values <= MOST_VALUES_IN_MEMORY or coupling_tolerance is not None:  # how long it will be is not known
             return run()
         path = folder.unfinished / "results.parquet"
         files = sorted({folder.unfinished / f"results.{name}" for name in formats} | {path})
@@ -525,9 +528,14 @@ def in_words(prepared: PreparedRun, summary: Mapping[str, Any], *, drawn: bool =
     duration = plan.stop_time - plan.start_time
     lines = [
         prepared.title,
-        f"{duration:g} s at {plan.step_size * 1e3:g} ms, {plan.order} order: loop {summary['loop_time_s']:.2f} s",
+        f"{duration:g} s at {summary['step_size'] * 1e3:g} ms, {plan.order} order: loop {summary['loop_time_s']:.2f} s",
         _extrapolation(summary["extrapolation"]),
     ]
+    if found := summary.get("coupling"):
+        lines.append(
+            f"coupling error: about {found['error']:.2g} of {found['variable']}'s largest magnitude (t = "
+            f"{found['time']:.4g} s), order {found['order']:.1f}; the step was found by {found['runs']} runs"
+        )
     if pace := summary.get("realtime"):
         lines.append(
             f"real time times {pace['factor']:g}: {pace['overruns']} overruns, points late by at most "

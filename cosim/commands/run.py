@@ -62,6 +62,13 @@ def register(subparsers: Any) -> None:
     )
     add_algorithm_options(parser)
     parser.add_argument(
+        "--coupling-tolerance",
+        type=float,
+        metavar="TOL",
+        help="find the longest communication step whose coupling error, relative to the largest magnitude of each "
+        "variable, stays below TOL; --step is where the search begins",
+    )
+    parser.add_argument(
         "--threads",
         metavar="N",
         help="threads that step components at the same time, or 'auto': as many as pay (default 1), with equal results",

@@ -32,6 +32,7 @@ from cosim.loop.current_calls import is_at, watched_calls
 from cosim.loop.team import Threads, checked_threads
 from cosim.master.algorithm import AUTO, algorithm
 from cosim.master.checkpoint import Checkpoint, CheckpointedRun
+from cosim.master.coupling_tolerance import MOST_VALUES, ToleranceSearch, check_for_tolerance, compared_names
 from cosim.master.extrapolated_inputs import extrapolated_inputs
 from cosim.master.failures import Failing, InterruptedInCall, SimulationError, SimulationInterrupted
 from cosim.master.function_instance import FunctionInstance
@@ -444,6 +445,7 @@ class Simulation:
         nonfinite: NonFinite = "mark",
         observe: Sink | None = None,
         steering: Steering | None = None,
+        coupling_tolerance: float | None = None,
     ) -> Results:
         """Couple the FMUs at a fixed communication step, from their start values.
 
@@ -479,6 +481,11 @@ class Simulation:
             them; both are only valid during the call.
         steering : Steering, optional
             Commands for the run as it goes on: values to set, pause, stop; `info["commands"]` has what was done.
+        coupling_tolerance : float, optional
+            Largest coupling error, relative to the largest magnitude of each variable: the results are those of the
+            longest communication step that keeps it, which runs with several steps show, `step_size` first. Those that
+            feed other components count, or what is recorded where that was chosen. `info["coupling"]` has the step,
+            the estimated error, and what was tried.
 
         Returns
         -------
@@ -494,6 +501,31 @@ class Simulation:
         SimulationInterrupted
             Ctrl-C; its `results` hold what had been recorded.
         """
+        if coupling_tolerance is not None:
+            once = {"sink": sink, "realtime": realtime, "checkpoint": checkpoint, "observe": observe}
+            check_for_tolerance(
+                once | {"steering": steering, "record_every": None if record_every == 1 else record_every}
+            )
+
+            def run_with(step: float) -> Results:
+                return self.run(
+                    stop_time,
+                    step,
+                    start_time=start_time,
+                    start=start,
+                    signals=signals,
+                    tolerance=tolerance,
+                    progress=progress,
+                    nonfinite=nonfinite,
+                )
+
+            number_of_steps(start_time, stop_time, step_size)
+            feeding = [f"{k.source_component}.{k.source.name}" for k in self._resolved.links]
+            compared = compared_names(self.names, feeding, chosen=not self._records_all)
+            most_steps = MOST_VALUES // max(1, len(self._names))
+            return ToleranceSearch(
+                run_with, compared, stop_time - start_time, step_size, coupling_tolerance, most_steps
+            ).found()
         began, names = clock.perf_counter(), self.names
         grid = Grid(start_time, step_size, number_of_steps(start_time, stop_time, step_size), stop_time)
         samples, starts = self._prepared(grid, start or {}, signals, record_every)
@@ -949,6 +981,7 @@ def simulate(
     nonfinite: NonFinite = "mark",
     observe: Sink | None = None,
     steering: Steering | None = None,
+    coupling_tolerance: float | None = None,
     interface: str = AUTO_INTERFACE,
     solver: str = AUTO,
     solver_step: float | None = None,
@@ -984,6 +1017,7 @@ def simulate(
             nonfinite=nonfinite,
             observe=observe,
             steering=steering,
+            coupling_tolerance=coupling_tolerance,
         )
 
 
