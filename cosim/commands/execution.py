@@ -18,7 +18,7 @@ from typing import Any, Self
 
 from tqdm import tqdm
 
-from cosim.commands.options import LOG_FILE, check_signatures, log_options
+from cosim.commands.options import LOG_FILE, check_signatures, chosen_interfaces, log_options
 from cosim.commands.supervision import works_in
 from cosim.errors import CosimError, SetupError, nearest
 from cosim.fmi.message_log import Log
@@ -70,11 +70,14 @@ class Plan:
     record: Sequence[str] | None = None
     record_every: int = 1
     tolerance: float | None = None
+    solver: str = "auto"
+    solver_step: float | None = None
 
     @classmethod
     def from_options(cls, args: argparse.Namespace, stop_time: float, step_size: float, start_time: float) -> Self:
         """The plan of a system that itself says no more than these times (s)."""
-        given = {key: getattr(args, key) for key in ("order", "extrapolation", "record", "record_every", "tolerance")}
+        keys = ("order", "extrapolation", "record", "record_every", "tolerance", "solver", "solver_step")
+        given = {key: getattr(args, key) for key in keys}
         return cls(stop_time, step_size, start_time, **{key: v for key, v in given.items() if v is not None})
 
 
@@ -267,6 +270,8 @@ def execute(
             log=log,
             threads=threads,
             profile=profile,
+            solver=plan.solver,
+            solver_step=plan.solver_step,
         ) as simulation,
         _progress(plan) as progress,
     ):
@@ -530,6 +535,7 @@ def in_words(prepared: PreparedRun, summary: Mapping[str, Any], *, drawn: bool =
         prepared.title,
         f"{duration:g} s at {summary['step_size'] * 1e3:g} ms, {plan.order} order: loop {summary['loop_time_s']:.2f} s",
         _extrapolation(summary["extrapolation"]),
+        *_model_exchange(summary),
     ]
     if found := summary.get("coupling"):
         lines.append(
@@ -549,6 +555,17 @@ def in_words(prepared: PreparedRun, summary: Mapping[str, Any], *, drawn: bool =
         lines += ["", *(f"{name:<40}{'-' if v is None else f'{v:.6g}':>14}" for name, v in values.items())]
     what = "results, summary and figures" if drawn else "results and summary"
     return "\n".join([*lines, f"{what}: {prepared.folder}"])
+
+
+def _model_exchange(summary: Mapping[str, Any]) -> list[str]:
+    """What was integrated together, and how."""
+    if "model_exchange" not in summary:
+        return []
+    found = summary["model_exchange"]
+    names = found["components"]
+    who = f"components {', '.join(names)}" if len(names) <= _MOST_SAID else f"{len(names)} components"
+    how = f"tolerance {found['tolerance']:g}, " if "tolerance" in found else ""
+    return [f"model exchange: {who} by {found['solver']}, {how}{found['steps']} steps, {found['events']} events"]
 
 
 def _profile(summary: Mapping[str, Any]) -> list[str]:
@@ -645,6 +662,22 @@ def with_start_values(system: System, assignments: Sequence[str], remedy: str, o
         start = {n: v for n, v in components[component].start.items() if n != name} | {name: value}
         components[component] = dataclasses.replace(components[component], start=start)
     return dataclasses.replace(system, components=components)
+
+
+def with_interfaces(system: System, texts: Sequence[str]) -> System:
+    """A copy of a system with the interfaces of options [COMPONENT=]INTERFACE.
+
+    Raises
+    ------
+    SetupError
+        An option makes no sense.
+    """
+    fmus = [name for name, component in system.components.items() if component.fmu is not None]
+    changed = {
+        name: dataclasses.replace(system.components[name], interface=interface)
+        for name, interface in chosen_interfaces(texts, fmus).items()
+    }
+    return dataclasses.replace(system, components={**system.components, **changed})
 
 
 def refuse(options: Mapping[str, Any], why: str) -> None:

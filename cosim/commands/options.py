@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from pathlib import Path
 from typing import Literal
 
-from cosim.errors import SetupError
+from cosim.errors import SetupError, nearest
 from cosim.file_kinds import MODEL_DESCRIPTION, SSD, SSV, kind_of, not_read
+from cosim.fmi.interfaces import INTERFACES
 from cosim.fmi.message_log import LEVELS, Log
-from cosim.master.algorithm import AUTO, EXTRAPOLATIONS, ORDERS
+from cosim.master.algorithm import AUTO, EXTRAPOLATIONS, ORDERS, SOLVERS
 
 #: Name of the log among the results.
 LOG_FILE = "messages.log"
@@ -30,6 +31,54 @@ def add_algorithm_options(parser: argparse._ActionsContainer) -> None:
         choices=(AUTO, *EXTRAPOLATIONS),
         help=f"inputs between communication points: {AUTO} (linear where the FMU can, else hold), {extrapolations}",
     )
+
+
+def add_model_exchange_options(parser: argparse._ActionsContainer) -> None:
+    """Add --interface, --solver and --solver-step; what is not given is None, or empty."""
+    parser.add_argument(
+        "--interface",
+        action="append",
+        default=[],
+        metavar="[COMPONENT=]INTERFACE",
+        help=f"interface of the FMUs, or of that of a component: {', '.join(INTERFACES)} (default auto: co-simulation "
+        "where an FMU has it, else model exchange); components in model exchange are integrated together and coupled "
+        "exactly; may be repeated",
+    )
+    parser.add_argument(
+        "--solver",
+        choices=SOLVERS,
+        help="what integrates components in model exchange: rk4 (fixed step), dopri5 (error control by the tolerance), "
+        "auto (default: rk4 where model exchange was chosen, dopri5 where an FMU has nothing else)",
+    )
+    parser.add_argument(
+        "--solver-step",
+        type=float,
+        metavar="H",
+        help="step of rk4 in s, which divides the communication step (default: that step)",
+    )
+
+
+def chosen_interfaces(texts: Sequence[str], components: Collection[str]) -> dict[str, str]:
+    """Interfaces of components by options [COMPONENT=]INTERFACE; those that name a component count more.
+
+    Raises
+    ------
+    SetupError
+        An option is written otherwise, names no component, or no interface.
+    """
+    found: dict[str, str] = {}
+    for text in sorted(texts, key=lambda text: "=" in text):
+        component, equals, interface = text.rpartition("=")
+        if interface not in INTERFACES:
+            raise SetupError(
+                f"--interface {text}: there is no interface '{interface}'; {nearest(interface, INTERFACES)}"
+            )
+        if equals and component not in components:
+            raise SetupError(
+                f"--interface {text}: there is no component '{component}'; {nearest(component, components)}"
+            )
+        found |= {component: interface} if equals else dict.fromkeys(components, interface)
+    return found
 
 
 def add_log_options(parser: argparse._ActionsContainer) -> None:

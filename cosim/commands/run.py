@@ -11,6 +11,7 @@ from cosim.commands.options import (
     Standard,
     add_algorithm_options,
     add_log_options,
+    add_model_exchange_options,
     add_overwrite_option,
     add_signature_option,
     standard_of,
@@ -61,6 +62,7 @@ def register(subparsers: Any) -> None:
         help="relative tolerance that the FMUs are told (default: that of each one's default experiment)",
     )
     add_algorithm_options(parser)
+    add_model_exchange_options(parser)
     parser.add_argument(
         "--coupling-tolerance",
         type=float,

@@ -18,6 +18,7 @@ from cosim.commands.execution import (
     UsageError,
     refuse,
     results_folder,
+    with_interfaces,
     with_start_values,
 )
 from cosim.errors import nearest
@@ -61,7 +62,7 @@ def prepared_fmu(args: argparse.Namespace) -> Iterator[PreparedRun]:
     yield PreparedRun(
         source=str(path),
         title=title,
-        system=with_start_values(system, args.set, remedy, component),
+        system=with_interfaces(with_start_values(system, args.set, remedy, component), args.interface),
         plan=plan,
         folder=folder,
         about={"fmu": str(path), "title": title},

@@ -18,6 +18,7 @@ from cosim.commands.execution import (
     start_value,
     with_start_values,
 )
+from cosim.commands.options import chosen_interfaces
 from cosim.errors import nearest
 from cosim.scenario.family import ScenarioFamily, families
 from cosim.scenario.metrics import Metric
@@ -52,6 +53,8 @@ def prepared_scenario(args: argparse.Namespace) -> Iterator[PreparedRun]:
             scenario.record,
             scenario.record_every,
             scenario.tolerance,
+            scenario.solver,
+            scenario.solver_step,
         ),
         folder=folder,
         about={"scenario": scenario.name, "title": scenario.title, "seed": scenario.seed},
@@ -113,8 +116,11 @@ def _with_options(scenario: Scenario, args: argparse.Namespace) -> Scenario:
         "record": args.record,
         "record_every": args.record_every,
         "seed": args.seed,
+        "solver": args.solver,
+        "solver_step": args.solver_step,
     }
     scenario = dataclasses.replace(scenario, **{key: value for key, value in given.items() if value is not None})
+    scenario = scenario.with_interfaces(chosen_interfaces(args.interface, scenario.components))
     if args.record is not None and (lost := [n for n, m in scenario.metrics.items() if not _recorded(m, args.record)]):
         print(f"note: --record leaves out what these metrics need: {', '.join(lost)}")
         return dataclasses.replace(scenario, metrics={n: m for n, m in scenario.metrics.items() if n not in lost})

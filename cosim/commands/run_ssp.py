@@ -9,7 +9,15 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from cosim.commands.execution import Plan, PreparedRun, UsageError, refuse, results_folder, with_start_values
+from cosim.commands.execution import (
+    Plan,
+    PreparedRun,
+    UsageError,
+    refuse,
+    results_folder,
+    with_interfaces,
+    with_start_values,
+)
 from cosim.commands.options import Standard
 from cosim.errors import CosimError
 from cosim.system.read import ReadSystem
@@ -47,7 +55,10 @@ def prepared_description(args: argparse.Namespace, standard: Standard) -> Iterat
                 source=str(path),
                 title=found.name,
                 plan=_plan(found, path, args),
-                system=with_start_values(found.system, args.set, f"disconnect it in the {standard.upper()}"),
+                system=with_interfaces(
+                    with_start_values(found.system, args.set, f"disconnect it in the {standard.upper()}"),
+                    args.interface,
+                ),
                 folder=folder,
                 about={standard: str(path), "title": found.name},
                 details={

@@ -15,7 +15,15 @@ from typing import TYPE_CHECKING, Any
 
 from tqdm import tqdm
 
-from cosim.commands.options import Standard, add_algorithm_options, add_signature_option, check_signatures, standard_of
+from cosim.commands.options import (
+    Standard,
+    add_algorithm_options,
+    add_model_exchange_options,
+    add_signature_option,
+    check_signatures,
+    chosen_interfaces,
+    standard_of,
+)
 from cosim.errors import CosimError
 from cosim.scenario.family import ScenarioFamily, default_scenario, families, family_name, named
 from cosim.scenario.scenario import Scenario, ScenarioComponent
@@ -106,6 +114,7 @@ def register(subparsers: Any) -> None:
     add_signature_option(run_)
     run_.add_argument("--stop", type=float, metavar="T", help="stop time in s")
     add_algorithm_options(run_)
+    add_model_exchange_options(run_)
     run_.add_argument("--out", type=Path, metavar="DIR", help="results folder (default results/sweep-<scenario>)")
     run_.add_argument("--workers", type=int, metavar="N", help="processes on this machine (default: one for each core)")
     run_.add_argument("--scheduler", metavar="ADDRESS", help="run on the Dask cluster there, as tcp://head:8786")
@@ -254,7 +263,7 @@ def _of_description(
     return Scenario(
         name=path.stem,
         title=found.name,
-        components={name: ScenarioComponent(c.fmu, c.every) for name, c in components.items()},
+        components={name: ScenarioComponent(c.fmu, c.every, interface=c.interface) for name, c in components.items()},
         stop_time=found.stop_time or 0.0,
         step_size=found.step_size or 0.0,
         start_time=found.start_time,
@@ -274,8 +283,11 @@ def _with_options(
         "order": args.order,
         "extrapolation": args.extrapolation,
         "metrics": {**scenario.metrics, **metrics} if metrics else None,
+        "solver": args.solver,
+        "solver_step": args.solver_step,
     }
-    return dataclasses.replace(scenario, **{k: v for k, v in given.items() if v is not None})
+    scenario = dataclasses.replace(scenario, **{k: v for k, v in given.items() if v is not None})
+    return scenario.with_interfaces(chosen_interfaces(args.interface, scenario.components))
 
 
 def _metrics(texts: list[str], scenarios: Mapping[str, Scenario], family: ScenarioFamily) -> dict[str, Metric]:

@@ -112,6 +112,9 @@ EXTRAPOLATIONS: dict[str, Extrapolation] = {}
 #: In place of the name of an extrapolation: the default, which is linear where the FMU can and else held.
 AUTO = "auto"
 
+#: What integrates components in model exchange, by name; see `cosim.master.model_exchange.Solver`.
+SOLVERS = (AUTO, "rk4", "dopri5")
+
 #: The extrapolation that `AUTO` stands for where an FMU can.
 _AUTO_MEANS = "linear"
 

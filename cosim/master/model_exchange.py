@@ -40,7 +40,7 @@ from cosim.loop.model_exchange import (
     OutsideInputs,
     group_library,
 )
-from cosim.master.algorithm import AUTO, algorithm
+from cosim.master.algorithm import AUTO, SOLVERS, algorithm
 from cosim.master.extrapolated_inputs import ExtrapolatedInputs
 from cosim.master.failures import Failing, SimulationError
 from cosim.master.operations import Exchange, NamedOperation, OperationTable
@@ -56,9 +56,6 @@ _TOLERANCE = 1e-6
 
 #: Methods with a fixed step.
 _FIXED = ("rk4",)
-
-#: What integrates components in model exchange, by name.
-SOLVERS = (AUTO, *METHODS)
 
 
 @dataclasses.dataclass(frozen=True)

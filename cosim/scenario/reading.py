@@ -12,7 +12,8 @@ from typing import Any, get_args, get_type_hints
 
 from cosim.errors import nearest
 from cosim.file_kinds import SCENARIO, TOML, not_read
-from cosim.master.algorithm import AUTO, EXTRAPOLATIONS, ORDERS
+from cosim.fmi.interfaces import INTERFACES
+from cosim.master.algorithm import AUTO, EXTRAPOLATIONS, ORDERS, SOLVERS
 from cosim.scenario.family import ScenarioFamily, families, family_of, named
 from cosim.scenario.metrics import Metric
 from cosim.scenario.scenario import Scenario, ScenarioComponent, ScenarioError
@@ -42,10 +43,13 @@ _RUN: dict[str, Any] = {
     "seed": int,
     "record": list,
     "record_every": int,
+    "interface": str,
+    "solver": str,
+    "solver_step": float,
 }
 
 #: Keys of a component, a connection and a metric, and their types.
-_COMPONENT = {"fmu": str, "every": int}
+_COMPONENT = {"fmu": str, "every": int, "interface": str}
 _CONNECTION = {"from": str, "to": str, "factor": float, "offset": float, "units": str, "extrapolation": str}
 _METRIC = {"of": str, "minus": str, "measure": str, "after": float}
 
@@ -173,9 +177,16 @@ def _component(where: str, name: str, spec: Any, folder: Path, known: ScenarioCo
         raise ScenarioError(f"{where}: the name must be a text without a dot")
     if values.get("every", 1) < 1:
         raise ScenarioError(f"{where} every = {values['every']!r} must be at least 1")
+    _check_interface(where, values)
     if "fmu" in values:
         values |= {"fmu": folder / values["fmu"], "stands_in": known is not None}
     return dataclasses.replace(known or ScenarioComponent(), **values)
+
+
+def _check_interface(where: str, values: Mapping[str, Any]) -> None:
+    interface = values.get("interface", INTERFACES[0])
+    if interface not in INTERFACES:
+        raise ScenarioError(f"{where} interface = {interface!r} is unknown; {nearest(interface, INTERFACES)}")
 
 
 def _connections(data: Mapping[str, Any], components: Collection[str], family: ScenarioFamily) -> list[Connection]:
@@ -227,7 +238,9 @@ def _run(data: Mapping[str, Any], kind: type[Scenario]) -> dict[str, Any]:
     demanded = {field.name for field in dataclasses.fields(kind) if field.default is dataclasses.MISSING}
     known = _RUN | further
     values = _fields("[run]", _table(data, "run"), known, required=[key for key in known if key in demanded])
-    for key, choices in (("order", tuple(ORDERS)), ("extrapolation", (AUTO, *EXTRAPOLATIONS))):
+    _check_interface("[run]", values)
+    known_names = (("order", tuple(ORDERS)), ("extrapolation", (AUTO, *EXTRAPOLATIONS)), ("solver", SOLVERS))
+    for key, choices in known_names:
         if key in values and values[key] not in choices:
             raise ScenarioError(f"[run] {key} = {values[key]!r} is unknown; {nearest(values[key], choices)}")
     for key, least in (("seed", 0), ("record_every", 1)):

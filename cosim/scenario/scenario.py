@@ -32,6 +32,8 @@ class ScenarioComponent:
         FMU file; None where the family of the scenario has yet to say which.
     every : int
         The component communicates at every so many communication points.
+    interface : {"auto", "co-simulation", "model-exchange"}, optional
+        Interface of the FMU; that of the scenario by default.
     stands_in : bool
         The FMU stands in for one of the family: `cosim run` leaves out connections to what it does not have.
     """
@@ -39,6 +41,7 @@ class ScenarioComponent:
     fmu: Path | None = None
     every: int = 1
     stands_in: bool = False
+    interface: str | None = None
 
 
 @dataclass(frozen=True)
@@ -59,6 +62,12 @@ class Scenario:
         Gauss-Seidel or Jacobi.
     extrapolation : {"auto", "hold", "linear"}
         What inputs do between communication points.
+    interface : {"auto", "co-simulation", "model-exchange"}, optional
+        Interface of the FMUs of components that choose none; "auto" by default.
+    solver : {"auto", "rk4", "dopri5"}
+        What integrates components in model exchange.
+    solver_step : float, optional
+        Step (s) of rk4; the communication step by default.
     tolerance : float, optional
         Relative tolerance that the FMUs are told; that of the default experiment of each by default.
     seed : int
@@ -95,6 +104,9 @@ class Scenario:
     signals: Mapping[str, Shape] = field(default_factory=dict)
     disturbances: Mapping[str, Shape] = field(default_factory=dict)
     metrics: Mapping[str, Metric] = field(default_factory=dict)
+    interface: str | None = None
+    solver: str = "auto"
+    solver_step: float | None = None
 
     def system(self) -> System:
         """The system that the scenario describes.
@@ -112,7 +124,8 @@ class Scenario:
         for name, component in self.components.items():
             if component.fmu is None:
                 raise ScenarioError(f"component '{name}' has no FMU; name its file: [components.{name}] fmu = ...")
-            system.add(name, component.fmu, start=self.start.get(name), every=component.every)
+            interface = component.interface or self.interface
+            system.add(name, component.fmu, self.start.get(name), component.every, interface)
         system.connections.extend(self.connections)
         for shapes, feed in ((self.signals, system.drive), (self.disturbances, system.disturb)):
             for target, shape in shapes.items():
@@ -123,6 +136,11 @@ class Scenario:
     def with_fmus(self, fmus: Mapping[str, Path]) -> Self:
         """A copy in which components have these FMUs."""
         changed = {name: dataclasses.replace(self.components[name], fmu=path) for name, path in fmus.items()}
+        return dataclasses.replace(self, components={**self.components, **changed})
+
+    def with_interfaces(self, interfaces: Mapping[str, str]) -> Self:
+        """A copy in which components use these interfaces of their FMUs."""
+        changed = {name: dataclasses.replace(self.components[name], interface=i) for name, i in interfaces.items()}
         return dataclasses.replace(self, components={**self.components, **changed})
 
     @property

@@ -189,7 +189,7 @@ def _system(root: Part, flow: Flow, values: Mapping[Node, Value], step: float | 
                 elif feed.source in values:
                     value = values[feed.source]
                     start[element.name] = _plain(feed.handed_on(value, target, element.items, relative=relative))
-        system.add(part.path, part.fmu, start=start, every=steps_of(part, step))
+        system.add(part.path, part.fmu, start, steps_of(part, step), part.interface)
     for feed, part, element in mapped:
         with findings.collecting():
             source_part, source_name = feed.source

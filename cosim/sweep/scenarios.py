@@ -116,6 +116,8 @@ class ScenarioStudy:
             extrapolation=scenario.extrapolation,
             record=self.recorded(scenario),
             build=self.build,
+            solver=scenario.solver,
+            solver_step=scenario.solver_step,
         )
 
     def plan(self, point: Mapping[str, Value]) -> PlannedRun:

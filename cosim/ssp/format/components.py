@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from cosim.fmi.fmu_file import LoadedFMU, load
+from cosim.fmi.interfaces import AUTO_INTERFACE
 from cosim.ssp.errors import SSPError
 from cosim.ssp.format.diagram import Wire
 from cosim.system.resolution import resolve, split
@@ -53,7 +54,7 @@ def content_of(system: System) -> SystemContent:
     for name, c in system.components.items():
         if c.fmu is None:
             raise SSPError(f"component '{name}' is a function in Python; an SSP takes FMUs only")
-        fmus[name] = load(name, c.fmu)
+        fmus[name] = load(name, c.fmu, c.interface or AUTO_INTERFACE)
     ports = {name: Ports(name, fmu.description, system.components[name].start) for name, fmu in fmus.items()}
     resolve(system, ports, needs_levels=False)
     sources = _sources(fmus)

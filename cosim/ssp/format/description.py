@@ -159,7 +159,8 @@ def _component(
     definitions: _Definitions,
     version: str,
 ) -> None:
-    component = _sub(elements, "ssd:Component", name=name, source=packaged.source, implementation="CoSimulation")
+    implementation = "ModelExchange" if packaged.ports.is_model_exchange else "CoSimulation"
+    component = _sub(elements, "ssd:Component", name=name, source=packaged.source, implementation=implementation)
     if packaged.fmu.description.description:
         component.set("description", packaged.fmu.description.description)
     connectors = _sub(component, "ssd:Connectors")

@@ -16,6 +16,7 @@ from fmpy.model_description import Unit
 
 from cosim.errors import nearest
 from cosim.fmi.fmu_file import load
+from cosim.fmi.interfaces import AUTO_INTERFACE, CO_SIMULATION, MODEL_EXCHANGE
 from cosim.ssp.errors import SSPError
 from cosim.ssp.format.document import Definitions, Document, open_document, read_definitions
 from cosim.ssp.format.package import DESCRIPTION, Archive
@@ -66,6 +67,10 @@ class Dictionary:
     signals: dict[str, Connector]
 
 
+#: Implementation of a component in an SSP -> interface of its FMU, None for whichever it has.
+IMPLEMENTATIONS = {"any": None, "CoSimulation": CO_SIMULATION, "ModelExchange": MODEL_EXCHANGE}
+
+
 @dataclass
 class Part:
     """A system, a component, or a reference to a signal dictionary.
@@ -91,6 +96,8 @@ class Part:
         Variables of a component.
     fmu : Path, optional
         The FMU of a component.
+    interface : str, optional
+        Interface of the FMU that is meant, if one is.
     source : str, optional
         Its name in the package.
     broken : set of str
@@ -107,6 +114,7 @@ class Part:
     dictionary: Dictionary | None = None
     ports: Ports | None = None
     fmu: Path | None = None
+    interface: str | None = None
     source: str | None = None
     broken: set[str] = field(default_factory=set)
 
@@ -275,15 +283,16 @@ def _component(element: DataElement, path: str, document: Document) -> Part:
     if source.partition("#")[0].lower().endswith((".ssp", ".ssd")):
         raise SSPError(f"{here} is an FMU by its type, but '{source}' is none; set type to {_PACKAGE_TYPE}")
     implementation = element.attrib.get("implementation", "any")
-    if implementation not in ("any", "CoSimulation"):
+    if implementation not in IMPLEMENTATIONS:
         raise SSPError(
-            f"{here} is meant for {implementation}; only co-simulation is supported, "
-            "export the FMU for it and set implementation to CoSimulation"
+            f"{here} is meant for {implementation}; only co-simulation and model exchange are supported, "
+            "export the FMU for one of them and set implementation to it"
         )
+    interface = IMPLEMENTATIONS[implementation]
     name = _located(document, source, here)
     fmu = document.package.unpack(name, document.folder)
-    ports = Ports(path, load(path, fmu).description)
-    part = Part(path, element, document, [(element, document)], ports=ports, fmu=fmu, source=name)
+    ports = Ports(path, load(path, fmu, interface or AUTO_INTERFACE).description)
+    part = Part(path, element, document, [(element, document)], ports=ports, fmu=fmu, source=name, interface=interface)
     for connector in children(element, "Connectors", "Connector"):
         name = connector.attrib["name"]
         part.broken.add(name)
