@@ -591,8 +591,13 @@ _ORDINALS = ("first", "second", "third", "fourth")
 
 def _extrapolation(found: dict[str, Any]) -> str:
     """What inputs do between communication points, in words."""
-    held = found["hold"]
+    held, exact = found["hold"], found.get("model_exchange", ())
     names = sorted((n for n in found if n in EXTRAPOLATIONS and n != "hold" and found[n]), key=lambda n: -len(found[n]))
+    if exact and not held and not names:
+        return "all connected inputs are coupled exactly"
+    if exact:
+        rest = {key: value for key, value in found.items() if key != "model_exchange"}
+        return f"{len(exact)} inputs coupled exactly; other {_extrapolation(rest)}"
     if not names:
         return "inputs held between communication points (zero-order hold, first-order coupling)"
     accuracy = f"{_ORDINALS[min(EXTRAPOLATIONS[name].degree for name in names)]}-order coupling"

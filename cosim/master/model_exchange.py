@@ -426,16 +426,21 @@ class ModelExchangeGroup:
         instance = self._instances[row.component]
         if group.status == NOT_FINITE:
             wrong = [f"'{name}'" for name, position in row.finite if not math.isfinite(inner.values[position])]
-            what = f"{len(wrong)} outputs are not finite within a step, the first is {wrong[0]}"
+            hint = f"; {_SHORTER}" if self._solver.method in _FIXED else ""
+            what = f"{len(wrong)} outputs are not finite within a step, the first is {wrong[0]}{hint}"
             return SimulationError(row.component, group.failed_at, what, instance.log())
         error = instance.failure(row.function, group.status)
-        found = SimulationError(row.component, group.failed_at, f"{error} within a step", instance.log())
+        hint = f"; where states grow without bound, {_SHORTER}" if self._solver.method in _FIXED else ""
+        found = SimulationError(row.component, group.failed_at, f"{error} within a step{hint}", instance.log())
         found.__cause__ = error
         return found
 
 
 #: Numbers of a group that are whole.
 _WHOLE = ("at_once", "indicators_known", "n_steps", "n_rejected", "n_events")
+
+#: What to do about states that grow by a step that is too long.
+_SHORTER = "take a shorter step (solver_step, as an option --solver-step), or solver 'dopri5'"
 
 #: Why a group has failed.
 _REASONS = {
@@ -445,8 +450,7 @@ _REASONS = {
     "chatters",
     STEP_TOO_SHORT: "the components in model exchange need a step that is too short to be taken; their states change "
     "too fast, or jump without an event",
-    STATES_NOT_FINITE: "states of the components in model exchange are not finite after a step; take a shorter one "
-    "(solver_step, as an option --solver-step), or an adaptive method (--solver dopri5)",
+    STATES_NOT_FINITE: f"states of the components in model exchange are not finite; {_SHORTER}",
 }
 
 
@@ -476,14 +480,19 @@ def _doubles(array: np.ndarray) -> Any:
     return array.ctypes.data_as(ctypes.POINTER(ctypes.c_double))
 
 
-def check_components(system: ResolvedSystem) -> None:
-    """Whether components in model exchange communicate at each communication point.
+def check_components(system: ResolvedSystem, asked: Solver) -> None:
+    """Whether components in model exchange communicate at each communication point, and are there if a solver is.
 
     Raises
     ------
     SetupError
-        One does not.
+        One does not, or there are none for the solver that was asked for.
     """
+    if asked != Solver() and not any(port.is_model_exchange for port in system.ports.values()):
+        raise SetupError(
+            f"no component is in model exchange, so the solver '{asked.method}' has nothing to integrate; choose it "
+            "(interface='model-exchange', as an option --interface model-exchange), or leave the solver out"
+        )
     for name, component in system.components.items():
         if component.every != 1 and system.ports[name].is_model_exchange:
             raise SetupError(

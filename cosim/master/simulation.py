@@ -173,7 +173,8 @@ class Simulation:
         asked = [(c.interface or interface) == MODEL_EXCHANGE for c in system.components.values() if c.fmu]
         with_equations = [is_model_exchange(description) for description in descriptions.values()]
         chosen_interface = all(a for a, used in zip(asked, with_equations, strict=True) if used)
-        self._solver = Solver(solver, solver_step).chosen(interface_chosen=chosen_interface)
+        asked_solver = Solver(solver, solver_step)
+        self._solver = asked_solver.chosen(interface_chosen=chosen_interface)
         descriptions |= {name: function.description() for name, function in self._functions.items()}
         self._ports: dict[str, Ports] = {}
         known: dict[int, Ports] = {}
@@ -185,7 +186,7 @@ class Simulation:
         self._resolved = resolve(
             system, self._ports, needs_levels=chosen.order.needs_levels, strict_inputs=strict_inputs
         )
-        check_components(self._resolved)
+        check_components(self._resolved, asked_solver)
         self._texts = Texts()
         self._algorithm = chosen
         self._recorded, self._records_all = _recorded(record, self._ports), record is None
@@ -692,6 +693,8 @@ class Simulation:
             raise SetupError(f"{self._occupied_by}; end it first, or make another simulation")
         if isinstance(record_every, bool) or not isinstance(record_every, int) or record_every < 1:
             raise SetupError(f"record_every = {record_every!r} must be a positive whole number of steps")
+        if any(port.is_model_exchange for port in self._ports.values()):
+            self._solver.steps_in(grid.step_size)
         extra = self._extra_starts(start)
         given = {(s.component, e.name) for s in extra for e in s.elements}
         # a vector of this run replaces what the system gives for its elements

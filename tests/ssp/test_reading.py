@@ -347,8 +347,11 @@ REFUSED = {
     r"component 'a' is of type text/x-modelica, which is not supported; use an FMU": elements(
         component("a", "gain", more=' type="text/x-modelica; path=A.B"')
     ),
-    r"component 'a' is meant for ModelExchange": elements(
+    r"component 'a': .* has no model-exchange interface; .* or use its co-simulation": elements(
         component("a", "gain", more=' implementation="ModelExchange"')
+    ),
+    r"component 'a' is meant for ScheduledExecution": elements(
+        component("a", "gain", more=' implementation="ScheduledExecution"')
     ),
     r"'d' refers to a signal dictionary 'e', which is none; there are none": elements(
         '<ssd:SignalDictionaryReference name="d" dictionary="e"/>'
