@@ -347,9 +347,6 @@ REFUSED = {
     r"component 'a' is of type text/x-modelica, which is not supported; use an FMU": elements(
         component("a", "gain", more=' type="text/x-modelica; path=A.B"')
     ),
-    r"component 'a': .* has no model-exchange interface; .* or use its co-simulation": elements(
-        component("a", "gain", more=' implementation="ModelExchange"')
-    ),
     r"component 'a' is meant for ScheduledExecution": elements(
         component("a", "gain", more=' implementation="ScheduledExecution"')
     ),
