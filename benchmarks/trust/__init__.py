@@ -1,1 +1,1 @@
-"""What hostile and broken input, kills and full disks cost: `python -m benchmarks.trust`."""
+"""What other people's files can do to a master: broken and hostile ones, kills, full disks."""

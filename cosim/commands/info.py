@@ -12,6 +12,7 @@ from fmpy.model_description import ModelDescription, ModelVariable
 
 from cosim.fmi.compilation import has_sources
 from cosim.fmi.fmu_file import LoadedFMU, read_fmu
+from cosim.terminal import printable
 
 #: What is listed, in this order; local variables and others only on demand.
 _GROUPS = ("input", "output", "parameter", "structuralParameter")
@@ -170,12 +171,7 @@ def in_words(about: Mapping[str, Any], *, every: bool) -> list[str]:
         lines += _table(kind, [v for v in about["variables"] if v["causality"] == kind])
     if rest := [] if every else [v for v in about["variables"] if v["causality"] not in _GROUPS]:
         lines += ["", f"and {len(rest)} {', '.join(sorted({v['causality'] for v in rest}))}; --all lists them"]
-    return [_safe(line) for line in lines]
-
-
-def _safe(line: str) -> str:
-    """A line without what a terminal would obey."""
-    return "".join(c if c.isprintable() else f"\\x{ord(c):02x}" for c in line)
+    return [printable(" ".join(line.splitlines())) for line in lines]
 
 
 def _after(mark: str, text: str | None) -> str:
