@@ -235,9 +235,9 @@ def check_fmu(path: Path, here: str) -> CheckedFMU:
     SetupError
         There is no such file, or nothing of an FMU can be read from it.
     """
-    if not path.is_file():
-        raise SetupError(f"{here}: there is no such FMU file; check the path, or build the FMU")
     try:
+        if not path.is_file():
+            raise SetupError(f"{here}: there is no such FMU file; check the path, or build the FMU")
         with Members(path) as members:
             xml = members.read(DESCRIPTION, MOST_XML_BYTES)
             sources = members.read(SOURCES, MOST_XML_BYTES) if SOURCES in members.names else None

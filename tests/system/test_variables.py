@@ -7,13 +7,14 @@ from io import BytesIO
 
 import pytest
 from fmpy import read_model_description
+from fmpy.model_description import ModelDescription, ModelVariable
 
 from cosim import SetupError, System
 from cosim.errors import ArgumentError
 from cosim.fmi.types import FMI_TYPES
 from cosim.system.resolution import Link
 from cosim.system.system import Connection
-from cosim.system.variables import Element, Ports, variables_of
+from cosim.system.variables import Element, ElementArray, Ports, variables_of
 from tests.support.descriptions import fmi2
 
 #: Smallest and largest value of the integer types of C.
@@ -199,3 +200,44 @@ def test_a_component_takes_part_in_every_step_and_has_no_start_values_unless_tol
     assert (system.components["a"].every, system.components["a"].start) == (1, {})
     start["k"] = 2.0
     assert (system.components["b"].every, system.components["b"].start) == (3, {"k": 1.0})
+
+
+# Large arrays
+
+
+def _array(n: int) -> ModelVariable:
+    return ModelVariable(name="a", valueReference=1, type="Float64", causality="input", shape=(n // 10, 10))
+
+
+def test_a_large_array_has_its_elements_without_making_them() -> None:
+    """An object for each would take minutes, and more memory than there is."""
+    array = ElementArray(_array(10**12))
+    assert len(array) == 10**12
+    assert [array[k].name for k in (0, 11, -1)] == ["a[1,1]", "a[2,2]", "a[100000000000,10]"]
+    assert [(e.name, e.offset) for e in array[8:11]] == [("a[1,9]", 8), ("a[1,10]", 9), ("a[2,1]", 10)]
+    found = array.element("a[99999999999,3]")
+    assert found is not None
+    assert (found.name, found.offset) == ("a[99999999999,3]", 10 * (99999999999 - 1) + 2)
+    for name in ("a[1]", "a[0,1]", "a[1,11]", "a[01,1]", "a[1,1,1]"):
+        assert array.element(name) is None
+    with pytest.raises(IndexError):
+        array[10**12]
+
+
+def test_names_of_arrays_and_their_elements_are_found() -> None:
+    description = ModelDescription(fmiVersion="3.0", modelVariables=[_array(10**6)])
+    ports = Ports("c", description)
+    assert len(ports.find("a")) == 10**6
+    assert [e.name for e in ports.find("a[7,3]")] == ["a[7,3]"]
+    with pytest.raises(SetupError, match=r"component 'c' has no variable 'a\[7,11\]'"):
+        ports.find("a[7,11]")
+    description.modelVariables[0].shape = (10**5, 10**5)
+    with pytest.raises(SetupError, match=r"'c\.a' has 100000 x 100000 elements, more than can be read"):
+        Ports("c", description)
+
+
+def test_a_name_that_two_variables_have_is_refused_where_it_is_used() -> None:
+    twice = [ModelVariable(name="x", valueReference=k, type="Real", causality="local") for k in (1, 2)]
+    ports = Ports("c", ModelDescription(fmiVersion="2.0", modelVariables=twice))
+    with pytest.raises(SetupError, match=r"'c\.x' is the name of several variables"):
+        ports.find("x")

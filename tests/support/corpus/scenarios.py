@@ -65,7 +65,7 @@ SCENARIOS: tuple[Case, ...] = (
     _with("an FMU that is not there", 'fmu = "x.fmu"', 'fmu = "y.fmu"', "there is no such FMU file"),
     _with("an FMU that is a folder", 'fmu = "x.fmu"', 'fmu = "."', "there is no such FMU file"),
     _with("an FMU that is a device", 'fmu = "x.fmu"', 'fmu = "/dev/zero"', "there is no such FMU file"),
-    _with("an FMU with a NUL in its name", 'fmu = "x.fmu"', 'fmu = "x\\u0000.fmu"', "s.toml"),
+    _with("an FMU with a NUL in its name", 'fmu = "x.fmu"', 'fmu = "x\\u0000.fmu"', "there is no such FMU file"),
     _with("an FMU with a name of 5,000 characters", 'fmu = "x.fmu"', f'fmu = "{"x" * 5000}"', ""),
     _with("a component with a dot", "a = {", '"a.b" = {', "without a dot"),
     _with("a component without a name", "a = {", '"" = {', "without a dot"),
