@@ -31,7 +31,7 @@ def built() -> Path:
 
 @pytest.fixture
 def session(pytester, monkeypatch, built):
-    """Runs pytest with the plugin in a folder with the FMUs."""
+    """Runs pytest with the plugin in a folder with the FMUs, in this process, or in one of its own."""
     monkeypatch.setenv("PYTEST_DISABLE_PLUGIN_AUTOLOAD", "1")
     monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[2]))
     for name in ("CI", "PYTEST_ADDOPTS"):
@@ -40,8 +40,9 @@ def session(pytester, monkeypatch, built):
     for name in ("Ball", "Dahlquist", "Feedthrough"):
         (pytester.path / "fmus" / f"{name}.fmu").write_bytes((built / f"{name}.fmu").read_bytes())
 
-    def run(*arguments: str) -> pytest.RunResult:
-        return pytester.runpytest_subprocess("-p", "cosim.regression.plugin", "-p", "no:cacheprovider", *arguments)
+    def run(*arguments: str, alone: bool = False) -> pytest.RunResult:
+        call = pytester.runpytest_subprocess if alone else pytester.runpytest_inprocess
+        return call("-p", "cosim.regression.plugin", "-p", "no:cacheprovider", *arguments)
 
     return run
 
@@ -71,9 +72,8 @@ def test_a_folder_is_run_by_all_interfaces_and_reported(session, pytester):
     dahlquist(pytester.path / "reference")
     ball = Results(np.arange(3) * 0.01, ["h"], np.array([[1.0], [0.9995095], [0.5]]))
     make_case(pytester.path / "reference", "Ball", ball, toml="absolute = 1e-6")
-    done = session(
-        "--fmu", "fmus", "--fmu-in-process", "--fmu-report", "out/page.html", "--junitxml", "junit.xml", "-rs"
-    )
+    options = ("--fmu-in-process", "--fmu-report", "out/page.html", "--junitxml", "junit.xml", "-rs")
+    done = session("--fmu", "fmus", *options, alone=True)
     done.assert_outcomes(passed=2, failed=2, skipped=1)
     done.stdout.fnmatch_lines(
         [
@@ -101,7 +101,7 @@ def test_in_parallel_the_same(session, pytester):
     pytester.makeini("[pytest]\ntestpaths = tests")  # which are not run
     (pytester.mkdir("tests") / "test_other.py").write_text("def test_other(): raise ValueError")
     fmus = ("--fmu", "fmus/Dahlquist.fmu", "--fmu", "none", "--fmu-in-process")
-    done = session("-p", "xdist.plugin", "-n", "2", *fmus, "--fmu-report", "page.html")
+    done = session("-p", "xdist.plugin", "-n", "2", *fmus, "--fmu-report", "page.html", alone=True)
     done.assert_outcomes(failed=3)
     done.stdout.fnmatch_lines(["--fmu none: there is no such file or folder"])
     assert (pytester.path / "page.html").read_text(encoding="utf-8").count("<section id=") == 2
