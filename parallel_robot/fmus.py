@@ -135,7 +135,7 @@ def _build_one(model: Model, component: str, folder: Path, flavour: str, all_pla
         raise BuildError(f"documentation: {error}") from error
 
 
-def _recipe(flavour: str, all_platforms: bool) -> Recipe:
+def _recipe(flavour: str, all_platforms: bool, further: Iterable[Path] = ()) -> Recipe:
     """All that decides on the FMUs of a flavour.
 
     Raises
@@ -146,15 +146,15 @@ def _recipe(flavour: str, all_platforms: bool) -> Recipe:
     from fmu_export.package.description_common import package_version
 
     compiler = "" if flavour == "pythonfmu" else compiler_identity(all_platforms=all_platforms or flavour == WASM)
-    return Recipe(_sources(), fingerprint_of_tools(flavour, package_version(), compiler))
+    return Recipe(_sources(*further), fingerprint_of_tools(flavour, package_version(), compiler))
 
 
-def _sources() -> str:
+def _sources(*further: Path) -> str:
     root = Path(__file__).resolve().parents[1]
     packages = [root / name for name in ("plant_fmu", "controller_fmu", "trajectory_fmu", "fmu_export")]
     robot = [Path(__file__).with_name(name) for name in ("models.py", "wiring.py", "CLOSED_LOOP.md")]
     licence = [path for path in [root / "LICENSE"] if path.is_file()]  # an installed package keeps it elsewhere
-    return fingerprint_of_sources([*packages, *robot, *licence])
+    return fingerprint_of_sources([*packages, *robot, *licence, *further])
 
 
 def build_continuous(folder: Path) -> Path:
@@ -176,6 +176,36 @@ def build_continuous(folder: Path) -> Path:
         wanted = _recipe("fmi2", all_platforms=False)
         if not is_current(path, wanted):
             build_native(model, path.parent, "fmi2")
+            remember(path, wanted)
+    except ToolchainError as error:
+        raise BuildError(f"{path}: {error}") from error
+    except OSError as error:
+        raise BuildError(f"can't write {path}: {error}; choose another folder with --fmus") from error
+    return path
+
+
+def build_live(folder: Path, model: Model, *further: Path) -> Path:
+    """Build `<folder>/live/<name>.wasm`, a model that a page runs, unless it is there.
+
+    Parameters
+    ----------
+    folder : Path
+    model : Model
+    further : Path
+        Sources of the model besides those of all FMUs.
+
+    Raises
+    ------
+    BuildError
+        The ziglang package is not installed, or the folder can't be written.
+    """
+    from fmu_export.wasm.backend import build_wasm  # CasADi takes a while to import
+
+    path = folder / "live" / f"{model.name}.wasm"
+    try:
+        wanted = _recipe(WASM, all_platforms=False, further=further)
+        if not is_current(path, wanted):
+            build_wasm(model, path.parent)
             remember(path, wanted)
     except ToolchainError as error:
         raise BuildError(f"{path}: {error}") from error

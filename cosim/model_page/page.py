@@ -8,7 +8,7 @@ from html import escape
 from math import prod
 from typing import Any
 
-from cosim.model_page.controls import control, has_slider, in_unit
+from cosim.model_page.controls import control, has_slider, in_unit, shown_unit
 from cosim.results.page.document import PLOT_SCRIPTS, PLOT_STYLES, Section, asset, assets, document
 
 #: Numerics that the exporter adds to models with states.
@@ -107,7 +107,7 @@ def _panels(description: Mapping[str, Any]) -> list[dict[str, Any]]:
             panels.append(
                 {
                     "title": name,
-                    "unit": "" if elements[0]["unit"] == "1" else elements[0]["unit"],
+                    "unit": "" if elements[0]["unit"] == "1" else shown_unit(elements[0]["unit"]),
                     "about": declared["description"],
                     "names": [v["name"] for v in elements],
                     "labels": [v["name"].removeprefix(name) or name for v in elements],

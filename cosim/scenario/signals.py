@@ -219,6 +219,19 @@ class PulseTrain(Shape, name="pulses"):
         return tuple(edge for start in starts for edge in (start, start + self.width))
 
 
+def unit_sine(times: Any, frequency: Any, phase: Any) -> Any:
+    """sin(2 pi frequency t + phase) at times (s), of numbers and arrays, and of symbols, by which models are traced."""
+    return np.sin(2.0 * np.pi * frequency * times + phase)
+
+
+def sum_of_sines(times: Any, frequencies: Any, phases: Any) -> Any:
+    """Sum of `unit_sine` over the first axis of frequencies (Hz) and phases (rad)."""
+    total: Any = 0.0
+    for frequency, phase in zip(frequencies, phases, strict=True):  # one at a time, for memory
+        total = total + unit_sine(times, frequency, phase)
+    return total
+
+
 @dataclass(frozen=True)
 class Sine(Shape, name="sine"):
     """amplitude * sin(2 pi frequency t + phase), the same for all elements.
@@ -241,7 +254,7 @@ class Sine(Shape, name="sine"):
         """The signal for an input of some size."""
 
         def values(times: float | np.ndarray) -> np.ndarray:
-            wave = self.amplitude * np.sin(2.0 * np.pi * self.frequency * np.asarray(times) + self.phase)
+            wave = self.amplitude * unit_sine(np.asarray(times), self.frequency, self.phase)
             return _alike(wave, size)
 
         return values
@@ -283,24 +296,25 @@ class Multisine(Shape, name="multisine"):
 
     def function(self, size: int, seed: int, target: str) -> SignalFunction:
         """The signal for an input of some size; each target gets its own, the same for the same seed."""
-        random = np.random.default_rng([seed, *target.encode()])
-        frequencies = random.uniform(self.lowest, self.highest, (size, self.components))
-        phases = random.uniform(0.0, 2.0 * np.pi, (size, self.components))
         # components first and times last: numpy goes through long rows in half the time
-        angular, shift = 2.0 * np.pi * frequencies.T[..., np.newaxis], phases.T[..., np.newaxis]
+        frequencies, phases = (drawn[..., np.newaxis] for drawn in self.drawn(size, seed, target))
         amplitude = self.rms * np.sqrt(2.0 / self.components)
 
         def values(times: float | np.ndarray) -> np.ndarray:
             since = np.asarray(times) - self.start_time
-            on = since[since >= 0.0]
-            waves = np.zeros((size, len(on)))
-            for omega, phase in zip(angular, shift, strict=True):  # one component at a time, for memory
-                waves += np.sin(omega * on + phase)
+            waves = sum_of_sines(since[since >= 0.0], frequencies, phases)
             found = np.zeros((*since.shape, size))
             found[since >= 0.0] = amplitude * waves.T
             return found
 
         return values
+
+    def drawn(self, size: int, seed: int, target: str) -> tuple[np.ndarray, np.ndarray]:
+        """What is random: frequencies (Hz) and phases (rad), each (components, size)."""
+        random = np.random.default_rng([seed, *target.encode()])
+        frequencies = random.uniform(self.lowest, self.highest, (size, self.components))
+        phases = random.uniform(0.0, 2.0 * np.pi, (size, self.components))
+        return frequencies.T, phases.T
 
     @property
     def breakpoints(self) -> tuple[float, ...]:

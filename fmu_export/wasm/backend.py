@@ -17,6 +17,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
+from fmu_export.errors import ArgumentError
 from fmu_export.modelling.model import Model
 from fmu_export.modelling.model_class import AnyModel, flat_model
 from fmu_export.modelling.tables import Table
@@ -63,6 +64,28 @@ class WasmModel:
         name, text = _SECTION.encode(), json.dumps(self.description, ensure_ascii=False, separators=(",", ":"))
         content = _leb128(len(name)) + name + text.encode()
         return self.code + b"\0" + _leb128(len(content)) + content
+
+
+def read_module(path: str | PathLike[str]) -> WasmModel:
+    """A module that `build_wasm` has written.
+
+    Raises
+    ------
+    ArgumentError
+        The file is no such module.
+    OSError
+        It can't be read.
+    """
+    content, at = Path(path).read_bytes(), 8
+    if content[:4] == b"\0asm":
+        while at < len(content):
+            size, begin = _number(content, at + 1)
+            n, first = _number(content, begin)
+            if content[at] == 0 and content[first : first + n] == _SECTION.encode():
+                description = json.loads(content[first + n : begin + size])
+                return WasmModel(description["name"], content[:at], description)
+            at = begin + size
+    raise ArgumentError(f"{path}: no WebAssembly module with a model; build it with build_wasm")
 
 
 def script(*, exports: bool = True) -> str:
@@ -190,6 +213,16 @@ def _table(table: Table) -> dict[str, Any]:
         "size": [len(table.x), table.values.shape[1] if table.n_variables == 2 else 1],
         "data": [number for array in arrays for number in array.ravel().tolist()],
     }
+
+
+def _number(content: bytes, at: int) -> tuple[int, int]:
+    """A length that WebAssembly has written, and where what follows begins."""
+    number = shift = 0
+    while True:
+        number |= (content[at] & 0x7F) << shift
+        shift, at = shift + 7, at + 1
+        if content[at - 1] < 0x80:
+            return number, at
 
 
 def _leb128(number: int) -> bytes:

@@ -12,7 +12,8 @@ class Controls {
     const slider = field.querySelector("input[type=range]");
     const box = field.querySelector("input[type=number]");
     const other = field.querySelector("select, input[type=checkbox]");
-    const control = { field, slider, box, other, start: field.dataset.start, log: slider?.dataset.log !== undefined };
+    const { start } = field.dataset;
+    const control = { field, slider, box, other, start, value: Number(start), log: slider?.dataset.log !== undefined };
     this.fields.set(field.dataset.name, control);
     slider?.addEventListener("input", () => {
       const raw = Number(slider.value);
@@ -20,17 +21,26 @@ class Controls {
       const whole = slider.step !== "any";
       // digits that a slider can tell apart
       const digits = Math.max(0, Math.ceil(Math.log10(1000 / (slider.max - slider.min))));
-      box.value = String(whole ? value : Number(control.log ? value.toPrecision(3) : value.toFixed(digits)));
+      this.write(control, whole ? value : Number(control.log ? value.toPrecision(3) : value.toFixed(digits)));
       this.say(control);
       this.changed(field.dataset.name);
     });
     box?.addEventListener("input", () => {
       if (!this.isNumber(box)) return;
+      control.value = Number(box.value);
       this.slide(control);
       this.changed(field.dataset.name);
     });
     other?.addEventListener("change", () => this.changed(field.dataset.name));
+    if (box) this.write(control, control.value);
     if (slider) this.slide(control);
+  }
+
+  /** Take a number, and show as much of it as there is room for. */
+  write(control, value) {
+    control.value = value;
+    control.box.value = String(Number(value.toPrecision(6)));
+    this.isNumber(control.box);
   }
 
   isNumber(box) {
@@ -41,9 +51,8 @@ class Controls {
 
   /** Put the slider where the number is. */
   slide(control) {
-    const { slider, box, log } = control;
+    const { slider, value, log } = control;
     if (!slider) return;
-    const value = Number(box.value);
     slider.value = String(log ? Math.log10(value) : value);
     this.say(control);
   }
@@ -52,18 +61,16 @@ class Controls {
     slider.setAttribute("aria-valuetext", `${box.value} ${field.dataset.unit ?? ""}`.trim());
   }
 
-  /** Value of a control; null where no number is typed. */
+  /** Value of a control; while something else than a number is typed, the last one. */
   get(name) {
-    const { box, other } = this.fields.get(name);
-    if (other) return other.type === "checkbox" ? other.checked : other.dataset.items !== undefined ? Number(other.value) : other.value;
-    return box.value.trim() !== "" && Number.isFinite(Number(box.value)) ? Number(box.value) : null;
+    const { value, other } = this.fields.get(name);
+    if (!other) return value;
+    return other.type === "checkbox" ? other.checked : Number(other.value);
   }
 
-  /** Values by name; of a number that is none, the start value. */
+  /** Values by name. */
   values() {
-    const found = {};
-    for (const name of this.fields.keys()) found[name] = this.get(name) ?? Number(this.fields.get(name).start);
-    return found;
+    return Object.fromEntries([...this.fields.keys()].map((name) => [name, this.get(name)]));
   }
 
   set(name, value) {
@@ -71,8 +78,7 @@ class Controls {
     if (control.other?.type === "checkbox") control.other.checked = Boolean(Number(value));
     else if (control.other) control.other.value = String(value);
     else {
-      control.box.value = String(value);
-      this.isNumber(control.box);
+      this.write(control, Number(value));
       this.slide(control);
     }
   }

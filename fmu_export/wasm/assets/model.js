@@ -20,9 +20,11 @@
  *   experiment: { startTime: number, stopTime: number, stepSize: number }, variables: Variable[], declared: Declared[],
  *   tables: { name: string, size: [number, number], data: number[] }[] }} Description
  * @typedef {{ start?: Record<string, Value>, startTime?: number, stopTime?: number, stepSize?: number,
- *   inputs?: Record<string, (time: number) => Value>, linear?: boolean, record?: string[], tolerance?: number }} Settings
- *   Of a simulation: start values of parameters and inputs, times (s), inputs as functions of the time (s), which are held
- *   between communication points or with `linear` go on linearly, and the variables to record, by default all outputs.
+ *   inputs?: Record<string, ((time: number) => Value) | Float64Array>, linear?: boolean, record?: string[],
+ *   tolerance?: number }} Settings
+ *   Of a simulation: start values of parameters and inputs, times (s), inputs as functions of the time (s) or as values
+ *   at the communication points, which are held or with `linear` go on linearly between them, and the variables to
+ *   record, by default all outputs.
  * @typedef {{ time: Float64Array, values: Record<string, Float64Array>, error: string | null, warnings: string[] }} Run
  *   Times (s) and values at the communication points; with an error, those before it.
  */
@@ -218,7 +220,8 @@ export class Instance {
         for (const [name, of] of driven) {
           const place = inputs.indexOf(name);
           for (let i = 0; rows && i <= steps; i++) {
-            rows[i * inputs.length + place] = this.model.number(name, of(time[first + i]));
+            const value = typeof of === "function" ? of(time[first + i]) : of[first + i];
+            rows[i * inputs.length + place] = this.model.number(name, value);
           }
         }
         const done = this.module.run(
