@@ -5,9 +5,11 @@ from __future__ import annotations
 import argparse
 import tempfile
 import webbrowser
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+from cosim.errors import MissingExtra
 from cosim.output import OutputError
 
 
@@ -17,7 +19,8 @@ def register(subparsers: Any) -> None:
         "view",
         help="show a run as a page, or compare several",
         description="Make a page of a run: the diagram of its system, all curves with zoom and search, what happened, "
-        "and how it was made. Several runs are laid over each other. The page is one file that needs no network.",
+        "and how it was made. Several runs are laid over each other. The page is one file that needs no network; where "
+        "the values are too many for it, zoom asks for them at an address of this machine, until Ctrl-C.",
     )
     parser.add_argument(
         "runs", nargs="+", type=Path, metavar="FOLDER", help="folder that `cosim run` has written, or a table"
@@ -29,20 +32,49 @@ def register(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run `cosim view`; returns the exit code, raises CosimError with one line on bad input."""
-    from cosim.results.page.compare_page import labelled, write_compare_page
+    from cosim.results.page.compare_page import compare_page, labelled
     from cosim.results.page.folder import read_run
-    from cosim.results.page.run_page import write_run_page
+    from cosim.results.page.run_page import run_page
 
     found = [read_run(path) for path in args.runs]
-    path = Path(tempfile.mkdtemp(prefix="cosim_view_")) / "page.html" if args.out is None else args.out
-    try:
-        if len(found) == 1:
-            write_run_page(found[0].results, path, args.title, found[0].log)
-        else:
-            write_compare_page(labelled((one.label, one.results) for one in found), path, args.title)
-    except OSError as error:
-        raise OutputError(f"can't write {path}: {error.strerror or error}; choose another --out") from error
+    runs = labelled((one.label, one.results) for one in found)
+    asks = args.out is None
+    if len(found) == 1:
+        page = run_page(found[0].results, args.title, found[0].log, asks=asks)
+    else:
+        page = compare_page(runs, args.title, asks=asks)
+    if asks and 'class="hint coarse"' in page and _served(page, runs):
+        return 0
+    path = _written(page, args.out)
     print(path)
-    if args.out is None and not webbrowser.open(path.resolve().as_uri()):
+    if asks and not webbrowser.open(path.resolve().as_uri()):
         print("there is no browser to open it with")
     return 0
+
+
+def _served(page: str, runs: Any) -> bool:
+    """Serve a page until Ctrl-C, with the values that it has no room for; whether that can be done."""
+    from cosim.results.page.detail import detail
+
+    try:
+        from cosim.results.page.server import PageServer
+    except MissingExtra as error:
+        print(f"note: zoom shows no more than the page has; {error}")
+        return False
+    with PageServer(page, {"detail": partial(detail, runs)}) as server:
+        print(f"{server.address} (Ctrl-C ends it)", flush=True)
+        webbrowser.open(server.address)
+        server.run()
+    return True
+
+
+def _written(page: str, out: Path | None) -> Path:
+    from cosim.whole_files import write_whole
+
+    path = Path(tempfile.mkdtemp(prefix="cosim_view_")) / "page.html" if out is None else out
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(path, lambda part: part.write_text(page, encoding="utf-8", newline="\n"))
+    except OSError as error:
+        raise OutputError(f"can't write {path}: {error.strerror or error}; choose another --out") from error
+    return path

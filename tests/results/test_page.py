@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import asyncio
 import base64
 import hashlib
 import json
 import re
+import threading
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
+from urllib.error import HTTPError
+from urllib.request import Request, urlopen
 
 import numpy as np
 import pytest
@@ -18,13 +24,16 @@ from cosim.__main__ import main
 from cosim.results.columns import TypedColumn
 from cosim.results.page.compare_page import compare_page, labelled
 from cosim.results.page.curves import curves_of
+from cosim.results.page.detail import detail
 from cosim.results.page.encoding import column_of, encoded, extremes, times
 from cosim.results.page.folder import read_run
 from cosim.results.page.run_page import run_page
+from cosim.results.page.server import PageServer
 from cosim.results.results import Results
 from tests.support import some
 from tests.support.browser import Tabs, accessible, chromium, fits, until
 from tests.support.html import Elements
+from tests.support.patience import PATIENCE
 
 NASTY = "</script><img src=x onerror=alert(1)> & \"quotes\" 'too' <!--"
 T = np.linspace(0.0, 2.0, 501)
@@ -190,7 +199,7 @@ def test_too_many_values_become_extremes_within_the_budget_and_the_page_says_so(
     np.testing.assert_array_equal(found.min(axis=1), values.astype("<f4").min(axis=0))
     whole = curves_of({"a": run}, budget=10_000_000)
     assert whole.data["runs"][0]["resolution"] is None
-    assert f"value of each {resolution:.6g} s" in run_page(run, budget=100_000)
+    assert f"of each {resolution:.6g} s" in run_page(run, budget=100_000)
 
 
 # ---- the page as text
@@ -404,3 +413,92 @@ def test_everybody_can_use_it(tabs, page, width, scheme):
     tab.evaluate("document.querySelectorAll('details').forEach((d) => (d.open = true))")
     accessible(tab)
     fits(tab)
+
+
+# ---- a page that asks for values
+
+
+def served(run: Results) -> tuple[str, Callable[[], None]]:
+    """Address of a page that asks for values of a run, and a function that ends its server."""
+    page = run_page(run, budget=20_000, asks=True)
+    ready = threading.Event()
+    found: dict[str, Any] = {}
+
+    async def serve() -> None:
+        with PageServer(page, {"detail": partial(detail, {"a": run})}) as server:
+            found["address"], found["loop"] = server.address, asyncio.get_running_loop()
+            found["task"] = asyncio.current_task()
+            ready.set()
+            with suppress(asyncio.CancelledError):
+                await server.serve()
+
+    thread = threading.Thread(target=lambda: asyncio.run(serve()))
+    thread.start()
+    assert ready.wait(PATIENCE)
+
+    def end() -> None:
+        found["loop"].call_soon_threadsafe(found["task"].cancel)
+        thread.join(PATIENCE)
+
+    return found["address"], end
+
+
+def many() -> Results:
+    """A run of more values than a small page takes, with a spike."""
+    time = np.linspace(0.0, 100.0, 50_001)
+    values = np.column_stack([np.sin(40.0 * time), np.cos(time)])
+    values[25_000, 0] = 7.0
+    return Results(time, ["a.x", "a.y"], values)
+
+
+def test_values_that_a_page_lacks_are_answered_to_whom_they_belong():
+    run = many()
+    address, end = served(run)
+    try:
+
+        def ask(path: str, **headers: str) -> tuple[int, bytes]:
+            try:
+                with urlopen(Request(address.rpartition("/")[0] + path, headers=headers)) as answer:
+                    return answer.status, answer.read()
+            except HTTPError as error:
+                return error.code, b""
+
+        assert address.startswith("http://127.0.0.1:")
+        status, text = ask("/")
+        assert status == 200
+        assert b"connect-src 'self'" in text
+        assert ask("/", Host="evil.example")[0] == 421
+        assert ask("/../detail?names=0:a.x&from=0&to=1")[0] == 404  # without the token
+        assert ask("/detail?names=0:a.none&from=0&to=1")[0] == 400
+        assert ask("/detail?names=0:a.x&from=0")[0] == 400
+        status, text = ask("/detail?names=0:a.x%0A0:a.y&from=49.999&to=50.001")
+        assert status == 200
+    finally:
+        end()
+    answer = json.loads(text)
+    (x, y) = answer["curves"]
+    first = np.searchsorted(run.time, 49.999) - 1
+    assert (x["rows"], x["resolution"], x["time"]["start"]) == (y["rows"], None, run.time[first])
+    columns = decoded(zlib.decompress(base64.b64decode(answer["bytes"])), x["rows"])
+    np.testing.assert_array_equal(columns[0], run.values[first : first + x["rows"], 0].astype("<f4"))
+    assert columns[0].max() == 7.0
+    whole = detail({"a": run}, {"names": "0:a.x", "from": "-1", "to": "1e9"})["curves"][0]
+    assert whole["rows"] <= 4000
+    assert whole["resolution"] == pytest.approx(26 * 0.002)
+
+
+@pytest.mark.slow
+def test_zoom_asks_for_values(browser):
+    address, end = served(many())
+    tab = browser.new_page()
+    try:
+        tab.goto(address)
+        drawn(tab, 2)
+        tab.evaluate("signals.zoom(49.99, 50.01)")
+        until(tab, "document.querySelector('.curves').dataset.resolution === 'all'")
+        tab.evaluate("signals.point(50)")
+        assert tab.locator(".panel output").first.inner_text() == "7"
+        tab.click("[data-act=all]")
+    finally:
+        tab.close()
+        end()

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from html import escape
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cosim.results.page import facts
 from cosim.results.page.curves import BUDGET
 from cosim.results.page.document import PLOT_SCRIPTS, PLOT_STYLES, Section, assets, document, table
 from cosim.results.page.run_page import curves_section, further_sections
-from cosim.whole_files import write_whole
 
 if TYPE_CHECKING:
     from cosim.results.recorded import Recorded
@@ -39,7 +37,7 @@ def labelled(runs: Iterable[tuple[str, Any]]) -> dict[str, Any]:
     return found
 
 
-def compare_page(runs: Mapping[str, Recorded], title: str = "", budget: int = BUDGET) -> str:
+def compare_page(runs: Mapping[str, Recorded], title: str = "", budget: int = BUDGET, *, asks: bool = False) -> str:
     """The page of several runs as HTML; the first is the one that others are compared with.
 
     Parameters
@@ -50,6 +48,8 @@ def compare_page(runs: Mapping[str, Recorded], title: str = "", budget: int = BU
         By default the labels.
     budget : int
         Bytes that the curves may take; see `curves_of`.
+    asks : bool
+        As of `run_page`.
 
     Raises
     ------
@@ -69,7 +69,7 @@ def compare_page(runs: Mapping[str, Recorded], title: str = "", budget: int = BU
         f'<p class="over">{len(runs)} runs, compared with the first</p>\n<h1>{escape(name)}</h1>\n'
         f'<ol class="runs">{legend}</ol>'
     )
-    return document(name, header, sections, styles=assets(PLOT_STYLES), scripts=assets(PLOT_SCRIPTS))
+    return document(name, header, sections, styles=assets(PLOT_STYLES), scripts=assets(PLOT_SCRIPTS), asks=asks)
 
 
 def _about(label: str, run: Recorded) -> str:
@@ -160,19 +160,3 @@ def _made(runs: Mapping[str, Recorded]) -> Section:
         about = facts.made(run.info, label) + facts.happened(run, label)
         parts.append(f"<details><summary>{escape(label)}</summary>{about}</details>")
     return Section("made", "How each was made", "\n".join(parts))
-
-
-def write_compare_page(runs: Mapping[str, Recorded], path: Path, title: str = "") -> Path:
-    """Write the page of several runs, which needs no other file and no network.
-
-    Raises
-    ------
-    OSError
-        It can't be written.
-    CosimError
-        As `compare_page`.
-    """
-    text = compare_page(runs, title)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_whole(path, lambda part: part.write_text(text, encoding="utf-8", newline="\n"))
-    return path

@@ -115,8 +115,8 @@ def _variables(runs: Sequence[Recorded]) -> list[Variable]:
 
 def _described(variable: Variable, block_id: str, columns: Sequence[Column]) -> dict[str, Any]:
     shown = []
-    for (label, run, _), column in zip(variable.curves, columns, strict=True):
-        one: dict[str, Any] = {"label": label, "run": run, "rows": len(column.numbers)}
+    for (label, run, name), column in zip(variable.curves, columns, strict=True):
+        one: dict[str, Any] = {"label": label, "run": run, "name": name, "rows": len(column.numbers)}
         if column.offset:
             one["offset"] = column.offset
         if column.scale != 1.0:

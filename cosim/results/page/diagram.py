@@ -57,7 +57,7 @@ def _about(info: Mapping[str, Any], name: str) -> str:
     if fmu is None:
         return "Python function" if name in info.get("functions", {}) else ""
     path = str(fmu.get("path", ""))
-    return path.replace("\\", "/").rpartition("/")[2]
+    return path.rpartition(": ")[2].replace("\\", "/").rpartition("/")[2]  # of one in an archive: behind its name
 
 
 def _usable(places: Any, components: list[str]) -> Mapping[str, Any] | None:

@@ -84,6 +84,7 @@ def document(
     data: Mapping[str, Any] | None = None,
     blocks: Mapping[str, bytes] | None = None,
     webassembly: bool = False,
+    asks: bool = False,
 ) -> str:
     """A page as HTML.
 
@@ -104,6 +105,8 @@ def document(
         Id -> deflated bytes, for `decode.js`.
     webassembly : bool, optional
         Its scripts may compile WebAssembly, and start workers from texts of the page.
+    asks : bool, optional
+        Its scripts may ask the server that it is from.
     """
     style = "\n".join(dict.fromkeys([*styles, *(text for s in sections for text in s.styles)]))
     script = "\n".join(dict.fromkeys([*scripts, *(text for s in sections for text in s.scripts)]))
@@ -122,6 +125,7 @@ def document(
             f"style-src {_hash(style)}",
             f"script-src {_hash(script)}" + " 'wasm-unsafe-eval'" * webassembly,
             *(["worker-src blob:"] if webassembly else []),
+            *(["connect-src 'self'"] if asks else []),
         )
     )
     shown = "\n".join(section.in_page() for section in sections)

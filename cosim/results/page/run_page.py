@@ -47,7 +47,7 @@ def further_sections() -> tuple[Further, ...]:
     return tuple(found)
 
 
-def run_page(run: Recorded, title: str = "", log: str = "", budget: int = BUDGET) -> str:
+def run_page(run: Recorded, title: str = "", log: str = "", budget: int = BUDGET, *, asks: bool = False) -> str:
     """The page of a run as HTML.
 
     Parameters
@@ -59,6 +59,8 @@ def run_page(run: Recorded, title: str = "", log: str = "", budget: int = BUDGET
         What the FMUs said.
     budget : int
         Bytes that the curves may take; see `curves_of`.
+    asks : bool
+        Whether it may ask the server that it is from for values that it has no room for.
 
     Raises
     ------
@@ -69,7 +71,9 @@ def run_page(run: Recorded, title: str = "", log: str = "", budget: int = BUDGET
     pictures = [*(make({name: run}) for make in further_sections()), diagram_section(run.info)]
     sections = [*filter(None, pictures), curves_section({name: run}, budget)]
     sections += _facts(run, log)
-    return document(name, _header(run, name), sections, styles=assets(PLOT_STYLES), scripts=assets(PLOT_SCRIPTS))
+    return document(
+        name, _header(run, name), sections, styles=assets(PLOT_STYLES), scripts=assets(PLOT_SCRIPTS), asks=asks
+    )
 
 
 def _header(run: Recorded, name: str) -> str:
@@ -85,8 +89,8 @@ def curves_section(runs: Mapping[str, Recorded], budget: int = BUDGET) -> Sectio
     events = [facts.events(run) for run in runs.values()]
     coarse = [run["resolution"] for run in curves.data["runs"] if run["resolution"]]
     said = (
-        f'<p class="hint">There are too many values for a page: curves show the smallest and the largest value of each '
-        f"{facts.number(max(coarse))} s.</p>"
+        f'<p class="hint coarse">There are too many values for a page: curves show the smallest and the largest '
+        f"value of each {facts.number(max(coarse))} s.</p>"
         if coarse
         else ""
     )

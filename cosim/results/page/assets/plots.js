@@ -144,7 +144,7 @@ class Plot {
     sample.append(make("path", { d: "M1 4H27", class: colour, "stroke-dasharray": dash.join(" ") }));
     const output = make("output", {});
     this.outputs.push(output);
-    if (this.settings.series.length === 1) return make("li", {}, sample, " ", output);
+    if (this.settings.series.length === 1) return make("li", {}, output);
     const box = make("input", { type: "checkbox", checked: !series.hidden });
     box.addEventListener("change", () => {
       series.hidden = !box.checked;
@@ -168,7 +168,7 @@ class Plot {
     const options = {
       width,
       height,
-      padding: [10, 8, 0, 0],
+      padding: [10, 18, 0, 0],
       legend: { show: false },
       scales: {
         x: { time: false, range: () => [self.view.from, self.view.to] },

@@ -7,6 +7,7 @@ function startSignals(root) {
   const find = (selector) => root.querySelector(selector);
   const { runs, variables } = DATA.curves;
   const several = runs.length > 1;
+  const asks = location.protocol.startsWith("http") && document.querySelector("meta[content*=connect-src]") !== null;
   const view = new TimeView(Math.min(...runs.map((r) => r.ends[0])), Math.max(...runs.map((r) => r.ends[1])));
   const times = runs.map((run) => timesOf(run.time));
   const events = new Map(); // by time and text: those of several runs are drawn once
@@ -85,9 +86,42 @@ function startSignals(root) {
         };
       }),
     );
-    new Plot(element.querySelector(".curves"), view, { title: panel.title, unit: panel.unit, series, events: drawn });
+    const plot = new Plot(element.querySelector(".curves"), view, { title: panel.title, unit: panel.unit, series, events: drawn });
+    if (asks && panel.curves.some(([v, i]) => runs[v.columns[i].run].resolution)) askFor(plot, panel, series);
     if (several && series.length > 1) drawDifferences(element, panel, series);
     element.dataset.drawn = "yes";
+  }
+
+  /** Ask the server for the values in view that the page has no room for, a moment after a zoom. */
+  function askFor(plot, panel, whole) {
+    let timer = null;
+    let last = "";
+    view.follow(() => {
+      const key = `${view.from} ${view.to}`;
+      if (key === last || !view.plots.has(plot)) return;
+      last = key;
+      clearTimeout(timer);
+      if (view.isWhole) {
+        if (plot.settings.series !== whole) plot.set({ series: whole });
+        return;
+      }
+      timer = setTimeout(async () => {
+        const names = panel.curves.map(([v, i]) => `${v.columns[i].run}:${v.columns[i].name}`).join("\n");
+        const answer = await fetch(`detail?${new URLSearchParams({ names, from: view.from, to: view.to })}`);
+        if (!answer.ok || key !== last) return;
+        const found = await answer.json();
+        const columns = columnsIn(await inflatedText(found.bytes), found.curves);
+        const grids = await Promise.all(
+          found.curves.map(async ({ time }, k) =>
+            timesOf(found.times[k] ? { ...time, block: await inflatedText(found.times[k]) } : time),
+          ),
+        );
+        const equal = found.curves.every(({ time }) => JSON.stringify(time) === JSON.stringify(found.curves[0].time));
+        const shared = equal && !found.times[0];
+        plot.set({ series: whole.map((s, k) => ({ ...s, times: shared ? grids[0] : grids[k], values: columns[k] })) });
+        plot.root.dataset.resolution = found.curves[0].resolution ?? "all";
+      }, 200);
+    });
   }
 
   /** Below the curves of several runs: how far each is from the first. */
