@@ -24,6 +24,7 @@ from fmu_export.native.elementary import licences
 from fmu_export.native.toolchain import Target, ToolchainError, compile_library, host_target
 from fmu_export.package import description_fmi2, description_fmi3
 from fmu_export.package.archive import write_archive
+from fmu_export.package.bill_of_materials import bill_of_materials
 from fmu_export.package.interface import Interface, interface_of
 from fmu_export.package.metadata import NO_METADATA, Metadata, licence_members
 from fmu_export.package.references import Reference, reference_members
@@ -202,6 +203,7 @@ def build_native(
             runs_here = targets is None or host_target() in targets
             asked_for = None if reference is True else reference
             members |= reference_members(model, interface, asked_for, members if runs_here else None, unchecked)
+        members |= bill_of_materials(model.name, metadata, members)
         path = Path(folder) / f"{model.name}.fmu"
         write_archive(path, members)
     return path

@@ -18,6 +18,7 @@ from fmu_export.errors import ArgumentError
 from fmu_export.modelling.model import Model
 from fmu_export.modelling.model_class import AnyModel, flat_model
 from fmu_export.package.archive import write_archive
+from fmu_export.package.bill_of_materials import bill_of_materials
 from fmu_export.package.description_fmi2 import model_description
 from fmu_export.package.interface import Interface, interface_of
 from fmu_export.package.metadata import NO_METADATA, Metadata, licence_members
@@ -152,7 +153,7 @@ def build_pythonfmu(
     if reference is not False:
         asked_for = None if reference is True else reference
         members |= reference_members(model, interface, asked_for, None, unchecked)
-    write_archive(path, members)
+    write_archive(path, members | bill_of_materials(model.name, metadata, members))
     return path
 
 

@@ -14,6 +14,8 @@ from xml.etree import ElementTree
 
 from fmu_export.errors import ArgumentError, needs
 from fmu_export.package.archive import write_archive
+from fmu_export.package.bill_of_materials import bill_of_materials
+from fmu_export.package.metadata import NO_METADATA
 from fmu_export.pythonfmu.binary import binaries, licence
 from fmu_export.pythonfmu.entry import bundle_of, entry_members
 from fmu_export.pythonfmu.script_slave import Namespace, namespace_of, reason, slave_class_of
@@ -66,15 +68,13 @@ def build_script(
         digest.update(member.encode() + resources[member])
     description.set("guid", f"{{{digest.hexdigest()[:32]}}}")
     target = Path(folder) / f"{name}.fmu"
-    write_archive(
-        target,
-        {
-            "modelDescription.xml": ElementTree.tostring(description, "utf-8", xml_declaration=True),
-            **{f"resources/{member}": content for member, content in resources.items()},
-            **binaries(description.find("CoSimulation").get("modelIdentifier", "")),  # type: ignore[union-attr]
-            "documentation/licenses/pythonfmu.txt": licence(),
-        },
-    )
+    members = {
+        "modelDescription.xml": ElementTree.tostring(description, "utf-8", xml_declaration=True),
+        **{f"resources/{member}": content for member, content in resources.items()},
+        **binaries(description.find("CoSimulation").get("modelIdentifier", "")),  # type: ignore[union-attr]
+        "documentation/licenses/pythonfmu.txt": licence(),
+    }
+    write_archive(target, members | bill_of_materials(name, NO_METADATA, members))
     return target
 
 

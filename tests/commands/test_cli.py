@@ -6,6 +6,7 @@ import argparse
 import hashlib
 import json
 import os
+import runpy
 import shutil
 import subprocess
 import sys
@@ -280,6 +281,31 @@ def test_the_build_script_writes_the_same_bytes_twice(tmp_path, monkeypatch):
             assert str(path) in done.stdout
         digests.append({p.name: digest(p) for p in folder.iterdir()})
     assert digests[0] == digests[1]
+    published = Path("fmus/fmus.sha256")
+    assert published.read_bytes() == Path("other/fmus.sha256").read_bytes()
+    published.write_text(published.read_text().replace("a", "b", 1))
+    done = build("--flavour", "pythonfmu", "--fmus", "other", "--check", str(published))
+    assert done.returncode == 1
+    assert "is not that of fmus/fmus.sha256" in done.stdout
+
+
+def test_the_hashes_of_fmus_are_as_other_programs_have_them(tmp_path, capsys):
+    script = runpy.run_path(str(ROOT / "build_fmus.py"))
+    for name, content in (("fmi2/A.fmu", b"a"), ("wasm/A.wasm", b"b"), ("fmi2/.built.json", b"c")):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_bytes(content)
+    script["write_hashes"](tmp_path)
+    published = tmp_path / "fmus.sha256"
+    assert published.read_text() == (
+        f"{hashlib.sha256(b'a').hexdigest()}  fmi2/A.fmu\n{hashlib.sha256(b'b').hexdigest()}  wasm/A.wasm\n"
+    )
+    assert script["has_hashes"](tmp_path, published)
+    (tmp_path / "wasm/A.wasm").unlink()
+    (tmp_path / "fmi2/A.fmu").write_bytes(b"changed")
+    assert not script["has_hashes"](tmp_path, published)
+    said = capsys.readouterr().out
+    assert f"fmi2/A.fmu is not that of {published}" in said
+    assert "wasm/A.wasm is missing" in said
 
 
 @pytest.mark.slow
