@@ -17,7 +17,7 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from benchmarks.coupling import measure_coupling
+from benchmarks.coupling import measure_coupling, measure_other_systems
 from benchmarks.exporters import measure_exporters
 from benchmarks.loop import measure_loop, measure_pythonfmu, measure_stepping
 from benchmarks.masters import measure_masters
@@ -39,6 +39,7 @@ PARTS: dict[str, Callable[[Path], Section | list[Section]]] = {
     "stepping": measure_stepping,
     "pythonfmu": measure_pythonfmu,
     "coupling": measure_coupling,
+    "couplings_of_others": measure_other_systems,
     "chain": lambda _: measure_chain(),
     "many": measure_many,
     "program": measure_program,

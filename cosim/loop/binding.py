@@ -157,6 +157,7 @@ class Loop(ctypes.Structure):
         ("last_point", c_int64),
         ("values", POINTER(c_double)),
         ("samples", POINTER(c_double)),
+        ("samples_inside", POINTER(c_double)),
         ("jumps", POINTER(c_uint8)),
         ("n_samples", c_int64),
         ("first_sample", c_int64),

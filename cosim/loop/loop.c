@@ -213,35 +213,26 @@ static void choose(const Extrapolated *in, const double *restrict now, double st
     }
 }
 
-/* Derivatives of the polynomial through the next value of a signal, this one, and up to two before, times the step^order;
- * with fewer before its degree is lower. */
-static const double through[3][3][4] = {
-    {{1.0, -1.0}},
-    {{1.0 / 2, 0.0, -1.0 / 2}, {1.0, -2.0, 1.0}},
-    {{1.0 / 3, 1.0 / 2, -1.0, 1.0 / 6}, {1.0, -2.0, 1.0, 0.0}, {1.0, -3.0, 3.0, -1.0}},
-};
-
-/* How many samples before this point belong to the polynomial of the step ahead: none from before a jump. */
-static int32_t samples_before(const Loop *loop, int64_t point, int64_t every, int32_t degree) {
-    int32_t n = 0;
-    while (n < 2 && n + 1 < degree && point - (n + 1) * every >= loop->first_sample &&
-           !jumps_within(loop, point - (n + 1) * every, point - n * every))
-        n++;
-    return n;
-}
-
-/* All derivatives of a signal by its samples. */
-static void interpolate(const Loop *loop, int64_t point, int64_t every, int32_t before, int32_t column,
-                        double per_second, int32_t degree, double *derivatives, int32_t n) {
-    double scale = 1.0;
-    for (int32_t d = 0; d < degree; d++, derivatives += n) {
-        double sum = 0.0;
-        scale *= per_second;
-        for (int32_t k = 0; d <= before && k < before + 2; k++) {
-            int64_t row = point + (1 - k) * every - loop->first_sample;
-            sum += through[before][d][k] * loop->samples[row * loop->n_samples + column];
-        }
-        *derivatives = sum * scale;
+/* All derivatives of a signal over the step ahead: of the cubic through its values at both ends and after a third and two
+ * thirds of it, or of the parabola without the first of these. Differences, lest a constant has derivatives by rounding. */
+static void interpolate(const Loop *loop, int64_t row, int64_t next, int32_t column, double per_second, int32_t degree,
+                        double *derivatives, int32_t n) {
+    double from = loop->samples[row * loop->n_samples + column];
+    const double *inside = loop->samples_inside + 2 * (row * loop->n_samples + column);
+    double first = inside[0] - from, second = inside[1] - from, end = loop->samples[next * loop->n_samples + column] - from;
+    double scaled[3] = {end, 0.0, 0.0}; /* where the signal can't be had inside */
+    if (degree == 2 && !isnan(second)) {
+        scaled[0] = 4.5 * second - 2.0 * end;
+        scaled[1] = 6.0 * end - 9.0 * second;
+    } else if (degree > 2 && !isnan(first) && !isnan(second)) {
+        scaled[0] = 9.0 * first - 4.5 * second + end;
+        scaled[1] = 36.0 * second - 45.0 * first - 9.0 * end;
+        scaled[2] = 27.0 * (3.0 * (first - second) + end);
+    }
+    for (int32_t d = 0; d < degree; d++) {
+        double scale = per_second;
+        for (int32_t k = 0; k < d; k++) scale *= per_second;
+        derivatives[d * n] = scaled[d] * scale;
     }
 }
 
@@ -264,12 +255,11 @@ static int extrapolate(const Loop *loop, const Operation *op, int64_t point, dou
     go_on(in, now, in->rates, per_second, n);
     if (in->watched) choose(in, now, op->every * loop->step_size, per_second, n);
     int32_t first = n - op->n_targets;
-    int32_t before = in->degree > 1 && first < n ? samples_before(loop, point, op->every, in->degree) : 0;
     for (int32_t i = first; i < n; i++) {
         int32_t column = op->targets[i - first];
         if (column == EXTRAPOLATED || (column != HELD && !ahead)) continue;
-        if (column != HELD && in->degree > 1) {
-            interpolate(loop, point, op->every, before, column, per_second, in->degree, in->derivatives + i, n);
+        if (column != HELD && in->degree > 1 && loop->samples_inside) {
+            interpolate(loop, row - op->every, row, column, per_second, in->degree, in->derivatives + i, n);
             continue;
         }
         for (int32_t d = 0; d < in->degree; d++) in->derivatives[d * n + i] = 0.0;
@@ -581,6 +571,7 @@ static const Field layout[] = {
     FIELD(Loop, last_point),
     FIELD(Loop, values),
     FIELD(Loop, samples),
+    FIELD(Loop, samples_inside),
     FIELD(Loop, jumps),
     FIELD(Loop, n_samples),
     FIELD(Loop, first_sample),

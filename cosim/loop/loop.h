@@ -93,6 +93,7 @@ typedef struct Loop {
     double *values;
     /* samples of the signals, and whether something jumps at a point or since the one before; rows from first_sample on */
     const double *samples;
+    const double *samples_inside; /* two for each, after a third and two thirds of the step to the next; NULL without any */
     const uint8_t *jumps;
     int64_t n_samples, first_sample, n_rows;
     /* what is recorded, at the points whose number is a multiple of record_every; rows from first_record on */

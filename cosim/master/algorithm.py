@@ -32,6 +32,8 @@ class Order:
         its operations.
     needs_levels : bool
         It can't run a system with an algebraic loop, whose levels are unknown.
+    auto : str
+        Extrapolation that is the default, where FMUs can; elsewhere inputs are linear or held.
     """
 
     name: str
@@ -39,6 +41,7 @@ class Order:
     text: str
     arrange: Callable[[Levelled, Levelled], list[Any]]
     needs_levels: bool
+    auto: str = "linear"
 
 
 @dataclass(frozen=True)
@@ -109,14 +112,11 @@ ORDERS: dict[str, Order] = {}
 #: Extrapolations by name.
 EXTRAPOLATIONS: dict[str, Extrapolation] = {}
 
-#: In place of the name of an extrapolation: the default, which is linear where the FMU can and else held.
+#: In place of the name of an extrapolation: the default, that of the order where FMUs can, else linear, else held.
 AUTO = "auto"
 
 #: What integrates components in model exchange, by name; see `cosim.master.model_exchange.Solver`.
 SOLVERS = (AUTO, "rk4", "dopri5")
-
-#: The extrapolation that `AUTO` stands for where an FMU can.
-_AUTO_MEANS = "linear"
 
 #: Derivatives of inputs of a higher order than this are passed to no FMU.
 MOST_DEGREE = 3
@@ -312,8 +312,7 @@ def algorithm(order: str = "sequential", extrapolation: str = AUTO) -> Algorithm
     order : str
         One of `ORDERS`: "sequential" (Gauss-Seidel) or "parallel" (Jacobi).
     extrapolation : str
-        One of `EXTRAPOLATIONS`: "hold" (zero-order hold) or "linear" (first-order hold); "auto" is linear where the FMU
-        can, and else holds.
+        One of `EXTRAPOLATIONS`; "auto" is linear where the FMU can, and else holds.
 
     Raises
     ------
@@ -322,11 +321,11 @@ def algorithm(order: str = "sequential", extrapolation: str = AUTO) -> Algorithm
     """
     if order not in ORDERS:
         raise SetupError(f"order {order!r} is unknown; use {_choices(ORDERS)}")
-    return Algorithm(ORDERS[order], *extrapolation_named(extrapolation))
+    return Algorithm(ORDERS[order], *extrapolation_named(extrapolation, ORDERS[order]))
 
 
-def extrapolation_named(name: str) -> tuple[Extrapolation, bool]:
-    """The extrapolation of this name, and whether an FMU that can't is an error, which it isn't for "auto".
+def extrapolation_named(name: str, order: Order) -> tuple[Extrapolation, bool]:
+    """The extrapolation of this name in an order, and whether an FMU that can't is an error, which it isn't for "auto".
 
     Raises
     ------
@@ -335,7 +334,7 @@ def extrapolation_named(name: str) -> tuple[Extrapolation, bool]:
     """
     if name != AUTO and name not in EXTRAPOLATIONS:
         raise SetupError(f"extrapolation {name!r} is unknown; use '{AUTO}', {_choices(EXTRAPOLATIONS)}")
-    return EXTRAPOLATIONS[_AUTO_MEANS if name == AUTO else name], name != AUTO
+    return EXTRAPOLATIONS[order.auto if name == AUTO else name], name != AUTO
 
 
 def _choices(registry: Mapping[str, Order] | Mapping[str, Extrapolation]) -> str:

@@ -157,7 +157,7 @@ def _wanted(algorithm: Algorithm, link: Link | None) -> tuple[Extrapolation, boo
     """The extrapolation of a connection or a signal, and whether it is demanded."""
     if link is None or link.extrapolation is None:
         return algorithm.extrapolation, algorithm.demanded
-    return extrapolation_named(link.extrapolation)
+    return extrapolation_named(link.extrapolation, algorithm.order)
 
 
 def _order_of(system: ResolvedSystem, component: str, orders: Mapping[str, int]) -> int:

@@ -568,6 +568,8 @@ class Run:
     def _point_at_samples(self) -> None:
         samples, loop = self._samples, self._loop
         loop.samples, loop.jumps = _pointer(samples.values, ctypes.c_double), _pointer(samples.jumps, ctypes.c_uint8)
+        if samples.inside is not None:
+            loop.samples_inside = _pointer(samples.inside, ctypes.c_double)
         loop.first_sample, loop.n_rows = samples.first, samples.end - samples.first
 
     def _terminate(self, time: float) -> None:

@@ -34,11 +34,11 @@ class Samples:
     last_point : int
         Number of the last communication point.
     reach : int
-        By how many points the loop looks back from those it performs, at least.
+        By how many points the loop looks back from those it performs.
     ahead : bool
         Whether it looks ahead by as many.
-    back : int, optional
-        By how many points it looks back, where these are more.
+    inside : bool
+        Whether it needs values inside the steps, too.
     texts : Texts, optional
         Texts of the system.
 
@@ -46,6 +46,8 @@ class Samples:
     ----------
     values : array (rows, columns)
         Slots, see `cosim.fmi.types`: one column for each target of each drive.
+    inside : array (rows, columns, 2) or None
+        The same of real ones after a third and two thirds of the step to the next value; NaN where they can't be had.
     jumps : array (rows,) of uint8
         Whether a signal jumps at this point or since the one before.
     first, end : int
@@ -65,20 +67,21 @@ class Samples:
         reach: int,
         *,
         ahead: bool = True,
-        back: int = 0,
+        inside: bool = False,
         texts: Texts | None = None,
     ) -> None:
         self.drives = tuple(drives)
         self._start_time, self._step_size = start_time, step_size
-        self._last_point, self._reach = last_point, max(reach, back)
+        self._last_point, self._reach = last_point, reach
         self._texts = Texts() if texts is None else texts
         self._ahead = reach if ahead else 0
         widths = [len(d.targets) for d in drives]
         ends = np.cumsum([0, *widths])
         self.columns = [np.arange(a, a + n, dtype=np.int32) for a, n in zip(ends, widths, strict=False)]
         self._breakpoints = np.unique([b for d in drives for b in d.breakpoints])
-        self._rows = max(_MOST_SAMPLES // max(1, int(ends[-1])), 4 * self._reach + 1)
+        self._rows = max(_MOST_SAMPLES // max(1, (3 if inside else 1) * int(ends[-1])), 4 * reach + 1)
         self.values = np.empty((min(self._rows, last_point + 1), int(ends[-1])))
+        self.inside = np.full((*self.values.shape, 2), np.nan) if inside else None
         self.jumps = np.zeros(len(self.values), dtype=np.uint8)
         self.first = self.end = 0
         self.failure: CallFailed | None = None
@@ -113,6 +116,8 @@ class Samples:
         kept = slice(first - self.first, self.end - self.first)
         n = self.end - first
         self.values[:n] = self.values[kept].copy()
+        if self.inside is not None:
+            self.inside[:n] = self.inside[kept].copy()
         self.jumps[:n] = self.jumps[kept].copy()
         self.first = first
 
@@ -129,6 +134,8 @@ class Samples:
             if failure is not None:
                 failures.append((len(points), drive, failure))
             self.values[np.ix_(points[own] - self.first, columns)] = block
+            if self.inside is not None and drive.targets[0].kind == "real" and not drive.added:
+                self._sample_inside(drive, columns, points[own])
         for row, drive, failure in failures:
             if row == len(points):  # no signal has been cut before
                 self.failed, self.failure = drive, failure
@@ -137,6 +144,17 @@ class Samples:
         before = np.searchsorted(self._breakpoints, times - (1.0 - _TOLERANCE) * self._step_size, side="right")
         until = np.searchsorted(self._breakpoints, times + _TOLERANCE * self._step_size, side="right")
         self.jumps[first - self.first : self.end - self.first] = until > before
+
+    def _sample_inside(self, drive: Drive, columns: np.ndarray, points: np.ndarray) -> None:
+        """Values between those at points; where a signal fails there the loop goes straight."""
+        assert self.inside is not None
+        points = points[points + drive.every <= self._last_point]
+        for k, part in enumerate((1.0 / 3.0, 2.0 / 3.0)):
+            times = self._times(points) + part * drive.every * self._step_size
+            block, _ = sample(drive, times, texts=self._texts)
+            rows = np.full((len(points), len(columns)), np.nan)
+            rows[: len(block)] = block
+            self.inside[:, :, k][np.ix_(points - self.first, columns)] = rows
 
     def _times(self, points: np.ndarray) -> np.ndarray:
         return self._start_time + points * self._step_size

@@ -907,7 +907,7 @@ class Simulation:
                 return samples
         ahead = any((d.component, e.name) in self._extrapolated.moving for d in drives for e in d.targets)
         reach = max(component.every for component in self._resolved.components.values())
-        back = max((each.degree - 1 for each in self._extrapolated.moving.values()), default=0)
+        inside = ahead and any(each.degree > 1 for each in self._extrapolated.moving.values())
         samples = Samples(
             drives,
             grid.start_time,
@@ -915,7 +915,7 @@ class Simulation:
             grid.last_point,
             reach,
             ahead=ahead,
-            back=max(1, back) * reach,
+            inside=inside,
             texts=self._texts,
         )
         self._samples = ((drives, grid), samples)

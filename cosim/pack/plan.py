@@ -137,7 +137,6 @@ class Plan:
         directs = [v for v in variables if self._is_direct(v)]
         slots = sum(len(s.values) for s in self._starts)
         text_slots = list(self._text_slots())
-        degree = max((each.degree for each in self._extrapolated.moving.values()), default=0)  # how far it looks back
         lines: list[list[Any]] = [
             ["cosim-pack", "1"],
             [_text(token)],
@@ -148,7 +147,7 @@ class Plan:
             ],
             [
                 _real(max_step),
-                max(every) * max(1, degree - 1),
+                max(every),
                 math.lcm(*every),
                 int(not self._extrapolated.algorithm.order.needs_levels),
             ],
@@ -230,9 +229,9 @@ class Plan:
                 code = 0 if element.kind == "real" else _POINTER if element.type.is_text else 16
                 if number < len(self._tables):
                     zero: Any = 0.0 if code == 0 else "" if code == _POINTER else 0
-                    yield ["column", number, i, code, _value(element.type, zero)]
+                    yield ["column", number, i, code, drive.every, _value(element.type, zero)]
                 else:
-                    yield ["column", -1, 0, code, _value(element.type, next(inputs).start)]
+                    yield ["column", -1, 0, code, drive.every, _value(element.type, next(inputs).start)]
 
     def _signal(self, number: int, table: Table) -> list[Any]:
         drive = self._resolved.drives[number]

@@ -160,27 +160,49 @@ def test_the_rate_of_an_output_that_depends_on_the_time_is_known(fmus: Path) -> 
 
 @pytest.mark.parametrize("every", [1, 2])
 @pytest.mark.parametrize("jump", [None, 0.8])
-@pytest.mark.parametrize("name", ["quadratic", "cubic"])
-def test_a_signal_is_followed_by_a_polynomial_through_its_next_value_and_those_before(
-    fmus: Path, name: str, jump: float | None, every: int
+@pytest.mark.parametrize(("name", "nodes"), [("quadratic", [0, 2 / 3, 1]), ("cubic", [0, 1 / 3, 2 / 3, 1])])
+def test_a_signal_is_followed_by_a_polynomial_through_its_values_in_the_step(
+    fmus: Path, name: str, nodes: list[float], jump: float | None, every: int
 ) -> None:
-    """Not across a jump, and not before the start; there is a next value but for a jump."""
-    system, degree = System(), KNOWN[name][0]
+    """But for a step at whose end it jumps: there it is extrapolated."""
+    system = System()
     system.add("tank", fmus / "fmi2" / "Tank.fmu", every=every)
     for which, flow in zip("ab", FLOWS, strict=True):
         system.drive(f"tank.{which}", flow, vectorized=True, breakpoints=() if jump is None else (jump,))
     r = simulate(system, 2.0, 0.1, extrapolation=name)
     own, total = r.time[::every], 0.0
-    of_jump = len(own) if jump is None else int(np.flatnonzero(own > jump - 1e-9)[0])
     for k, (a, b) in enumerate(itertools.pairwise(own)):
-        if k + 1 == of_jump:  # the next value is that after the jump: it is extrapolated
+        if jump is not None and own[k + 1] > jump - 1e-9 > own[k]:
             total += sum(jumped(name, flow, own, k) for flow in FLOWS)
             continue
-        window = own[max(0 if k < of_jump else of_jump, k + 1 - degree) : k + 2]
+        times = (b - a) * np.array(nodes)
         for flow in FLOWS:
-            primitive = Polynomial.fit(window - a, [flow(t) for t in window], len(window) - 1).integ()
+            primitive = Polynomial.fit(times, flow(a + times), len(nodes) - 1).integ()
             total += primitive(b - a) - primitive(0.0)
     assert r["tank.x"][-1] == pytest.approx(total, rel=1e-12)
+
+
+@pytest.mark.parametrize("vectorized", [False, True])
+def test_a_signal_with_a_kink_at_a_point_is_followed_exactly_and_one_that_fails_inside_goes_straight(
+    fmus: Path, vectorized: bool
+) -> None:
+    """Also where a table has a row at each point, as input files have."""
+    kinks = np.array([0.0, 1.0, -2.0, 3.0, 3.0])
+
+    def table(t: float) -> float:
+        return np.interp(t, np.arange(5) * 0.5, kinks)
+
+    def on_grid(t: float) -> float:
+        if not np.allclose(np.asarray(t) / 0.5, np.round(np.asarray(t) / 0.5)):
+            raise ValueError("there is no value")
+        return table(t)
+
+    for function in (table, on_grid):
+        system = System()
+        system.add("tank", fmus / "fmi2" / "Tank.fmu", start={"b": 0.0})
+        system.drive("tank.a", function, vectorized=vectorized)
+        r = simulate(system, 2.0, 0.5, extrapolation="cubic")
+        assert r["tank.x"] == pytest.approx(np.cumsum([0.0, *(0.25 * (kinks[1:] + kinks[:-1]))]), abs=1e-12)
 
 
 def jumped(name: str, flow: Callable[[float], float], times: np.ndarray, k: int) -> float:

@@ -159,8 +159,9 @@ static bool begin(Packed *packed) {
     if (!read_plan(packed)) return false;
     int64_t rows = CHUNK + 2 * (int64_t)packed->reach + 2;
     packed->samples = keep(packed, (size_t)rows * (size_t)(packed->n_columns + 1) * sizeof(double));
+    packed->inside = keep(packed, 2 * (size_t)rows * (size_t)(packed->n_columns + 1) * sizeof(double));
     packed->jumps = keep(packed, (size_t)rows);
-    if (!packed->samples || !packed->jumps) {
+    if (!packed->samples || !packed->inside || !packed->jumps) {
         packed_fail(packed, FAILURE, "no memory for an instance");
         return false;
     }
@@ -171,6 +172,7 @@ static bool begin(Packed *packed) {
     loop->last_point = INT64_MAX;
     loop->values = packed->values;
     loop->samples = packed->samples;
+    loop->samples_inside = packed->inside;
     loop->jumps = packed->jumps;
     loop->n_samples = packed->n_columns;
     loop->records = no_records;

@@ -96,6 +96,7 @@ typedef struct {
 /* What a column of the samples holds: an input of the packed FMU, or an element of a signal. */
 typedef struct {
     int32_t signal, element; /* signal -1: an input */
+    int32_t every;           /* of the component that it feeds */
     bool is_real;
     double start; /* slot */
 } Column;
@@ -190,6 +191,7 @@ typedef struct Packed {
     CurrentCall call; /* nobody reads it here, so the codes of the operations are all 0 */
     uint32_t *no_codes;
     double *samples; /* rows of columns */
+    double *inside;  /* rows of columns with two values each, inside the step ahead */
     uint8_t *jumps;
     char **texts;
     int32_t n_texts, room_for_texts;

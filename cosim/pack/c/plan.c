@@ -175,6 +175,7 @@ static void read_column(Reader *in, Column *column) {
     column->element = number(in);
     int32_t code = number(in);
     column->is_real = code < SIGNED;
+    column->every = number(in);
     column->start = slot(in, code);
 }
 

@@ -42,6 +42,23 @@ static double value_at(const Signal *signal, int32_t element, double t) {
     return values[left * size] + share * (values[right * size] - values[left * size]);
 }
 
+/* What the loop needs inside the step from a time on, so many points after the present one. */
+static void sample_inside(const Packed *packed, int32_t c, double t, double since, const double next_inputs[],
+                          double values[2]) {
+    const Column *column = &packed->columns[c];
+    double step = packed->loop.step_size;
+    for (int k = 0; k < 2; k++) {
+        double part = (k + 1.0) / 3.0 * column->every;
+        if (!column->is_real) continue;
+        if (column->signal >= 0) {
+            values[k] = value_at(&packed->signals[column->signal], column->element, t + part * step);
+        } else {
+            double change = next_inputs ? next_inputs[c] - packed->inputs[c] : step * packed->rates[c];
+            values[k] = packed->inputs[c] + (since + part) * change;
+        }
+    }
+}
+
 /* Have samples for the points first ... end - 1, and for as many around them as the loop looks at. Inputs have their
  * present values at the point `now` and move at their rates, or to `next_inputs` at the point after it. */
 void sample(Packed *packed, int64_t first, int64_t end, int64_t now, const double next_inputs[]) {
@@ -51,7 +68,7 @@ void sample(Packed *packed, int64_t first, int64_t end, int64_t now, const doubl
     for (int64_t point = from; point < to; point++) {
         double t = loop->start_time + (double)point * step;
         double *row = packed->samples + (point - from) * packed->n_columns;
-        for (int32_t c = 0; c < packed->n_columns; c++) {
+        for (int32_t c = 0; c < packed->n_columns && point >= first; c++) {
             const Column *column = &packed->columns[c];
             if (column->signal >= 0) {
                 const Signal *signal = &packed->signals[column->signal];
@@ -66,6 +83,8 @@ void sample(Packed *packed, int64_t first, int64_t end, int64_t now, const doubl
                 row[c] = packed->inputs[c] + (double)(point - now) * step * packed->rates[c];
             }
         }
+        for (int32_t c = 0; c < packed->n_columns && point >= first; c++)
+            sample_inside(packed, c, t, (double)(point - now), next_inputs, packed->inside + 2 * (row + c - packed->samples));
         int32_t before = not_after(packed->breakpoints, packed->n_breakpoints, t - (1.0 - tolerance) * step);
         int32_t until = not_after(packed->breakpoints, packed->n_breakpoints, t + tolerance * step);
         packed->jumps[point - from] = until > before;
