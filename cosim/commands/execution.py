@@ -18,7 +18,7 @@ from typing import Any, Self
 
 from tqdm import tqdm
 
-from cosim.commands.options import LOG_FILE, check_signatures, chosen_interfaces, log_options
+from cosim.commands.options import LOG_FILE, IsolationOptions, check_signatures, chosen_interfaces, log_options
 from cosim.commands.supervision import works_in
 from cosim.errors import CosimError, SetupError, nearest
 from cosim.fmi.message_log import Log
@@ -170,6 +170,7 @@ def run_prepared(prepared: PreparedRun, args: argparse.Namespace, figures: Figur
                 profile=args.profile,
                 coupling_tolerance=args.coupling_tolerance,
                 nonfinite=args.nonfinite,
+                isolation=IsolationOptions.of(args),
             )
         except SetupError as error:
             raise UsageError(f"{prepared.source}: {error}{_kept_log(folder.unfinished)}") from error
@@ -249,6 +250,7 @@ def execute(
     profile: bool = False,
     coupling_tolerance: float | None = None,
     nonfinite: NonFinite = "mark",
+    isolation: IsolationOptions = IsolationOptions(),  # noqa: B008 (frozen)
 ) -> Results | StoredResults:
     """Run a system; a run that is too long for memory goes to the disk as it comes, into a folder.
 
@@ -272,6 +274,8 @@ def execute(
             profile=profile,
             solver=plan.solver,
             solver_step=plan.solver_step,
+            isolate=isolation.isolate,
+            limits=isolation.limits,
         ) as simulation,
         _progress(plan) as progress,
     ):

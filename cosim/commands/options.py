@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Collection, Iterable, Sequence
+import os
+from collections.abc import Callable, Collection, Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 from cosim.errors import SetupError, nearest
 from cosim.file_kinds import MODEL_DESCRIPTION, SSD, SSV, kind_of, not_read
 from cosim.fmi.interfaces import INTERFACES
+from cosim.fmi.isolation.limits import Limits, parse_bytes
 from cosim.fmi.message_log import LEVELS, Log
 from cosim.master.algorithm import AUTO, EXTRAPOLATIONS, ORDERS, SOLVERS
 
@@ -131,6 +134,68 @@ def check_signatures(keys: Sequence[Path], archives: Iterable[Path]) -> None:
         from cosim.signing import check_signed
 
         check_signed(archives, keys)
+
+
+def add_isolation_options(parser: argparse._ActionsContainer) -> None:
+    """Add --isolated, --step-timeout and --memory-limit; what is not given is None."""
+    parser.add_argument(
+        "--isolated",
+        action="append",
+        nargs="?",
+        const="",
+        metavar="COMPONENT",
+        help="run the FMUs in processes of their own, or that of a component: one that crashes, ends its process or "
+        "never returns ends the run with what was recorded; may be repeated",
+    )
+    add_limit_options(parser)
+
+
+def add_limit_options(parser: argparse._ActionsContainer) -> None:
+    """Add --step-timeout and --memory-limit."""
+    parser.add_argument(
+        "--step-timeout",
+        type=float,
+        metavar="S",
+        help="end a run in which a call of an isolated FMU takes longer than S seconds (default: never)",
+    )
+    parser.add_argument(
+        "--memory-limit",
+        metavar="BYTES",
+        help="memory that each isolated FMU may take, as 500M or 2G (default: as much as there is)",
+    )
+
+
+@dataclass(frozen=True)
+class IsolationOptions:
+    """Which FMUs live in processes of their own, and their limits; see `Simulation`."""
+
+    isolate: bool | tuple[str, ...] = False
+    limits: Limits | None = None
+
+    @classmethod
+    def of(cls, args: argparse.Namespace) -> IsolationOptions:
+        """Those that options ask for.
+
+        Raises
+        ------
+        SetupError
+            A limit makes no sense.
+        """
+        named = tuple(args.isolated or ())
+        memory = None if args.memory_limit is None else parse_bytes(args.memory_limit)
+        limits = None if (args.step_timeout, memory) == (None, None) else Limits(args.step_timeout, memory)
+        return cls(True if "" in named else named or False, limits)
+
+
+def take_from_isolated(args: argparse.Namespace, is_one: Callable[[str], bool]) -> list[str]:
+    """What stands behind --isolated and is no component: files, and names that a function knows.
+
+    A component has no dot in its name, and a file mostly has one.
+    """
+    given: list[str] = args.isolated or []
+    taken = [text for text in given if "." in text or "/" in text or os.sep in text or is_one(text)]
+    args.isolated = ["" if text in taken else text for text in given] or None
+    return taken
 
 
 def log_options(args: argparse.Namespace, folder: Path) -> Log | None:

@@ -10,12 +10,15 @@ from typing import TYPE_CHECKING, Any
 from cosim.commands.options import (
     Standard,
     add_algorithm_options,
+    add_isolation_options,
     add_log_options,
     add_model_exchange_options,
     add_overwrite_option,
     add_signature_option,
     standard_of,
+    take_from_isolated,
 )
+from cosim.errors import SetupError
 from cosim.results.figure_process import FigureProcess
 from cosim.results.formats import FORMATS, option_help
 from cosim.scenario.family import default_scenario, families, named
@@ -75,6 +78,7 @@ def register(subparsers: Any) -> None:
         metavar="N",
         help="threads that step components at the same time, or 'auto': as many as pay (default 1), with equal results",
     )
+    add_isolation_options(parser)
     parser.add_argument(
         "--profile", action="store_true", help="say how long the steps and the exchange of each component took"
     )
@@ -156,7 +160,10 @@ def register(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run `cosim run`; returns the exit code, raises CosimError with one line on bad input."""
     if args.scenario is None:
-        args.scenario = default_scenario()
+        behind = take_from_isolated(args, lambda text: named(text) is not None or Path(text).is_dir())
+        if len(behind) > 1:
+            raise SetupError(f"--isolated {' '.join(behind)}: name one scenario, and components, which have no dot")
+        args.scenario = behind[0] if behind else default_scenario()
     ending = Path(args.scenario).suffix.lower()
     standard = None if ending == ".fmu" or named(args.scenario) is not None else standard_of(args.scenario)
     with FigureProcess() as figures:

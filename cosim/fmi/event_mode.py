@@ -22,6 +22,7 @@ from fmpy.model_description import ModelDescription, ModelVariable
 
 from cosim.fmi.instance import CallFailed, ExperimentSetup, Instance, StepStatus, function_address
 from cosim.fmi.messages import Messages
+from cosim.fmi.shared_library import Library
 from cosim.fmi.types import Texts
 from cosim.fmi.variable_buffer import VariableBuffer
 
@@ -137,8 +138,9 @@ class EventInstance(Instance):
         texts: Texts | None = None,
         messages: Messages | None = None,
         file: str = "",
+        load: Callable[[Path, str, str], Library] = Library,
     ) -> None:
-        super().__init__(name, folder, description, asks_for_inputs, texts, messages, file)
+        super().__init__(name, folder, description, asks_for_inputs, texts, messages, file, load)
         self._clocks = {v.valueReference: v for v in reversed(description.modelVariables) if v.type == "Clock"}
         self._timed = {r: v for r, v in self._clocks.items() if is_time_based(v)}
         self._buffers: list[EventBuffer] = []

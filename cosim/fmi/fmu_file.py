@@ -27,8 +27,9 @@ from cosim.fmi.fmi3_description import read_further_attributes
 from cosim.fmi.further_libraries import keep_apart
 from cosim.fmi.interfaces import AUTO_INTERFACE, CO_SIMULATION, MODEL_EXCHANGE, is_model_exchange, used_interface
 from cosim.fmi.load_failure import not_loadable
+from cosim.fmi.loading import LibraryError
 from cosim.fmi.python_fmus import prepare
-from cosim.fmi.shared_library import Library, LibraryError, library_names, library_path
+from cosim.fmi.shared_library import Library, library_names, library_path
 
 if TYPE_CHECKING:
     from lxml.etree import _Element

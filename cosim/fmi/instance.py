@@ -21,9 +21,10 @@ import fmpy.fmi3 as fmi3
 from fmpy.model_description import ModelDescription
 
 from cosim.errors import CosimError
+from cosim.fmi.loading import LibraryError
 from cosim.fmi.messages import STATUSES, Messages, keep_callbacks
 from cosim.fmi.python_fmus import resources_uri, runs_python
-from cosim.fmi.shared_library import Library, LibraryError, library_path
+from cosim.fmi.shared_library import Library, library_path
 from cosim.fmi.types import Texts
 from cosim.loop.binding import Operation, loop_library
 
@@ -74,6 +75,17 @@ class CallFailed(CosimError):
     def __init__(self, message: str, status: int = fmi2.fmi2Error, function: str = "") -> None:
         super().__init__(message)
         self.status, self.function = status, function
+
+    @classmethod
+    def of(cls, function: str, status: int) -> CallFailed:
+        """The error for a status that a function has returned."""
+        function = function.replace("fmi1", "fmi")
+        said = STATUSES[status] if 0 <= status < len(STATUSES) else status
+        return cls(f"{function} returned {said}", status, function)
+
+
+class CallInterrupted(CallFailed):
+    """Ctrl-C ended a call of an isolated FMU, and its process."""
 
 
 @dataclass(frozen=True)
@@ -151,6 +163,8 @@ class Instance:
         Takes what the FMU says; its own by default.
     file : str
         Name of the FMU file, for the last line where the FMU ends the process.
+    load : callable
+        Loads its library: one in this process by default, see `cosim.fmi.isolation`.
 
     Raises
     ------
@@ -179,6 +193,7 @@ class Instance:
         texts: Texts | None = None,
         messages: Messages | None = None,
         file: str = "",
+        load: Callable[[Path, str, str], Library] = Library,
     ) -> None:
         self.name = name
         self.messages = Messages(name) if messages is None else messages
@@ -194,10 +209,10 @@ class Instance:
         identifier = self._interface.modelIdentifier
         try:
             path = library_path(folder, self.version, identifier)
-            self._library = Library(path, identifier, f"component '{name}' ({file or identifier})")
+            self._library = load(path, identifier, f"component '{name}' ({file or identifier})")
         except LibraryError as error:
             raise CallFailed(str(error)) from error
-        self.runs_python = self.uses_events or runs_python(folder)
+        self.runs_python = self.uses_events or (not self._library.is_isolated and runs_python(folder))
         prepared = {1: self._prepared_fmi1, 2: self._prepared_fmi2, 3: self._prepared_fmi3}[self.version]
         self._instantiate = prepared(description.instantiationToken.encode(), folder.absolute() / "resources")
 
@@ -214,9 +229,15 @@ class Instance:
         CallFailed
             The FMU refuses.
         """
-        self._component = self._instantiate()
+        try:
+            self._component = self._instantiate()
+        except LibraryError as error:
+            raise CallFailed(str(error)) from error
         if self._component is None:
-            raise CallFailed(f"can't be instantiated: {self.messages.last() or 'it does not say why'}")
+            if isinstance(self._library.end, CallInterrupted):
+                raise self._library.end
+            why = self._library.end or self.messages.last() or "it does not say why"
+            raise CallFailed(f"can't be instantiated: {why}")
         self._choose_messages()
 
     def _prepared_fmi1(self, token: bytes, resources: Path) -> Callable[[], int | None]:
@@ -326,10 +347,19 @@ class Instance:
 
     def failure(self, function: str, status: int) -> CallFailed:
         """The error for a status that a function has returned; after a fatal one the instance is left alone."""
-        self._corrupted = self._corrupted or status == fmi2.fmi2Fatal
-        function = function.replace("fmi1", "fmi")
-        said = STATUSES[status] if 0 <= status < len(STATUSES) else status
-        return CallFailed(f"{function} returned {said}", status, function)
+        error = self._library.failure(function, status) or CallFailed.of(function, status)
+        self._corrupted = self._corrupted or error.status == fmi2.fmi2Fatal
+        return error
+
+    @property
+    def is_isolated(self) -> bool:
+        """Whether the FMU lives in a process of its own."""
+        return self._library.is_isolated
+
+    @property
+    def is_unusable(self) -> bool:
+        """Whether a fatal error, or the end of its process, forbids any further call."""
+        return self._corrupted
 
     def configure(self, set_values: Callable[[], None]) -> None:
         """FMI 3.0: let structural parameters be set, right after the instantiation or a reset.
@@ -481,7 +511,8 @@ class Instance:
 
     def terminate(self) -> None:
         """Tell the FMU that the run is over."""
-        self.call(f"fmi{self.version}Terminate")
+        if self._library.end is None:
+            self.call(f"fmi{self.version}Terminate")
 
     def reset(self) -> None:
         """Bring the FMU back to where it was after its instantiation.
@@ -503,6 +534,7 @@ class Instance:
         After a fatal error both standards forbid any further call, and some FMUs crash on it: the instance is left.
         """
         if self._corrupted:
+            self._library.abandon()
             return
         if self._component is not None:
             self.free()

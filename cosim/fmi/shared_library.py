@@ -8,17 +8,19 @@ called.
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from ctypes import c_bool, c_char, c_double, c_int, c_size_t, c_void_p
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import fmpy
 from fmpy.fmi1 import fmi1CallbackFunctions
 
-from cosim.errors import CosimError
-from cosim.fmi.load_failure import missing_library, why_not_loaded
+from cosim.fmi.loading import LibraryError, in_standard, load, names_in_library, unload
 from cosim.loop.current_calls import Caller
+
+if TYPE_CHECKING:
+    from cosim.fmi.instance import CallFailed
 
 #: C types by a letter; arrays, structures and texts are addresses.
 _TYPES = {
@@ -65,7 +67,7 @@ _ARGUMENTS = {
         fmi1SetReal fmi1SetInteger fmi1SetBoolean fmi1SetString
         fmi2GetReal fmi2GetInteger fmi2GetBoolean fmi2GetString
         fmi2SetReal fmi2SetInteger fmi2SetBoolean fmi2SetString
-        fmi3GetClock fmi3SetClock fmi3SetIntervalDecimal fmi3GetShiftDecimal
+        fmi3GetClock fmi3SetClock fmi3SetIntervalDecimal fmi3GetShiftDecimal fmi3SetShiftDecimal
         fmi2DeSerializeFMUstate fmi3DeserializeFMUState
     """,
     "ppnpn": """
@@ -78,7 +80,7 @@ _ARGUMENTS = {
     "ppnpp": """
         fmi1SetRealInputDerivatives fmi1GetRealOutputDerivatives
         fmi2SetRealInputDerivatives fmi2GetRealOutputDerivatives
-        fmi3GetIntervalDecimal fmi3SetIntervalFraction fmi3GetShiftFraction
+        fmi3GetIntervalDecimal fmi3SetIntervalFraction fmi3GetShiftFraction fmi3SetShiftFraction
     """,
     "ppnppp": "fmi3GetIntervalFraction",
     # states of the FMU
@@ -110,10 +112,6 @@ _ARGUMENTS = {
 PROTOTYPES = {
     name: tuple(_TYPES[c] for c in letters) for letters, names in _ARGUMENTS.items() for name in names.split()
 }
-
-
-class LibraryError(CosimError):
-    """The shared library of an FMU can't be loaded, or lacks a function."""
 
 
 def library_names(version: int, identifier: str) -> tuple[str, str]:
@@ -163,27 +161,13 @@ class Library:
         self._caller = Caller(component or f"the FMU '{identifier}'")
         self._functions: dict[str, Callable[..., Any]] = {}
         self._symbols: dict[str, Any] = {}
-        self._beside: dict[str, ctypes.CDLL] = {}
-        try:
-            self._library = self._caller.noting(self._loaded, "the loading of its library")(path.absolute())
-        except LibraryError:
-            self._unload(self._beside.values())
-            raise
+        self._libraries = self._caller.noting(load, "the loading of its library")(path.absolute())
 
-    def _loaded(self, path: Path) -> ctypes.CDLL:
-        """A library by its full path.
+    #: Whether it is loaded in another process.
+    is_isolated = False
 
-        On Windows the loader finds further ones beside it; on Linux it does not, unless the library says so. They are
-        then loaded before, and the loader takes them by their names.
-        """
-        while True:
-            try:
-                return ctypes.CDLL(str(path))
-            except OSError as error:
-                further = missing_library(str(error), path)
-                if further is None or further in self._beside or not (beside := path.with_name(further)).is_file():
-                    raise LibraryError(why_not_loaded(str(error), path)) from error
-                self._beside[further] = self._loaded(beside)
+    #: The error by which the process of an isolated FMU has ended, see `cosim.fmi.isolation`.
+    end: CallFailed | None = None
 
     def function(self, name: str) -> Callable[..., Any]:
         """A function by its name in the standard, with `fmi1` for the `fmi` of FMI 1.0.
@@ -211,7 +195,7 @@ class Library:
 
     def code(self, name: str) -> int:
         """Code of a call of a function, as the loop notes it."""
-        return self._caller.code(_in_standard(name))
+        return self._caller.code(in_standard(name))
 
     def has(self, name: str) -> bool:
         """Whether there is a function of this name in the standard."""
@@ -221,32 +205,25 @@ class Library:
             return False
         return True
 
+    def failure(self, function: str, status: int) -> CallFailed | None:  # noqa: ARG002
+        """The error for a status that is none of the FMU's; None for one that is, as always in this process."""
+        return None
+
+    def abandon(self) -> None:
+        """Leave a library whose FMU must not be called any more as it is."""
+
     def close(self) -> None:
         """Unload the library."""
         self._functions.clear()
         self._symbols.clear()
-        unload = self._caller.noting(self._unload, "the unloading of its library")
-        unload([self._library, *reversed(self._beside.values())])
-
-    @staticmethod
-    def _unload(libraries: Iterable[ctypes.CDLL]) -> None:
-        for library in libraries:
-            fmpy.freeLibrary(library._handle)
+        self._caller.noting(unload, "the unloading of its library")(self._libraries)
 
     def _found(self, name: str) -> Callable[..., Any]:
-        in_standard = _in_standard(name)
-        # names begin with the model identifier in FMI 1.0, and in libraries of sources that were meant to be linked
-        for in_library in (f"{self._identifier}_{in_standard}", in_standard):
-            function: Any = getattr(self._library, in_library, None)
-            if function is not None:
-                break
-        else:
-            raise LibraryError(f"lacks the function {in_standard}")
+        names = names_in_library(name, self._identifier)
+        function: Any = next((f for n in names if (f := getattr(self._libraries[0], n, None)) is not None), None)
+        if function is None:
+            raise LibraryError(f"lacks the function {in_standard(name)}")
         function.argtypes = PROTOTYPES[name]
         function.restype = c_void_p if "Instantiate" in name else None if name.endswith("Instance") else c_int
         self._symbols[name] = function
-        return self._caller.noting(function, in_standard)
-
-
-def _in_standard(name: str) -> str:
-    return f"fmi{name[4:]}" if name.startswith("fmi1") else name
+        return self._caller.noting(function, in_standard(name))

@@ -13,7 +13,8 @@ from cosim.fmi.archive.members import Members
 from cosim.fmi.compilation import has_sources
 from cosim.fmi.fmu_file import LoadedFMU, check_fmu
 from cosim.fmi.load_failure import not_loadable
-from cosim.fmi.shared_library import LibraryError, library_path
+from cosim.fmi.loading import LibraryError
+from cosim.fmi.shared_library import library_path
 from cosim.temporary import TemporaryFolder
 
 

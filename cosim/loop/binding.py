@@ -146,6 +146,9 @@ class Profile(ctypes.Structure):
 #: Receiver of operations that returned a warning.
 Warned = ctypes.CFUNCTYPE(None, POINTER(Operation))
 
+#: Called while the loop waits, for Python to look for Ctrl-C.
+Looks = ctypes.CFUNCTYPE(None)
+
 
 class Loop(ctypes.Structure):
     """Input of the loop, and its report of how it ended; see loop.c."""
@@ -178,6 +181,7 @@ class Loop(ctypes.Structure):
         ("team", c_void_p),
         ("profile", POINTER(Profile)),
         ("warned", Warned),
+        ("looks", Looks),
         ("point", c_int64),
         ("failed", c_int64),
         ("status", c_int32),

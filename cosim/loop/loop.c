@@ -592,6 +592,7 @@ static const Field layout[] = {
     FIELD(Loop, team),
     FIELD(Loop, profile),
     FIELD(Loop, warned),
+    FIELD(Loop, looks),
     FIELD(Loop, point),
     FIELD(Loop, failed),
     FIELD(Loop, status),

@@ -107,6 +107,7 @@ typedef struct Loop {
     struct Team *team; /* which performs the operations at_step (team.h); NULL: they are performed one by one */
     Profile *profile; /* NULL: nothing is measured */
     void (*warned)(const Operation *); /* told of each operation that returns a warning */
+    void (*looks)(void); /* called now and then while it waits for its team; NULL: it only waits */
     /* where it is or was, and how it ended */
     int64_t point, failed;
     int32_t status, failed_at_step;

@@ -12,7 +12,10 @@ _FOLDER = Path(__file__).parent
 SYSTEM_LIBRARIES = ("pthread",)
 
 #: Files that a library of which the loop is a part goes without.
-_NO_PARTS = ("current_calls.c", "model_exchange.c", "model_exchange.h", "team.c", "team.h")
+_NO_PARTS = (
+    *("current_calls.c", "model_exchange.c", "model_exchange.h", "team.c", "team.h"),
+    *("channel_master.c", "channel_worker.c"),
+)
 
 LIBRARY = _FOLDER / ("_loop" + {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so"))
 

@@ -25,6 +25,7 @@ typedef HANDLE Thread;
 #define mutex_unlock(mutex) ReleaseSRWLockExclusive(mutex)
 #define condition_new(condition) InitializeConditionVariable(condition)
 #define condition_wait(condition, mutex) SleepConditionVariableSRW(condition, mutex, INFINITE, 0)
+#define condition_wait_a_while(condition, mutex) SleepConditionVariableSRW(condition, mutex, A_WHILE, 0)
 #define condition_tell(condition) WakeAllConditionVariable(condition)
 #else
 #include <pthread.h>
@@ -38,6 +39,22 @@ typedef pthread_t Thread;
 #define condition_new(condition) pthread_cond_init(condition, NULL)
 #define condition_wait(condition, mutex) pthread_cond_wait(condition, mutex)
 #define condition_tell(condition) pthread_cond_broadcast(condition)
+#endif
+
+/* So often (ms) the thread of Python is let look for Ctrl-C while it waits. */
+enum { A_WHILE = 50 };
+
+#ifndef _WIN32
+static void condition_wait_a_while(Condition *condition, Mutex *mutex) {
+    struct timespec until;
+    clock_gettime(CLOCK_REALTIME, &until);
+    until.tv_nsec += A_WHILE * 1000000L;
+    if (until.tv_nsec >= 1000000000L) {
+        until.tv_sec++;
+        until.tv_nsec -= 1000000000L;
+    }
+    pthread_cond_timedwait(condition, mutex, &until);
+}
 #endif
 
 /* For so long (ns) somebody looks for what it waits for, at least and at most, before it sleeps. */
@@ -246,7 +263,13 @@ static void wait_for_helpers(Team *team) {
         if (time < end) continue;
         mutex_lock(&team->mutex);
         STORE(&team->is_waiting, 1);
-        while (LOAD(&team->left)) condition_wait(&team->done, &team->mutex);
+        while (LOAD(&team->left)) {
+            condition_wait_a_while(&team->done, &team->mutex);
+            if (!team->loop->looks) continue;
+            mutex_unlock(&team->mutex);
+            team->loop->looks();
+            mutex_lock(&team->mutex);
+        }
         STORE(&team->is_waiting, 0);
         mutex_unlock(&team->mutex);
     }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from cosim.errors import CosimError
-from cosim.fmi.instance import CallFailed, Instance
+from cosim.fmi.instance import CallFailed, CallInterrupted, Instance
 from cosim.results.results import Results
 from cosim.results.stored import StoredResults
 
@@ -63,5 +63,7 @@ class Failing:
         pass
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
+        if isinstance(error, CallInterrupted):
+            raise InterruptedInCall(self.time) from error
         if isinstance(error, CallFailed):
             raise SimulationError(self.component, self.time, str(error), self.instance.log()) from error

@@ -52,6 +52,7 @@ class FunctionInstance(Instance):
     """
 
     noun = "function"
+    is_isolated = False
     runs_python = True
 
     def __init__(self, name: str, function: PythonFunction) -> None:  # there is no library to load
@@ -254,6 +255,9 @@ class FunctionInstance(Instance):
         """Bring the variables back to where they were; the object behind the function follows in `set_up`."""
         self._input_memory[:] = 0
         self._output_memory[:] = 0
+
+    def terminate(self) -> None:
+        """See `Instance`; a function need not know."""
 
     def close(self) -> None:
         """See `Instance`; nothing is to be freed."""

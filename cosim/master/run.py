@@ -8,6 +8,7 @@ import math
 import time as clock
 import weakref
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -15,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from cosim.fmi.event_mode import EventInstance
-from cosim.fmi.instance import CallFailed, ExperimentSetup, Instance, StepStatus
+from cosim.fmi.instance import CallFailed, CallInterrupted, ExperimentSetup, Instance, StepStatus
 from cosim.fmi.messages import summary
 from cosim.fmi.types import Texts
 from cosim.fmi.variable_buffer import VariableBuffer
@@ -25,6 +26,7 @@ from cosim.loop.binding import (
     RETURNED_EARLY,
     WANTS_TO_END,
     Extrapolated,
+    Looks,
     Loop,
     Operation,
     OperationKind,
@@ -143,6 +145,7 @@ class Run:
             profile=None if self._times is None else ctypes.pointer(self._times.profile),
             team=None if self._team is None else self._team.address,
             warned=_counting_warnings(instances, {} if group is None else group.addresses),
+            **({"looks": _looks} if any(instance.is_isolated for instance in instances.values()) else {}),
         )
         this = weakref.ref(self)  # what FMUs say when the run is gone has no time, and must not keep its memory
         for instance in instances.values():
@@ -226,6 +229,8 @@ class Run:
         """Component whose outputs could not be read, and those that its FMU refuses to give, with what it did."""
         row = self._failed
         if row is None or row.transfer is None or self._loop.status in (NOT_FINITE, _FATAL):
+            return "", {}
+        if self._instances[row.component].is_unusable:
             return "", {}
         return row.component, refused_of(self._instances[row.component], row.transfer)
 
@@ -604,21 +609,23 @@ class Run:
         if isinstance(instance, FunctionInstance) and row.operation.kind == OperationKind.CALL:
             return _failure_of_call(row.component, time, instance.raised())
         what = self._reason(row, self._loop.status, instance)
-        return SimulationError(row.component, time, what, instance.log())
+        if isinstance(what, CallInterrupted):
+            return InterruptedInCall(time)
+        return SimulationError(row.component, time, str(what), instance.log())
 
-    def _reason(self, row: NamedOperation, status: int, instance: Instance) -> str:
+    def _reason(self, row: NamedOperation, status: int, instance: Instance) -> str | CallFailed:
         if status == NOT_FINITE:
             values = self._exchange.values
             wrong = [f"'{name}'" for name, position in row.finite if not math.isfinite(values[position])]
             return f"{len(wrong)} outputs are not finite, the first is {wrong[0]}"
         if status == DOES_NOT_FIT:
             return self._misfit(row)
-        what = str(instance.failure(row.function, status))
-        if row.operation.kind == OperationKind.EXTRAPOLATE:
-            what += (
+        failure = instance.failure(row.function, status)
+        if row.operation.kind == OperationKind.EXTRAPOLATE or "InputDerivatives" in failure.function:
+            return f"{failure}" + (
                 ", though it says that it interpolates inputs; use extrapolation='hold' (option --extrapolation hold)"
             )
-        return what
+        return failure
 
     def _misfit(self, row: NamedOperation) -> str:
         """The value of a link between different types that does not fit its target, in words."""
@@ -644,6 +651,15 @@ _DOINGS = {
     OperationKind.DIFFERENTIATE: "reading derivatives of outputs",
     OperationKind.GROUP: "model exchange",
 }
+
+
+def _look() -> None:
+    """Let Python run the handlers of signals, which it does between two of its instructions."""
+    with suppress(KeyboardInterrupt):  # the second Ctrl-C; the first one is known
+        pass
+
+
+_looks = Looks(_look)
 
 
 def _counting_warnings(instances: Mapping[str, Instance], further: Mapping[int, str]) -> Any:

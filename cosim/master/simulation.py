@@ -18,11 +18,15 @@ import numpy as np
 from cosim.errors import SetupError, nearest
 from cosim.fmi.event_mode import EventInstance
 from cosim.fmi.fmu_file import LoadedFMU, load
-from cosim.fmi.instance import INITIALIZING, CallFailed, ExperimentSetup, Instance
+from cosim.fmi.instance import INITIALIZING, CallFailed, CallInterrupted, ExperimentSetup, Instance
 from cosim.fmi.interfaces import AUTO_INTERFACE, INTERFACES, MODEL_EXCHANGE, is_model_exchange, used_interface
+from cosim.fmi.isolation.library import IsolatedLibrary
+from cosim.fmi.isolation.limits import Limits
+from cosim.fmi.isolation.process import can_isolate, check_platform
 from cosim.fmi.message_log import Log, LogWriter
 from cosim.fmi.messages import Messages, summary
 from cosim.fmi.model_exchange import ModelExchangeInstance
+from cosim.fmi.shared_library import Library
 from cosim.fmi.structure import depends_on_start_values, is_size
 from cosim.fmi.types import Texts
 from cosim.fmi.unpacking import folder_for_fmus
@@ -120,10 +124,14 @@ class Simulation:
         where model exchange was chosen, and dopri5 where an FMU has nothing else.
     solver_step : float, optional
         Step (s) of a fixed method, which divides the communication step; that itself by default.
-
     profile : bool
         Measure how long the steps and the exchange of each component take, at one communication point in 61; results
         say it (`info["profile"]`).
+    isolate : bool or sequence of str
+        Whether all FMUs live in processes of their own, or those of which components, besides those that the system
+        isolates; see `System.add`.
+    limits : Limits, optional
+        Limits of isolated FMUs.
 
     Raises
     ------
@@ -152,6 +160,8 @@ class Simulation:
         interface: str = AUTO_INTERFACE,
         solver: str = AUTO,
         solver_step: float | None = None,
+        isolate: bool | Sequence[str] = False,
+        limits: Limits | None = None,
     ) -> None:
         chosen = algorithm(order, extrapolation)
         self._threads = checked_threads(threads)
@@ -165,6 +175,8 @@ class Simulation:
         self._order = order
         self._fmus = _loaded(system, interface)
         self._build = build
+        self._limits = Limits() if limits is None else limits
+        self._isolated = self._to_isolate(isolate)
         for name, fmu in self._fmus.items():
             with self._setting_up(name):
                 fmu.check_binary(build=build)
@@ -195,6 +207,7 @@ class Simulation:
         self._lay_out()
         self._log, self._messages = self._taking_messages(log)
         self._stack: ExitStack | None = None
+        self._interrupt: DeferredInterrupt | None = None
         self._folders: dict[str, Path] = {}
         self._instances: dict[str, Instance] = {}
         self._used = False
@@ -202,6 +215,31 @@ class Simulation:
         self._occupied_by = ""
         self._samples: tuple[Any, Samples] | None = None
         self._group: ModelExchangeGroup | None = None
+
+    def _to_isolate(self, isolate: bool | Sequence[str]) -> frozenset[str]:
+        """Components whose FMUs live in processes of their own.
+
+        An FMU that allows one instance in a process has its second one in another, where the platform can do that.
+
+        Raises
+        ------
+        SetupError
+            There is no such component, or the platform can't isolate FMUs.
+        """
+        own = {name for name, component in self._system.components.items() if component.isolate}
+        asked = set(self._fmus) if isolate is True else set(isolate or ())
+        for name in sorted(asked - set(self._fmus)):
+            raise SetupError(f"isolate: there is no component '{name}' with an FMU; {nearest(name, self._fmus)}")
+        if own | asked:
+            check_platform()
+        elif self._limits != Limits():
+            raise SetupError("limits are for isolated FMUs, and none is isolated; isolate some (option --isolated)")
+        alone: set[str] = set()
+        again: set[str] = set()
+        for name, fmu in self._fmus.items():
+            if name not in own | asked and used_interface(fmu.description).canBeInstantiatedOnlyOncePerProcess:
+                (again.add(name) if fmu.sha256 in alone else alone.add(fmu.sha256))
+        return frozenset(own | asked | (again if can_isolate() else set()))
 
     def _lay_out(self) -> None:
         """Decide what is extrapolated and recorded, and where all values stand, by what the FMUs have not refused."""
@@ -254,7 +292,7 @@ class Simulation:
         if self._stack is not None:
             raise SetupError("the simulation is open already; make another one of the same system")
         self._folders.clear()
-        with watched_calls(), ExitStack() as stack:
+        with watched_calls(), self._interruptible(), ExitStack() as stack:
             if self._log is not None:
                 self._log.open()
                 stack.callback(self._log.close)
@@ -283,7 +321,7 @@ class Simulation:
     def close(self) -> None:
         """Free all instances and remove what was unpacked; the simulation can be entered again."""
         if self._stack is not None:
-            with watched_calls():
+            with watched_calls(), self._interruptible():
                 self._stack.close()
             self._stack = None
 
@@ -299,8 +337,12 @@ class Simulation:
             kind: type[Instance] = EventInstance if port.uses_events else Instance
             if port.is_model_exchange:
                 kind = ModelExchangeInstance
+            messages = self._messages[name]
+            load: Callable[[Path, str, str], Library] = Library
+            if name in self._isolated:
+                load = partial(IsolatedLibrary, messages=messages, limits=self._limits, stop=self._is_interrupted)
             self._instances[name] = kind(
-                name, self._folders[name], fmu.description, asks, self._texts, self._messages[name], fmu.path.name
+                name, self._folders[name], fmu.description, asks, self._texts, messages, fmu.path.name, load
             )
 
     def _instantiate(self, name: str) -> None:
@@ -308,9 +350,29 @@ class Simulation:
             self._instances[name].instantiate()
 
     @contextmanager
+    def _interruptible(self) -> Iterator[None]:
+        """Context in which Ctrl-C ends a call of an isolated FMU that does not return."""
+        if not self._isolated:
+            yield
+            return
+        try:
+            with DeferredInterrupt() as interrupt:
+                self._interrupt = interrupt
+                yield
+        finally:
+            self._interrupt = None
+        if interrupt.requested:
+            raise KeyboardInterrupt
+
+    def _is_interrupted(self) -> bool:
+        return self._interrupt is not None and self._interrupt.requested
+
+    @contextmanager
     def _setting_up(self, name: str) -> Iterator[None]:
         try:
             yield
+        except CallInterrupted as error:
+            raise KeyboardInterrupt(str(error)) from error
         except CallFailed as error:
             raise SetupError(f"component '{name}': {self._fmus[name].path} {error}") from error
         except SetupError as error:
@@ -649,8 +711,10 @@ class Simulation:
         self._occupied_by = what
         try:
             with watched_calls(), DeferredInterrupt() as interrupt:
+                self._interrupt = interrupt
                 yield interrupt
         finally:
+            self._interrupt = None
             is_at(None)
             self._occupied_by = ""
 
@@ -823,6 +887,7 @@ class Simulation:
                     "tolerance": experiments[name].tolerance,
                     **({"event_mode": True} if self._instances[name].uses_events else {}),
                     **({"interface": MODEL_EXCHANGE} if self._ports[name].is_model_exchange else {}),
+                    **({"isolated": True} if name in self._isolated else {}),
                 }
                 for name, f in self._fmus.items()
             },
@@ -988,6 +1053,8 @@ def simulate(
     interface: str = AUTO_INTERFACE,
     solver: str = AUTO,
     solver_step: float | None = None,
+    isolate: bool | Sequence[str] = False,
+    limits: Limits | None = None,
 ) -> Results:
     """Couple the FMUs of a system at a fixed communication step.
 
@@ -1006,6 +1073,8 @@ def simulate(
         interface=interface,
         solver=solver,
         solver_step=solver_step,
+        isolate=isolate,
+        limits=limits,
     ) as simulation:
         return simulation.run(
             stop_time,

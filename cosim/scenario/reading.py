@@ -49,7 +49,7 @@ _RUN: dict[str, Any] = {
 }
 
 #: Keys of a component, a connection and a metric, and their types.
-_COMPONENT = {"fmu": str, "every": int, "interface": str}
+_COMPONENT = {"fmu": str, "every": int, "interface": str, "isolate": bool}
 _CONNECTION = {"from": str, "to": str, "factor": float, "offset": float, "units": str, "extrapolation": str}
 _METRIC = {"of": str, "minus": str, "measure": str, "after": float}
 

@@ -34,12 +34,15 @@ class ScenarioComponent:
         The component communicates at every so many communication points.
     interface : {"auto", "co-simulation", "model-exchange"}, optional
         Interface of the FMU; that of the scenario by default.
+    isolate : bool
+        The FMU lives in a process of its own.
     stands_in : bool
         The FMU stands in for one of the family: `cosim run` leaves out connections to what it does not have.
     """
 
     fmu: Path | None = None
     every: int = 1
+    isolate: bool = False
     stands_in: bool = False
     interface: str | None = None
 
@@ -125,7 +128,8 @@ class Scenario:
             if component.fmu is None:
                 raise ScenarioError(f"component '{name}' has no FMU; name its file: [components.{name}] fmu = ...")
             interface = component.interface or self.interface
-            system.add(name, component.fmu, self.start.get(name), component.every, interface)
+            start, isolate = self.start.get(name), component.isolate
+            system.add(name, component.fmu, start, component.every, interface, isolate=isolate)
         system.connections.extend(self.connections)
         for shapes, feed in ((self.signals, system.drive), (self.disturbances, system.disturb)):
             for target, shape in shapes.items():

@@ -1,4 +1,4 @@
-"""The communication step of an SSP, and steps of components: other tools note them in annotations."""
+"""What annotations say of a run: the communication step, steps of components, and isolation."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from cosim.ssp.errors import SSPError
+from cosim.ssp.format.description import TOOL
 from cosim.ssp.format.document import Document
 from cosim.ssp.format.structure import Part
 from cosim.system.read import multiple_of_step
@@ -48,6 +49,25 @@ def steps_of(part: Part, step_size: float | None) -> int:
         here = f"{part.document.where}: component '{part.path}'"
         return multiple_of_step(step, step_size, f"{here}: StepSizeHint", part.document.findings)
     return 1
+
+
+def is_isolated(part: Part) -> bool:
+    """Whether our annotation wants the FMU of a component in a process of its own.
+
+    Raises
+    ------
+    SSPError
+        It says neither true nor false.
+    """
+    for annotation in children(part.element, "Annotations", "Annotation"):
+        for element in annotation.iter() if annotation.attrib.get("type") == TOOL else ():
+            text = str(element.attrib.get("isolate", "false"))
+            if text not in ("true", "false"):
+                where = f"{part.document.where}: component '{part.path}'"
+                raise SSPError(f"{where}: isolate is '{text}' in its annotation; write true or false")
+            if text == "true":
+                return True
+    return False
 
 
 def _numbers(holder: DataElement | None, attributes: dict[str, str], document: Document) -> Iterator[float]:

@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 from cosim.errors import nearest
 from cosim.ssp.errors import SSPError
-from cosim.ssp.experiment import step_size_of, steps_of
+from cosim.ssp.experiment import is_isolated, step_size_of, steps_of
 from cosim.ssp.flow import Feed, Flow, Node
 from cosim.ssp.format.document import open_document
 from cosim.ssp.format.package import DESCRIPTION, Package, open_package
@@ -189,7 +189,10 @@ def _system(root: Part, flow: Flow, values: Mapping[Node, Value], step: float | 
                 elif feed.source in values:
                     value = values[feed.source]
                     start[element.name] = _plain(feed.handed_on(value, target, element.items, relative=relative))
-        system.add(part.path, part.fmu, start, steps_of(part, step), part.interface)
+        isolate = False
+        with findings.collecting():
+            isolate = is_isolated(part)
+        system.add(part.path, part.fmu, start, steps_of(part, step), part.interface, isolate=isolate)
     for feed, part, element in mapped:
         with findings.collecting():
             source_part, source_name = feed.source

@@ -44,6 +44,7 @@ class Component:
     every: int
     function: PythonFunction | None = None
     interface: str | None = None
+    isolate: bool = False
 
 
 @dataclass(frozen=True)
@@ -96,6 +97,8 @@ class System:
         start: Mapping[str, float | int | bool | str | Sequence[float]] | None = None,
         every: int = 1,
         interface: str | None = None,
+        *,
+        isolate: bool = False,
     ) -> None:
         """Add a component.
 
@@ -114,6 +117,9 @@ class System:
         interface : {"auto", "co-simulation", "model-exchange"}, optional
             Interface of the FMU that is used; that of the simulation by default. "auto" is co-simulation where the FMU
             has it, and else model exchange.
+        isolate : bool
+            Whether its FMU lives in a process of its own: if it crashes, ends its process or never returns, the run
+            ends with what was recorded, and this process goes on.
 
         Raises
         ------
@@ -124,7 +130,9 @@ class System:
             raise SetupError(
                 f"component '{name}': interface {interface!r} is unknown; {nearest(str(interface), INTERFACES)}"
             )
-        self._add(Component(name, Path(fmu), dict(start or {}), every, interface=interface))
+        if not isinstance(isolate, bool):
+            raise SetupError(f"component '{name}': isolate = {isolate!r} must be True or False")
+        self._add(Component(name, Path(fmu), dict(start or {}), every, interface=interface, isolate=isolate))
 
     def add_function(
         self,

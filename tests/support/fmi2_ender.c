@@ -1,6 +1,7 @@
 /* FMI 2.0 co-simulation FMU for tests: y = 1, and it ends the whole process in the function WHERE, in the way HOW. */
 #define _GNU_SOURCE
 
+#include <fcntl.h>
 #include <pthread.h>
 #include <signal.h>
 #include <stdint.h>
@@ -11,7 +12,7 @@
 #include "fmi2FunctionTypes.h"
 
 enum { LOADING, INSTANTIATING, SETTING_UP, GETTING, STEPPING, TERMINATING, FREEING, UNLOADING };
-enum { SEGMENTATION, ABORT, DIVISION, TRAP, BUS, RECURSION, IN_THREAD, EXIT_0, EXIT_3, END_0, END_3, IN_CHILD };
+enum { SEGMENTATION, ABORT, DIVISION, TRAP, BUS, RECURSION, IN_THREAD, EXIT_0, EXIT_3, END_0, END_3, IN_CHILD, FOREVER, MEMORY };
 
 static volatile int zero;
 static volatile char *volatile nowhere;
@@ -48,6 +49,11 @@ static void at(int where) {
     case IN_CHILD:
         if (fork() == 0) exit(0);
         break;
+    case FOREVER:
+        close(creat("forever", 0600)); /* tells that it has begun */
+        for (;;) zero++;
+    case MEMORY:
+        for (;;) memset(malloc(1 << 24), 1, 1 << 24);
     default: break;
     }
 }

@@ -14,7 +14,7 @@ value have outputs that are equal to them, too. */
 
 enum { Float32, Float64, Int8, UInt8, Int16, UInt16, Int32, UInt32, Int64, UInt64, Boolean, N_TYPES };
 enum { LENGTH = 2, BYTES = 8, LARGEST_INT64 = 2 * N_TYPES + 1, LARGEST_UINT64 };
-enum { TEXT = 101, TEXT_OUT, WORDS, WORDS_OUT, BINARY, BINARY_OUT, LONGEST = 256 };
+enum { TEXT = 101, TEXT_OUT, WORDS, WORDS_OUT, BINARY, BINARY_OUT, LONGEST = 1 << 17 };
 
 typedef struct {
     char values[N_TYPES + 2][LENGTH * BYTES];

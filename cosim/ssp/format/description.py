@@ -16,6 +16,9 @@ from cosim.ssp.format.schema import NAMESPACES
 from cosim.system.variables import Element, Ports
 from cosim.versions import versions
 
+#: Type of our own annotations.
+TOOL = "closed-chain-cosim"
+
 #: Annotations of libcosim and OMSimulator for the communication step, for which the standard has no element.
 _ANNOTATIONS: dict[str, tuple[str, tuple[str, ...], Callable[[str], dict[str, str]]]] = {
     "com.opensimulationplatform": (
@@ -179,6 +182,9 @@ def _component(
     for source in sources:
         assert holder is not None
         _sub(holder, "ssd:ParameterBinding", source=source)
+    if packaged.isolate:
+        annotation = _sub(_sub(component, "ssd:Annotations"), "ssc:Annotation", type=TOOL)
+        SubElement(annotation, "Instance", isolate="true")
 
 
 def _type(element: Element, ports: Ports, definitions: _Definitions, version: str) -> tuple[str, dict[str, str]]:

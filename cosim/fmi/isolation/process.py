@@ -1,0 +1,140 @@
+"""The process of an isolated FMU, as its master sees it: started, ended, and how it ended."""
+
+from __future__ import annotations
+
+import json
+import mmap
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+from contextlib import suppress
+from pathlib import Path
+
+from cosim.errors import SetupError
+
+#: Size (bytes) of the memory of a channel; of it only what is used takes room.
+CHANNEL_SIZE = 1 << 28
+
+#: A process that has been told to end may take so long (s).
+_LONGEST_END = 5.0
+
+_SCRIPT = Path(__file__).with_name("worker.py")
+
+#: Signals that end a process, in words.
+_WORDS = {
+    "SIGSEGV": "segmentation fault, SIGSEGV",
+    "SIGBUS": "bus error, SIGBUS",
+    "SIGFPE": "arithmetic error, SIGFPE",
+    "SIGILL": "illegal instruction, SIGILL",
+    "SIGABRT": "it aborted, SIGABRT",
+    "SIGKILL": "SIGKILL, by the system for want of memory or by somebody",
+}
+
+
+def can_isolate() -> bool:
+    """Whether FMUs can be isolated on this platform."""
+    return sys.platform != "win32"
+
+
+def check_platform() -> None:
+    """Whether FMUs can be isolated on this platform.
+
+    Raises
+    ------
+    SetupError
+        They can't.
+    """
+    if not can_isolate():
+        raise SetupError("FMUs can't be isolated on Windows; run without isolation, or under Linux (WSL)")
+
+
+class WorkerProcess:
+    """A process for one FMU, and the memory that is shared with it.
+
+    The process ends with this object: it watches a pipe whose other end is here, and which the system closes however
+    this process ends.
+
+    Parameters
+    ----------
+    library : Path
+        The library of the FMU.
+    identifier : str
+        Its model identifier.
+    memory_limit : int, optional
+        In bytes.
+    """
+
+    def __init__(self, library: Path, identifier: str, memory_limit: int | None) -> None:
+        check_platform()
+        file = _unnamed_file(CHANNEL_SIZE)
+        try:
+            self.memory = mmap.mmap(file, CHANNEL_SIZE)
+            life, self._life = os.pipe()
+            command = [sys.executable, "-P", str(_SCRIPT), str(file), str(life)]
+            try:
+                self._process = subprocess.Popen(
+                    command, stdin=subprocess.DEVNULL, pass_fds=(file, life), process_group=0
+                )
+            except OSError as error:
+                os.close(self._life)
+                raise SetupError(f"a process for the FMU can't be started: {error}") from error
+            finally:
+                os.close(life)
+        finally:
+            os.close(file)
+        task = {"path": sys.path, "library": str(library.absolute()), "identifier": identifier, "memory": memory_limit}
+        with suppress(BrokenPipeError):  # it has ended, which will be noticed
+            os.write(self._life, json.dumps(task).encode() + b"\n")
+
+    def __del__(self) -> None:
+        if hasattr(self, "_process"):
+            self.kill()
+
+    @property
+    def number(self) -> int:
+        """Number of the process."""
+        return self._process.pid
+
+    def end_in_words(self) -> str | None:
+        """How the process has ended; None while it runs."""
+        code = self._process.poll()
+        if code is None:
+            return None
+        if code >= 0:
+            return f"ended with exit code {code}"
+        try:
+            name = signal.Signals(-code).name
+        except ValueError:
+            name = f"signal {-code}"
+        return f"was ended ({_WORDS.get(name, name)})"
+
+    def has_called_exit(self) -> bool:
+        """Whether it ended by a call of exit()."""
+        return (self._process.poll() or 0) >= 0
+
+    def wait(self) -> None:
+        """Wait for the end of a process that has been told to end; it is killed when that takes long."""
+        with suppress(subprocess.TimeoutExpired):
+            self._process.wait(_LONGEST_END)
+        self.kill()
+
+    def kill(self) -> None:
+        """End the process at once."""
+        self._process.kill()
+        self._process.wait()
+        if self._life >= 0:
+            os.close(self._life)
+            self._life = -1
+
+
+def _unnamed_file(size: int) -> int:
+    """A file of memory without a name, which is gone when nobody has it open."""
+    if sys.platform == "linux":
+        file = os.memfd_create("cosim")
+    else:
+        with tempfile.TemporaryFile() as opened:
+            file = os.dup(opened.fileno())
+    os.ftruncate(file, size)
+    return file

@@ -1,0 +1,363 @@
+"""Isolated FMUs compute what they compute in this process, and whatever they do ends no more than the run."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cosim import Log, Results, SetupError, Simulation, SimulationError, SimulationInterrupted, System, simulate
+from cosim.fmi.isolation.limits import Limits, parse_bytes
+from tests.support.c_fmus import ender, talker, tank
+from tests.support.fmi1_fmu import build_fmi1_tank
+from tests.support.fmi3_events import clocks, state_space
+from tests.support.patience import PATIENCE, wait_for
+from tests.support.small_fmus import build, compiled
+from tests.support.tiny_models import INTEGRATOR
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="FMUs are not isolated on Windows")
+
+
+def children(parent: int | str = "self") -> set[int]:
+    """Processes of this one that are there, but for those that have ended."""
+    found = set()
+    for folder in Path(f"/proc/{parent}/task").iterdir():
+        found |= {int(text) for text in (folder / "children").read_text().split()}
+    return {number for number in found if is_there(number)}
+
+
+def is_there(number: int) -> bool:
+    try:
+        return Path(f"/proc/{number}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+@pytest.fixture(autouse=True)
+def nothing_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    monkeypatch.chdir(tmp_path)  # where an FMU tells that it has begun never to return
+    before = children()
+    yield
+    wait_for(lambda: children() <= before)
+
+
+def one(fmu: Path, start: Mapping[str, Any] | None = None, **signals: Callable[[float], Any]) -> System:
+    system = System()
+    system.add("m", fmu, start=start)
+    for name, function in signals.items():
+        system.drive(f"m.{name}", function)
+    return system
+
+
+# The same numbers
+
+
+def facts(results: Results) -> Any:
+    """All that a run gives, but for what tells of isolation."""
+    typed = {name: list(results[name]) for name in results.typed}
+    info = {key: results.info.get(key) for key in ("status", "warnings", "messages", "extrapolation", "ended_by")}
+    return results.names, results.values.tobytes(), typed, info
+
+
+def both(system: System, **options: Any) -> Results:
+    """The results of a system, which are the same in this process and in another."""
+    here, there = (simulate(system, 1.0, 0.1, isolate=isolate, **options) for isolate in (False, True))
+    assert "isolated" not in here.info["fmus"]["m"]
+    assert there.info["fmus"]["m"]["isolated"]
+    assert facts(here) == facts(there)
+    return there
+
+
+def test_fmi1(tmp_path: Path) -> None:
+    fmu = build_fmi1_tank(tmp_path / "tank.fmu")
+    both(one(fmu, {"text": "héllo", "x_start": 0.25}, u=lambda t: t, n=lambda t: int(9 * t), b=lambda t: t > 0.5))
+
+
+def test_fmi2(tmp_path: Path) -> None:
+    fmu = compiled(tmp_path, "fmi2_probe")
+    both(one(fmu, u=lambda t: t**2, n=lambda t: int(9 * t), e=lambda _: 2, b=lambda t: t > 0.5))
+
+
+def test_all_types_of_fmi3(tmp_path: Path) -> None:
+    fmu = compiled(tmp_path, "fmi3_types")
+    start = {"Int8": [-128, 127], "UInt64": [0, 2**64 - 1], "Float32": [1.5, -0.25], "Boolean": [True, False]}
+    words = {"words": ["", "ünïcode"], "Binary": b"\x00\x01\xff" * 99}
+    results = both(one(fmu, {**start, **words}, String=lambda t: f"at {t:.3f}" * int(1 + 9 * t)))
+    assert results["m.Binary_out"][-1] == b"\x00\x01\xff" * 99
+
+
+def test_inputs_that_an_fmu_asks_for_during_a_step(tmp_path: Path) -> None:
+    system = one(build(tmp_path, "fmi3", INTEGRATOR) / f"{INTEGRATOR.name}.fmu", u=lambda t: t**2)
+    system.add("next", system.components["m"].fmu or "")
+    system.connect("m.x", "next.u")
+    results = both(system, extrapolation="linear")
+    assert results.info["extrapolation"]["linear"] == ["m.u", "next.u"]
+
+
+def test_clocks_and_events(tmp_path: Path) -> None:
+    both(one(clocks(tmp_path), {"delay": 0.2, "period": 0.3}, trigger=lambda t: t > 0.5, u=lambda t: t))
+
+
+def test_structural_parameters_and_arrays(tmp_path: Path) -> None:
+    both(one(state_space(tmp_path), {"m": 2, "n": 2, "r": 2, "A": [0.0, 1.0, -1.0, 0.0], "x0": [1.0, 0.0]}))
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_messages_come_when_they_are_said(tmp_path: Path, version: int) -> None:
+    logs = []
+    for isolate in (False, True):
+        log = tmp_path / f"{isolate}.log"
+        system = one(talker(tmp_path / "talker.fmu", version=version))
+        simulate(system, 1.0, 0.1, log=Log("all", file=log), isolate=isolate)
+        logs.append(log.read_text())
+    assert logs[0].count("\n") > 1
+    assert logs[0] == logs[1]
+
+
+def test_a_state_goes_back_and_to_an_fmu_in_this_process(tmp_path: Path) -> None:
+    system = one(compiled(tmp_path, "fmi3_types"), String=lambda t: f"{t:.2f}")
+    whole = simulate(system, 1.0, 0.1)
+    with Simulation(system, isolate=True) as there, there.start(0.1) as run:
+        run.step(5)
+        state = run.save()
+        run.step(3)
+        run.restore(state)
+        run.step(5)
+        assert run.results.values.tobytes() == whole.values.tobytes()
+    with Simulation(system) as here, here.start(0.1) as run:
+        run.restore(state)
+        run.step(5)
+        assert run.results.values.tobytes() == whole.values.tobytes()
+
+
+def test_components_may_be_isolated_one_by_one_and_at_the_same_time(tmp_path: Path) -> None:
+    fmu = tank(tmp_path / "tank.fmu", attributes='canBeInstantiatedOnlyOncePerProcess="true"')
+
+    def rows(isolate: Any, **options: Any) -> tuple[bytes, set[str]]:
+        system = System()
+        for name in "abc":
+            system.add(name, fmu, start={"u": 1.0} if name == "a" else None, isolate=name == "b")
+        system.connect("a.y", "b.u")
+        system.connect("b.y", "c.u")
+        results = simulate(system, 1.0, 0.1, isolate=isolate, **options)
+        return results.values.tobytes(), {n for n, fmu in results.info["fmus"].items() if "isolated" in fmu}
+
+    values, isolated = rows(False)
+    # `c` is the second instance of an FMU that allows one in a process
+    assert isolated == {"b", "c"}
+    assert rows(True) == (values, {"a", "b", "c"})
+    assert rows(["c"], threads=2) == (values, {"b", "c"})
+
+
+def test_runs_after_the_first_one_and_threads(tmp_path: Path) -> None:
+    system = one(tank(tmp_path / "tank.fmu"), {"u": 1.0})
+    with Simulation(system, isolate=True) as simulation:
+        first = simulation.run(1.0, 0.1)
+        for _ in range(2):
+            assert simulation.run(1.0, 0.1).values.tobytes() == first.values.tobytes()
+
+
+# Whatever an FMU does
+
+
+@pytest.mark.parametrize(
+    ("where", "how", "what"),
+    [
+        ("STEPPING", "SEGMENTATION", "its process was ended (segmentation fault, SIGSEGV) in fmi2DoStep"),
+        ("STEPPING", "EXIT_0", "its process ended with exit code 0 in fmi2DoStep; it called exit()"),
+        *(
+            pytest.param(*rest, marks=pytest.mark.slow)
+            for rest in (
+                ("STEPPING", "ABORT", "its process was ended (it aborted, SIGABRT) in fmi2DoStep"),
+                ("STEPPING", "END_3", "its process ended with exit code 3 in fmi2DoStep; it called exit()"),
+                ("STEPPING", "IN_THREAD", "its process was ended (segmentation fault, SIGSEGV) in fmi2DoStep"),
+                ("STEPPING", "RECURSION", "its process was ended (segmentation fault, SIGSEGV) in fmi2DoStep"),
+            )
+        ),
+    ],
+)
+def test_an_fmu_that_ends_its_process_ends_the_run_with_what_was_recorded(
+    tmp_path: Path, where: str, how: str, what: str
+) -> None:
+    system = one(ender(tmp_path / "f.fmu", where, how))
+    system.add("tank", tank(tmp_path / "tank.fmu"), start={"u": 1.0})
+    with Simulation(system, isolate=["m"]) as simulation:
+        for _ in range(2):
+            with pytest.raises(SimulationError) as caught:
+                simulation.run(1.0, 0.1)
+            assert str(caught.value).startswith(f"m failed at t = 0.4 s: {what}")
+            assert (caught.value.component, caught.value.time) == ("m", 0.4)
+            assert caught.value.results["tank.y"].tolist() == pytest.approx([0.0, 0.1, 0.2, 0.3, 0.4])
+
+
+@pytest.mark.parametrize(
+    ("where", "what"),
+    [
+        (
+            "LOADING",
+            "can't be loaded: its process was ended (segmentation fault, SIGSEGV) in the loading of its library",
+        ),
+        (
+            "INSTANTIATING",
+            "can't be instantiated: its process was ended (segmentation fault, SIGSEGV) in fmi2Instantiate",
+        ),
+        ("GETTING", "m failed at t = 0 s: its process was ended (segmentation fault, SIGSEGV) in fmi2GetReal"),
+    ],
+)
+def test_an_end_before_the_first_communication_point(tmp_path: Path, where: str, what: str) -> None:
+    expected = what.replace("CAUSE", "segmentation fault, SIGSEGV")
+    with pytest.raises((SetupError, SimulationError), match=re.escape(expected)):
+        simulate(one(ender(tmp_path / "f.fmu", where, "SEGMENTATION")), 1.0, 0.1, isolate=True)
+
+
+@pytest.mark.parametrize("where", ["TERMINATING", "FREEING", "UNLOADING"])
+def test_an_end_after_the_run_costs_nothing(tmp_path: Path, where: str) -> None:
+    results = simulate(one(ender(tmp_path / "f.fmu", where, "EXIT_3")), 1.0, 0.1, isolate=True)
+    assert len(results.time) == 11
+    assert ("fmi2Terminate" in str(results.info.get("not_terminated"))) == (where == "TERMINATING")
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_a_step_that_never_ends(tmp_path: Path, threads: int) -> None:
+    system = one(ender(tmp_path / "f.fmu", "STEPPING", "FOREVER"))
+    system.add("tank", tank(tmp_path / "tank.fmu"), start={"u": 1.0})
+    with pytest.raises(SimulationError, match=r"^m failed at t = 0\.4 s: fmi2DoStep took longer than 0\.3 s") as caught:
+        simulate(system, 1.0, 0.1, isolate=["m"], limits=Limits(call_time=0.3), threads=threads)
+    assert len(caught.value.results.time) == 5
+
+
+def test_memory_has_a_limit(tmp_path: Path) -> None:
+    system = one(ender(tmp_path / "f.fmu", "STEPPING", "MEMORY"))
+    with pytest.raises(SimulationError, match=r"SIGSEGV\) in fmi2DoStep; its memory is limited to 300000000 bytes"):
+        simulate(system, 1.0, 0.1, isolate=True, limits=Limits(memory=parse_bytes("300M")))
+
+
+def ctrl_c_when_it_never_returns() -> threading.Thread:
+    def wait_and_send() -> None:
+        wait_for(Path("forever").exists)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    thread = threading.Thread(target=wait_and_send)
+    thread.start()
+    return thread
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_ctrl_c_ends_a_run_whose_fmu_never_returns(tmp_path: Path, threads: int) -> None:
+    system = one(ender(tmp_path / "f.fmu", "STEPPING", "FOREVER"))
+    system.add("tank", tank(tmp_path / "tank.fmu"), start={"u": 1.0})
+    with Simulation(system, isolate=["m"], threads=threads) as simulation:
+        thread = ctrl_c_when_it_never_returns()
+        with pytest.raises(SimulationInterrupted, match=r"^interrupted at t = 0\.4 s$") as caught:
+            simulation.run(1.0, 0.1)
+        thread.join()
+        assert len(caught.value.results.time) == 5
+
+
+def test_ctrl_c_while_an_fmu_is_instantiated(tmp_path: Path) -> None:
+    system = one(ender(tmp_path / "f.fmu", "INSTANTIATING", "FOREVER"))
+    thread = ctrl_c_when_it_never_returns()
+    with pytest.raises(KeyboardInterrupt):
+        simulate(system, 1.0, 0.1, isolate=True)
+    thread.join()
+
+
+# The program
+
+
+@contextmanager
+def program(fmu: Path, *options: str) -> Iterator[subprocess.Popen[str]]:
+    command = [sys.executable, "-m", "cosim", "run", str(fmu), "--isolated", "--out", "o", *options]
+    with subprocess.Popen(command, cwd=fmu.parent, stderr=subprocess.PIPE, text=True, process_group=0) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def worker_of(process: subprocess.Popen[str]) -> int:
+    """The process of the FMU, that of the run's process, that of the program's."""
+
+    def found() -> list[int]:
+        processes = [number for run in children(process.pid) for number in children(run)]
+        return [number for number in processes if "worker.py" in Path(f"/proc/{number}/cmdline").read_text()]
+
+    return wait_for(found)[0]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="processes are found in /proc")
+@pytest.mark.parametrize(
+    "number", [signal.SIGINT, *(pytest.param(n, marks=pytest.mark.slow) for n in (signal.SIGTERM, signal.SIGKILL))]
+)
+def test_no_process_outlives_the_program(tmp_path: Path, number: signal.Signals) -> None:
+    with program(ender(tmp_path / "f.fmu", "STEPPING", "FOREVER")) as process:
+        wait_for((tmp_path / "forever").exists)
+        worker = worker_of(process)
+        process.send_signal(number)
+        _, said = process.communicate(timeout=PATIENCE)
+    wait_for(lambda: not is_there(worker))
+    assert process.returncode != 0
+    if number == signal.SIGINT:
+        assert process.returncode == 130
+        assert "what was recorded is in o" in said
+        assert json.loads((tmp_path / "o/summary.json").read_text())["status"] == "interrupted"
+
+
+def test_a_crash_leaves_results_and_a_line(tmp_path: Path) -> None:
+    with program(ender(tmp_path / "f.fmu", "STEPPING", "EXIT_0")) as process:
+        _, said = process.communicate(timeout=PATIENCE)
+    assert (process.returncode, said.count("\n")) == (1, 1)
+    assert said.startswith("cosim: f failed at t = 0.4 s: its process ended with exit code 0 in fmi2DoStep; it called")
+    assert (tmp_path / "o/results.csv").read_text().count("\n") == 6
+
+
+# What is written
+
+
+@pytest.mark.parametrize(("text", "number"), [("1", 1), ("500M", 500_000_000), ("1.5g", 1_500_000_000), ("2 kB", 2000)])
+def test_amounts_of_memory(text: str, number: int) -> None:
+    assert parse_bytes(text) == number
+
+
+@pytest.mark.parametrize("text", ["", "M", "0", "-1", "1T", "1e9", "nan"])
+def test_no_amounts_of_memory(text: str) -> None:
+    with pytest.raises(SetupError, match="is no amount of memory; write"):
+        parse_bytes(text)
+
+
+def test_what_can_not_be_isolated_is_refused(tmp_path: Path) -> None:
+    system = one(tank(tmp_path / "tank.fmu"))
+    system.add_function("f", lambda _: None)
+    for name in ("tank", "f"):
+        with pytest.raises(SetupError, match=rf"there is no component '{name}' with an FMU; known are m"):
+            Simulation(system, isolate=[name])
+    with pytest.raises(SetupError, match=r"none is isolated; isolate some \(option --isolated\)"):
+        Simulation(system, limits=Limits(call_time=1.0))
+    for wrong in ({"call_time": 0.0}, {"call_time": float("nan")}, {"memory": 0}):
+        with pytest.raises(SetupError, match="must be a positive number of"):
+            Limits(**wrong)
+    with pytest.raises(SetupError, match="isolate = 'yes' must be True or False"):
+        System().add("a", "a.fmu", isolate="yes")  # type: ignore[arg-type]
+
+
+def test_a_call_too_large_is_refused(tmp_path: Path) -> None:
+    system = one(compiled(tmp_path, "fmi3_types"), {"Binary": bytes(300_000_000)})
+    with pytest.raises(SimulationError, match=r"fmi3SetBinary: its values are more than \d+ bytes"):
+        simulate(system, 1.0, 0.1, isolate=True)
+
+
+def test_large_values_go_over(tmp_path: Path) -> None:
+    data = np.random.default_rng(1).bytes(100_000)
+    results = simulate(one(compiled(tmp_path, "fmi3_types"), {"Binary": data}), 0.2, 0.1, isolate=True)
+    assert results["m.Binary_out"][-1] == data
