@@ -152,10 +152,13 @@ def test_debug_shows_the_traceback_in_place_of_the_line(capsys, failing):
     assert err.endswith("ValueError: what was wrong\n")
 
 
-def test_a_mistake_in_the_program_is_not_taken_for_one_of_the_user(failing):
+def test_a_mistake_in_the_program_is_not_taken_for_one_of_the_user(failing, capsys):
     failing(AttributeError("a bug"))
-    with pytest.raises(AttributeError, match="a bug"):
-        main(["compare", "a", "b"])
+    assert main(["compare", "a", "b"]) == 1
+    said = error_line(capsys)
+    assert said.startswith("cosim: AttributeError: a bug; this is a fault of the program")
+    assert main(["--debug", "compare", "a", "b"]) == 1
+    assert "Traceback" in capsys.readouterr().err
 
 
 def test_ctrl_c_is_exit_code_130(capsys, failing):
