@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from cosim import SetupError
+from cosim.fmi.archive.findings import FileFindings
 from cosim.fmi.archive.libraries import Machine, machine_of, machine_of_folder
 from cosim.fmi.archive.members import ArchiveError, Members
 from cosim.fmi.archive.xml_reading import XmlError, read_xml
@@ -207,3 +208,13 @@ def test_machines_are_told_by_the_first_bytes() -> None:
 def test_the_errors_are_setup_errors() -> None:
     assert issubclass(ArchiveError, SetupError)
     assert issubclass(XmlError, SetupError)
+
+
+def test_of_one_kind_of_findings_the_first_few_are_kept() -> None:
+    """A description may have one for each of its variables."""
+    found = FileFindings()
+    for k in range(100_000):
+        found.add(wrong=f"line {k}: variable 'it{chr(92)}'s {k}' has no type")
+    found.add(wrong="line 7: variable 'x' has no name", unclean="other")
+    assert len(found.wrong) == 4
+    assert found.unclean == ["other"]

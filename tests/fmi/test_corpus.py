@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -11,7 +12,9 @@ import pytest
 from cosim import CosimError, SetupError
 from cosim.commands.validate import _problems
 from cosim.fmi.fmu_file import load
+from cosim.system.variables import Ports
 from tests.support.corpus import ARCHIVES, REFUSED, RUNS, STOPS, Case, Materials, all_cases
+from tests.support.corpus.mutations import mutants
 from tests.support.native_fmus import require_compiler
 from tests.support.patience import PATIENCE
 
@@ -70,6 +73,20 @@ def test_fmus_are_refused_in_one_line_before_they_are_loaded(tmp_path: Path, mat
             wrong.append(f"{case.name}: {said!r}")
         assert not list(tmp_path.glob("escaped*")), case.name
     assert wrong == []
+
+
+@pytest.mark.parametrize("number", [150, pytest.param(20_000, marks=pytest.mark.slow)])
+def test_whatever_is_changed_the_reader_has_an_fmu_or_a_line(tmp_path: Path, number: int) -> None:
+    outcomes = Counter[str]()
+    for path in mutants(tmp_path / "x.fmu", number, seed=1):
+        try:
+            ports = Ports("x", load("x", path).description)
+        except CosimError as error:
+            outcomes["lines" if "\n" in str(error) else "line"] += 1
+        else:
+            assert len(ports.all_elements()) < 100
+            outcomes["fmu"] += 1
+    assert set(outcomes) == {"line", "fmu"}
 
 
 @linux

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import re
+from collections import Counter
 from dataclasses import dataclass, field
 
 #: Of one text of a file so many characters are shown.
 _MOST_SHOWN = 60
 
-#: So many findings of one kind are named.
+#: So many findings of one kind are kept.
 _MOST_OF_A_KIND = 3
+
+#: What differs between findings of one kind: texts of the file in quotes, and numbers.
+_PARTICULAR = re.compile(r"'(?:[^'\\]|\\.)*'|\"(?:[^\"\\]|\\.)*\"|\d+")
 
 
 @dataclass
@@ -25,13 +30,16 @@ class FileFindings:
 
     wrong: list[str] = field(default_factory=list)
     unclean: list[str] = field(default_factory=list)
+    _kinds: Counter[str] = field(default_factory=Counter)
 
     def add(self, *, wrong: str = "", unclean: str = "") -> None:
-        """Add a finding once; of a kind, which begins alike up to its first quote, the first few."""
+        """Add a finding; of one kind the first few are kept, for a file may have as many as it has variables."""
         for text, found in ((wrong, self.wrong), (unclean, self.unclean)):
-            kind = text.partition("'")[0]
-            if text and text not in found and sum(other.startswith(kind) for other in found) < _MOST_OF_A_KIND:
-                found.append(text)
+            if text:
+                kind = _PARTICULAR.sub("", text)
+                self._kinds[kind] += 1
+                if self._kinds[kind] <= _MOST_OF_A_KIND:
+                    found.append(text)
 
 
 def quoted(text: object) -> str:

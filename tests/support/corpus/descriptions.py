@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -158,6 +159,16 @@ DESCRIPTIONS: tuple[Case, ...] = (
         is_valid=False,
     ),
     _xml("a model of 20,000 variables", lambda: _variables(20_000), expected=RUNS),
+    _xml(
+        "20,000 variables, each of them wrong",
+        lambda: _variables(20_000).replace('" valueReference="', '" valueReference="-9'),
+        "no whole number below 2^32",
+    ),
+    _xml(
+        "20,000 variables of one name",
+        lambda: re.sub('name="v[0-9]+"', 'name="v"', _variables(20_000)).replace("local", "output"),
+        "there are two variables named 'v'",
+    ),
     # versions and interfaces
     _2("no version", 'fmiVersion="2.0" ', "", "it has no fmiVersion"),
     _2("version 2.5", '"2.0"', '"2.5"', "it is of FMI '2.5'"),
