@@ -14,7 +14,7 @@ from cosim.__main__ import main
 from cosim.regression import Comparison, Outcome, Tolerance, Tolerances, compare_signals
 from cosim.regression.page import part, write_page
 from cosim.results.results import Results
-from tests.support.browser import Tabs, accessible, chromium, fits, until
+from tests.support.browser import Tabs, accessible, chromium, fits, until, walked
 from tests.support.html import Elements
 
 TIME = np.linspace(0.0, 2.0, 401)
@@ -107,4 +107,6 @@ def test_it_works_in_a_browser(browser, page, width, scheme):
                     tab.locator("figure [role=status]").first.inner_text())  # fmt: skip
     accessible(tab)
     fits(tab)
+    if width == 390:
+        walked(tab)
     tabs.close()

@@ -31,7 +31,7 @@ from cosim.results.page.run_page import run_page
 from cosim.results.page.server import PageServer
 from cosim.results.results import Results
 from tests.support import some
-from tests.support.browser import Tabs, accessible, chromium, fits, until
+from tests.support.browser import Tabs, accessible, chromium, fits, until, walked
 from tests.support.html import Elements
 from tests.support.patience import PATIENCE
 
@@ -94,7 +94,20 @@ def results() -> Results:
         "parameters": {"motor.R": 1.5, "load.name": NASTY},
         "metrics": {"error": {"max": 1e-3}},
         "versions": {"python": "3"},
-    }
+        "profile": {
+            "measured_points": 10,
+            "components": {
+                "motor": {"steps": 500, "steps_s": 0.5, "exchange_s": 0.25, "steps_repeated": 0},
+                "load": {"steps": 500, "steps_s": 1.0, "exchange_s": 0.5, "steps_repeated": 0},
+            },
+        },
+        "coupling": {
+            "tolerance": 1e-3, "step_size": 4e-3, "error": 5e-4, "variable": "motor.phi", "time": 0.25, "runs": 3,
+            "tried": [{"step_size": 4e-3, "error": 5e-4}, {"step_size": 8e-3, "error": 2e-3}],
+        },
+        "nonfinite": {"motor.tau[1]": {"time": 0.904, "rows": 49}},
+        "commands": [{"point": 375, "time": 1.5, "set": {"motor.u": 2.0}}],
+    }  # fmt: skip
     return Results(T, list(values), np.column_stack(list(values.values())), info, typed)
 
 
@@ -232,7 +245,23 @@ def test_it_says_what_happened_and_how_it_was_made(html):
     for text in ("Nothing feeds these inputs", "load.friction", "ab" * 32, "motor.R", "error.max", "t = 1 s: ", "0.75"):
         assert text in html
     events = data(html)["events"][0]
-    assert [(e["time"], e["kind"]) for e in events] == [(0.75, "input"), (1.25, "message")]
+    assert [(e["time"], e["kind"]) for e in events] == [
+        (0.25, "message"),
+        (0.75, "input"),
+        (0.904, "message"),
+        (1.25, "message"),
+        (1.5, "input"),
+    ]
+    assert events[4]["text"] == "motor.u = 2"
+    bars = re.findall(
+        r'<li><span>(.*?)</span><svg.*?<rect width="(.*?)".*?x="(.*?)" width="(.*?)".*?<b>(.*?)</b>', html
+    )
+    assert bars == [
+        ("load", "133.3", "133.3", "66.67", "1.5"),
+        ("motor", "66.67", "66.67", "33.33", "0.75"),
+        ("0.008 s", "200", "200", "0", "0.002"),
+        ("0.004 s", "50", "50", "0", "0.0005"),
+    ]
     assert [len(b["pairs"]) for b in data(html)["diagram"]["bundles"]] == [1, 1, 1]
 
 
@@ -413,6 +442,26 @@ def test_everybody_can_use_it(tabs, page, width, scheme):
     tab.evaluate("document.querySelectorAll('details').forEach((d) => (d.open = true))")
     accessible(tab)
     fits(tab)
+    for panel in some(tab.locator(".panel").all()):  # what is drawn while one walks past can't be reached
+        panel.scroll_into_view_if_needed()
+    until(tab, "document.querySelectorAll('.panel:not([data-drawn])').length === 0")
+    walked(tab)
+
+
+@pytest.mark.slow
+def test_two_hundred_signals(tabs, tmp_path):
+    """5,000 rows are all there; 100,000 are reduced to what the budget takes."""
+    rng = np.random.default_rng(1)
+    names = [f"c{k}.v[{i}]" for k in range(20) for i in range(1, 11)]
+    for n, reduced in ((5_000, False), (100_000, True)):
+        values = np.cumsum(rng.standard_normal((n, 200)), axis=0)
+        page = tmp_path / f"{n}.html"
+        Results(1e-3 * np.arange(n), names, values).report(page)
+        assert page.stat().st_size < 6_000_000
+        run = data(page.read_text(encoding="utf-8"))["curves"]["runs"][0]
+        assert (run["resolution"] is not None) == reduced
+        tab = tabs.open(page)
+        drawn(tab, 2)
 
 
 # ---- a page that asks for values

@@ -100,3 +100,33 @@ def accessible(tab: Any) -> None:
 def fits(tab: Any) -> None:
     """Assert that nothing is wider than the window."""
     assert tab.evaluate("document.documentElement.scrollWidth <= document.documentElement.clientWidth")
+
+
+#: What a keyboard must reach, and is to be seen; of radio buttons one of a group.
+_REACHED = """[...document.querySelectorAll('a[href], button, input, select, summary, [tabindex="0"]')].filter(
+    (e) => e.checkVisibility({visibilityProperty: true}) && !e.disabled && !(e.type === 'radio' && !e.checked))"""
+
+
+def walked(tab: Any) -> None:
+    """Assert that the tabulator reaches all that can be used, and that the focus can be seen each time."""
+    tab.evaluate("const skip = document.querySelector('.skip'); skip.focus(); window.reached = new Set([skip])")
+    unseen = []
+    for _ in range(2000):
+        tab.keyboard.press("Tab")
+        state = tab.evaluate(
+            """(() => {
+                const e = document.activeElement, again = window.reached.has(e);
+                window.reached.add(e);
+                const shown = [e, e.nextElementSibling, e.closest('.segmented'), ...e.querySelectorAll('.box, .wire')];
+                const seen = shown.some((s) => s && (getComputedStyle(s).outlineStyle !== 'none'
+                    || parseFloat(getComputedStyle(s).strokeWidth) >= 3));
+                return [e === document.body || again, seen, e.outerHTML.slice(0, 100)];
+            })()"""
+        )
+        if state[0]:
+            break
+        if not state[1]:
+            unseen.append(state[2])
+    assert not unseen, unseen
+    missed = tab.evaluate(f"{_REACHED}.filter((e) => !window.reached.has(e)).map((e) => e.outerHTML.slice(0, 120))")
+    assert not missed, missed

@@ -6,8 +6,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from html import escape
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from cosim.fmi.messages import notes
 from cosim.results.page.document import table
 
@@ -85,6 +83,15 @@ def events(run: Recorded) -> list[dict[str, Any]]:
         for kind in about.get("first", ()):
             if kind.get("time") is not None:
                 found.append((float(kind["time"]), f"{component}: {kind['text']}", "message"))
+    for name, mark in info.get("nonfinite", {}).items():
+        found.append((float(mark["time"]), f"{name} is not finite in {mark['rows']} rows", "message"))
+    for command in info.get("commands", ()):
+        known = flattened({key: value for key, value in command.items() if key not in ("time", "point")})
+        done = ", ".join(f"{key.removeprefix('set.')} = {number(value)}" for key, value in known.items())
+        found.append((float(command["time"]), done, "input"))
+    if coupling := info.get("coupling"):
+        text = f"largest coupling error, in {coupling['variable']}: {number(coupling['error'])}"
+        found.append((float(coupling["time"]), text, "message"))
     if ended_by := info.get("ended_by"):
         found.append((float(ended_by["time"]), f"{ended_by['component']} ended the simulation", "end"))
     if info.get("error") and len(run.time):
@@ -152,24 +159,36 @@ def pairs(entries: Mapping[str, Any], heads: tuple[str, str], caption: str, kind
 
 
 def profile(info: Mapping[str, Any]) -> str:
-    """Times of components and errors of the coupling, where they are known, as bars."""
+    """Times of components and the error of the coupling, as bars, where they were measured."""
     charts = []
-    for key, heading in (("component_times", "Time of each component (s)"), ("coupling_errors", "Coupling errors")):
-        known = {n: v for n, v in flattened(info.get(key) or {}).items() if isinstance(v, int | float)}
-        if known:
-            charts.append(f"<h3>{heading}</h3>{_bars(known)}")
+    if components := info.get("profile", {}).get("components"):
+        times = {name: (float(c["steps_s"]), float(c["exchange_s"])) for name, c in components.items()}
+        keys = '<span class="first">steps</span> <span class="second">exchange of values</span>'
+        charts.append(f'<h3>Time of each component (s)</h3><p class="hint keys">{keys}</p>{_bars(times)}')
+    if coupling := info.get("coupling"):
+        where = f"in {coupling['variable']}, at {number(coupling['time'])} s"
+        charts.append(
+            f"<h3>Coupling error</h3><p>Estimated at {number(coupling['error'])} of the largest magnitude, largest "
+            f"{escape(where)}; allowed are {number(coupling['tolerance'])}. Steps that were tried:</p>"
+        )
+        tried = {f"{number(t['step_size'])} s": (float(t["error"]), 0.0) for t in coupling["tried"] if t["error"]}
+        charts.append(_bars(tried))
     return "".join(charts)
 
 
-def _bars(values: Mapping[str, float]) -> str:
-    largest = max((abs(v) for v in values.values() if np.isfinite(v)), default=0.0) or 1.0
-    rows = "".join(
-        f'<li><span>{escape(name)}</span><svg viewBox="0 0 200 12" aria-hidden="true" preserveAspectRatio="none">'
-        f'<rect width="{200 * min(abs(value) / largest, 1.0):.4g}" height="12"/></svg>'
-        f"<b>{escape(number(float(value)))}</b></li>"
-        for name, value in sorted(values.items(), key=lambda one: -abs(one[1]))
-    )
-    return f'<ul class="bars">{rows}</ul>'
+def _bars(values: Mapping[str, tuple[float, float]]) -> str:
+    """A bar of two parts for each name, and the sum in numbers; the largest first."""
+    largest = max((sum(pair) for pair in values.values()), default=0.0) or 1.0
+    rows = []
+    for name, (first, second) in sorted(values.items(), key=lambda one: -sum(one[1])):
+        widths = [200.0 * part / largest for part in (first, second)]
+        rows.append(
+            f'<li><span>{escape(name)}</span><svg viewBox="0 0 200 12" aria-hidden="true" preserveAspectRatio="none">'
+            f'<rect width="{widths[0]:.4g}" height="12"/>'
+            f'<rect class="second" x="{widths[0]:.4g}" width="{widths[1]:.4g}" height="12"/></svg>'
+            f"<b>{escape(number(first + second))}</b></li>"
+        )
+    return f'<ul class="bars">{"".join(rows)}</ul>'
 
 
 def made(info: Mapping[str, Any], whose: str = "the run") -> str:
@@ -187,6 +206,7 @@ def made(info: Mapping[str, Any], whose: str = "the run") -> str:
             for name, value in extrapolation.items()
             if value
         )
+    settings |= flattened({key: info[key] for key in ("model_exchange", "threads") if key in info})
     parts = []
     if settings:
         parts.append(f"<h3>Settings</h3>{pairs(settings, ('setting', 'value'), f'Settings of {whose}')}")

@@ -134,7 +134,7 @@ def _text_line(text: Mapping[str, Any], *, named: bool) -> str:
 def _facts(run: Recorded, log: str) -> Sequence[Section]:
     info: Mapping[str, Any] = run.info
     found = [Section("happened", "What happened", html) for html in [facts.happened(run)] if html]
-    found += [Section("profile", "Where the time and the error are", html) for html in [facts.profile(info)] if html]
+    found += [Section("profile", "Time and error", html) for html in [facts.profile(info)] if html]
     if metrics := facts.flattened(info.get("metrics") or {}):
         found.append(Section("metrics", "Metrics", facts.pairs(metrics, ("metric", "value"), "Metrics")))
     if parameters := info.get("parameters"):

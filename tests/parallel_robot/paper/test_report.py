@@ -32,7 +32,7 @@ from parallel_robot.paper.reproduce.content import (
 )
 from parallel_robot.scenario import load_scenario
 from tests.support import some
-from tests.support.browser import Tabs, accessible, chromium, fits
+from tests.support.browser import Tabs, accessible, chromium, fits, walked
 from tests.support.html import Elements
 from tests.support.native_fmus import DEFAULT_FLAVOUR
 
@@ -619,6 +619,7 @@ def test_everybody_can_use_it(opened, width, scheme):
     tab.evaluate("document.querySelectorAll('details').forEach((d) => (d.open = true))")
     accessible(tab)
     fits(tab)
+    walked(tab)
 
 
 @pytest.mark.slow
