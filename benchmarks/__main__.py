@@ -18,6 +18,8 @@ from pathlib import Path
 from tqdm import tqdm
 
 from benchmarks.coupling import measure_coupling, measure_other_systems
+from benchmarks.coupling import measure_coupling
+from benchmarks.equations import measure_equations
 from benchmarks.exporters import measure_exporters
 from benchmarks.loop import measure_loop, measure_pythonfmu, measure_stepping
 from benchmarks.masters import measure_masters
@@ -36,6 +38,7 @@ RESULTS = Path("benchmarks/results")
 PARTS: dict[str, Callable[[Path], Section | list[Section]]] = {
     "plant-step": measure_plant_step,
     "loop": measure_loop,
+    "equations": measure_equations,
     "stepping": measure_stepping,
     "pythonfmu": measure_pythonfmu,
     "coupling": measure_coupling,
