@@ -18,7 +18,6 @@ from pathlib import Path
 from tqdm import tqdm
 
 from benchmarks.coupling import measure_coupling, measure_other_systems
-from benchmarks.coupling import measure_coupling
 from benchmarks.equations import measure_equations
 from benchmarks.exporters import measure_exporters
 from benchmarks.loop import measure_loop, measure_pythonfmu, measure_stepping

@@ -13,8 +13,8 @@ SYSTEM_LIBRARIES = ("pthread",)
 
 #: Files that a library of which the loop is a part goes without.
 _NO_PARTS = (
-    *("current_calls.c", "model_exchange.c", "model_exchange.h", "team.c", "team.h"),
-    *("channel_master.c", "channel_worker.c"),
+    *("channel_master.c", "channel_worker.c", "current_calls.c"),
+    *(f"{name}.{ending}" for name in ("algebraic_loop", "model_exchange", "team") for ending in ("c", "h")),
 )
 
 LIBRARY = _FOLDER / ("_loop" + {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so"))

@@ -46,7 +46,7 @@ from cosim.master.failures import Failing, SimulationError
 from cosim.master.operations import Exchange, NamedOperation, OperationTable
 from cosim.master.unfinished_steps import EndedBy
 from cosim.master.value_layout import ValueLayout
-from cosim.system.resolution import Drive, Link, ResolvedSystem, levels_of
+from cosim.system.resolution import Drive, Link, ResolvedSystem, levels_of, torn_links
 
 #: By how much a communication step may miss a whole number of steps of a method, in these, for rounding.
 _STEP_TOLERANCE = 1e-6
@@ -136,6 +136,8 @@ class ModelExchangeGroup:
     extrapolated : ExtrapolatedInputs
         What inputs from outside of the group do over a step.
     solver : Solver
+    most_iterations : int
+        In a stage, to solve algebraic loops.
 
     Raises
     ------
@@ -149,7 +151,9 @@ class ModelExchangeGroup:
         instances: Mapping[str, Instance],
         extrapolated: ExtrapolatedInputs,
         solver: Solver,
+        most_iterations: int = 0,
     ) -> None:
+        self._most_iterations = most_iterations
         self._instances = {
             name: instance for name, instance in instances.items() if isinstance(instance, ModelExchangeInstance)
         }
@@ -194,18 +198,23 @@ class ModelExchangeGroup:
         )
         ports = {name: system.ports[name] for name in self._names}
         feedthrough = {name: system.feedthrough[name] for name in self._names}
+        torn = torn_links(ports, feedthrough, links) if self._most_iterations else ()
+        rest = [link for link in links if link not in torn]
         try:
-            levels = levels_of(ports, feedthrough, links, needs_levels=True)
+            levels = levels_of(ports, feedthrough, rest, needs_levels=True)
         except SetupError as error:
             what = str(error).partition(";")[0]
             raise SetupError(
-                f"model exchange: {what}; use co-simulation for a component in it (interface='co-simulation')"
+                f"model exchange: {what}; use iterations='auto' (as an option: --iterations auto), which solves it, in "
+                "sequential order, or co-simulation for a component in it (interface='co-simulation')"
             ) from None
         components = {name: system.components[name] for name in self._names}
-        own = ResolvedSystem(components, ports, links, drives, (), levels, feedthrough, (), ())
+        own = ResolvedSystem(components, ports, links, drives, (), levels, feedthrough, (), (), torn)
         nothing = ExtrapolatedInputs(algorithm("sequential", "hold"), {}, {}, {}, ())
         layout = ValueLayout(own, [], nothing)
-        return _Inner(Exchange(dataclasses.replace(own, drives=()), self._instances, nothing, layout), layout, links)
+        own = dataclasses.replace(own, drives=())
+        exchange = Exchange(own, self._instances, nothing, layout, most_iterations=self._most_iterations)
+        return _Inner(exchange, layout, links)
 
     def _that_move(self, table: OperationTable, links: Iterable[Link]) -> OperationTable:
         """What is to be exchanged once more at the same time: not what depends on nothing else."""
@@ -221,6 +230,8 @@ class ModelExchangeGroup:
             still |= more
 
         def moves(row: NamedOperation) -> bool:
+            if row.torn is not None:
+                return True
             if row.operation.kind == OperationKind.GET:
                 return row.component not in still
             return not sources[row.component] <= still
@@ -336,6 +347,8 @@ class ModelExchangeGroup:
         group.is_exchanged = group.rates_known = group.indicators_known = group.states_known = 0
         for inputs, _ in self._discrete:
             inputs.known = 0
+        for inner in (self._stage, self._event):
+            inner.exchange.begin()
         needs = any(instance.continuous.needs_completed_step for instance in self._instances.values())
         group.exchanges_at_end = needs or group.n_indicators > 0 or self._parallel
         group.exchanges_at_start = self._parallel
@@ -423,6 +436,10 @@ class ModelExchangeGroup:
         inner = (self._event if group.failed_exchange == IN_EVENT else self._stage).exchange
         table = self._rows_again if group.failed_exchange == IN_STAGE_AGAIN else inner.at_point
         row = table.rows[group.failed_operation]
+        if row.torn is not None:
+            if what := row.torn.failure(group.status):
+                return SimulationError(", ".join(row.torn.components), group.failed_at, f"{what}, within a step", "")
+            row = inner.at_point.rows[row.torn.failed_row]
         instance = self._instances[row.component]
         if group.status == NOT_FINITE:
             wrong = [f"'{name}'" for name, position in row.finite if not math.isfinite(inner.values[position])]
@@ -455,12 +472,16 @@ _REASONS = {
 
 
 def group_of(
-    system: ResolvedSystem, instances: Mapping[str, Instance], extrapolated: ExtrapolatedInputs, solver: Solver
+    system: ResolvedSystem,
+    instances: Mapping[str, Instance],
+    extrapolated: ExtrapolatedInputs,
+    solver: Solver,
+    most_iterations: int,
 ) -> ModelExchangeGroup | None:
     """The components of a system in model exchange; None where there are none."""
     if not any(isinstance(instance, ModelExchangeInstance) for instance in instances.values()):
         return None
-    return ModelExchangeGroup(system, instances, extrapolated, solver)
+    return ModelExchangeGroup(system, instances, extrapolated, solver, most_iterations)
 
 
 def _no_signal(time: float) -> float:

@@ -25,6 +25,7 @@ from cosim.fmi.variable_buffer import VariableBuffer
 from cosim.loop.arena import Arena
 from cosim.loop.binding import EXTRAPOLATED, NONE, Conversion, Extrapolated, Operation, OperationKind, Rates
 from cosim.loop.current_calls import codes
+from cosim.master.algebraic_loops import TornExchange, first_guesses
 from cosim.master.algorithm import ORDERS, Extrapolation
 from cosim.master.events import Events, events_of
 from cosim.master.extrapolated_inputs import ExtrapolatedInputs
@@ -52,6 +53,7 @@ class NamedOperation:
     raised: Callable[[], BaseException | NamedOperation] | None = (
         None  # gives the error, or the row, that it failed with
     )
+    torn: TornExchange | None = None  # what solves algebraic loops
     transfer: Transfer | None = None  # GET: what is read; EXTRAPOLATE: what is set
 
 
@@ -128,6 +130,8 @@ class Exchange:
         Where the values of the system stand.
     group : Group, optional
         The components in model exchange.
+    most_iterations : int
+        At a communication point, to solve algebraic loops.
 
     Attributes
     ----------
@@ -152,6 +156,7 @@ class Exchange:
         extrapolated: ExtrapolatedInputs,
         layout: ValueLayout,
         group: Group | None = None,
+        most_iterations: int = 0,
     ) -> None:
         self._system = system
         self._group = group
@@ -161,6 +166,7 @@ class Exchange:
         self._arena = Arena()
         self._buffers: list[VariableBuffer] = []  # that operations point into
         self._extrapolated: list[tuple[Extrapolated, int]] = []  # with the number of inputs
+        self._torn_links = set(system.torn)
         self._links_from: dict[str, list[Link]] = {}
         self._links_to: dict[str, list[Link]] = {}
         for link in system.links:
@@ -183,15 +189,27 @@ class Exchange:
         # around an algebraic loop the start values of the inputs are the first ones
         first = ORDERS["parallel" if system.levels is None else "sequential"]
         # FMI 1.0 lets nothing be read before an instance is initialised, and inputs should be set before that
-        at_start = [*start_values, *samples, *first.arrange(sets, gets)]
+        self._torn = self._torn_exchanges(most_iterations)
+        exchange_at_start = first.arrange(sets, gets)
+        at_start = [*start_values, *samples, *exchange_at_start, *self._solving(self._torn[:1])]
         self.at_start = OperationTable(sorted(at_start, key=self._can_be_read_last), instances)
         if self.events is not None:  # a clock is set before what it lets through, whatever the order
             sets = dict(sorted(sets.items()))
         exchange = extrapolated.algorithm.order.arrange(sets, gets)
+        n_exchange = len(exchange)
+        exchange += self._solving(self._torn[1:])
         begin, finish = self._around_exchange()
         rates = self._exchange_rates()
         self.at_point = OperationTable([*samples, *begin, *exchange, *finish, *rates], instances)
         self.exchanged_again = (len(samples) + len(begin), len(samples) + len(begin) + len(exchange))
+        for torn, table, first_row, n in zip(
+            self._torn,
+            (self.at_start, self.at_point),
+            (len(start_values) + len(samples), self.exchanged_again[0]),
+            (len(exchange_at_start), n_exchange),
+            strict=False,
+        ):
+            torn.attach(table.operations, table.codes, first_row, n)
         sets_of = _grouped(layout.sets, attrgetter("component"))
         steps = {c: self._extrapolate_and_step(c, sets_of.get(c, ())) for c in system.components}
         alone = [row for c, rows in steps.items() if not self._is_in_group(c) for row in rows]
@@ -234,6 +252,7 @@ class Exchange:
     def history(self) -> np.ndarray:
         """Values of extrapolated inputs at earlier communication points, as numbers (n,)."""
         numbers = [number for inputs, n in self._extrapolated for number in _history_of(inputs, n)]
+        numbers += [number for torn in self._torn for number in torn.numbers()]
         return np.array(numbers if self._group is None else [*numbers, *self._group.numbers()])
 
     def forget_history(self) -> None:
@@ -249,6 +268,8 @@ class Exchange:
             for pointer, count in _arrays_of(inputs, n):
                 for i in range(count):
                     pointer[i] = rest.pop(0)
+        for torn in self._torn:
+            torn.restore(rest)
         if self._group is not None:
             self._group.restore(rest)
 
@@ -268,6 +289,31 @@ class Exchange:
                 instance.forget_buffers()
         every = {name: component.every for name, component in self._system.components.items()}
         return events_of(self._instances, every, self.values, clocks, reads_again=reads_again)
+
+    def _torn_exchanges(self, most: int) -> list[TornExchange]:
+        """What solves the algebraic loops of the system, at the start and at communication points."""
+        keys = list(self._layout.torn)
+        if not keys:
+            return []
+        links = {(k.source_component, k.source.name): k for k in self._system.torn}
+        torn, assumed = [links[key] for key in keys], [self._layout.torn[key] for key in keys]
+        sources = [self._layout.positions[key] for key in keys]
+        return [TornExchange(torn, assumed, sources, most, self._arena) for _ in range(2)]
+
+    def _solving(self, torn: Iterable[TornExchange]) -> list[NamedOperation]:
+        return [NamedOperation(t.operation(), "", torn=t) for t in torn]
+
+    def begin(self) -> None:
+        """Begin a run: all values are zero (the first text is the empty one), but for what is assumed in loops."""
+        self.values[:] = 0.0
+        for position, value in first_guesses(self._system.torn, self._layout.torn).items():
+            self.values[position] = value
+        for torn in self._torn:
+            torn.begin()
+
+    def iterations(self) -> dict[str, Any] | None:
+        """For people: what solving algebraic loops took; None where there are none."""
+        return self._torn[-1].summary() if self._torn else None
 
     def _around_exchange(self) -> tuple[list[NamedOperation], list[NamedOperation]]:
         """What is to be done before and after the exchange at a communication point."""
@@ -375,14 +421,14 @@ class Exchange:
         converted = [k for k in links if k.converts]
         transformed = [k for k in links if self._is_transformed(k)]
         copied = [k for k in links if not k.converts and not self._is_transformed(k)]
-        targets = self._arena.integers([*self._targets(copied), *self._sources(copied)])
+        targets = self._arena.integers([*self._targets(copied), *self._origins(copied)])
         operation, name = self._exchange(OperationKind.SET, transfer, targets=targets, n_targets=len(copied))
         row = NamedOperation(operation, transfer.component, name)
         # whole numbers become real ones before they are scaled, and real ones are scaled before they become shorter
         scaled_after = [k for k in converted if k.source.kind != "real"]
         scaled_before = [k for k in converted if k.source.kind == "real"]
         return [
-            *self._convert(transfer.component, scaled_after, self._sources(scaled_after)),
+            *self._convert(transfer.component, scaled_after, self._origins(scaled_after)),
             *self._transform(transfer.component, transformed),
             *self._convert(transfer.component, scaled_before, self._scaled(scaled_before)),
             row,
@@ -393,7 +439,7 @@ class Exchange:
 
     def _scaled(self, links: Sequence[Link]) -> list[int]:
         """Positions of the values that links carry once they are scaled."""
-        pairs = zip(links, self._targets(links), self._sources(links), strict=True)
+        pairs = zip(links, self._targets(links), self._origins(links), strict=True)
         return [target if self._is_transformed(k) else source for k, target, source in pairs]
 
     def _transform(self, component: str, links: Sequence[Link]) -> list[NamedOperation]:
@@ -401,7 +447,7 @@ class Exchange:
             return []
         added = [self._layout.added.get((component, k.target.name), NONE) for k in links]
         numbers = self._arena.array(ctypes.c_double, [*(k.factor for k in links), *(k.offset for k in links)])
-        pairs = zip(links, self._targets(links), self._sources(links), strict=True)
+        pairs = zip(links, self._targets(links), self._origins(links), strict=True)
         # a whole number stands in its target as a real one already
         sources = [target if k.source.kind != "real" else source for k, target, source in pairs]
         operation = self._operation(
@@ -432,6 +478,14 @@ class Exchange:
 
     def _targets(self, links: Sequence[Link]) -> list[int]:
         return [self._layout.positions[k.target_component, k.target.name] for k in links]
+
+    def _origins(self, links: Sequence[Link]) -> list[int]:
+        """Positions of what links carry: their sources, or what is assumed for them where they are torn."""
+        assumed = self._layout.torn
+        return [
+            assumed[k.source_component, k.source.name] if k in self._torn_links else source
+            for k, source in zip(links, self._sources(links), strict=True)
+        ]
 
     def _sources(self, links: Sequence[Link]) -> list[int]:
         return [self._layout.positions[k.source_component, k.source.name] for k in links]

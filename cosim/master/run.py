@@ -192,7 +192,9 @@ class Run:
                 _set_start_values(instance, own)
                 instance.enter_initialization_mode(experiments[component])
                 _set_start_elements(instance, own)
-        repeats = self._exchange.events is not None or self._group is not None
+        repeats = (
+            self._exchange.events is not None or self._group is not None or self._exchange.iterations() is not None
+        )
         for instance in self._instances.values() if repeats else ():
             if isinstance(instance, FunctionInstance):  # after an event its inputs may be others
                 instance.is_stepped = True
@@ -351,6 +353,8 @@ class Run:
             }
         if self._not_terminated:
             results.info["not_terminated"] = dict(self._not_terminated)
+        if iterations := self._exchange.iterations():
+            results.info["iterations"] = iterations
         if self._group is not None:
             results.info["model_exchange"] = self._group.summary()
         results.info |= summary(instance.messages for instance in self._instances.values())
@@ -598,6 +602,11 @@ class Run:
     def _failure(self, table: OperationTable) -> BaseException:
         """The error that the loop has ended with."""
         row, time = table.rows[self._loop.failed], self._grid.time(self._loop.point)
+        if row.torn is not None:
+            if what := row.torn.failure(self._loop.status):
+                self._failed = row
+                return SimulationError(", ".join(row.torn.components), time, what, "")
+            row = table.rows[row.torn.failed_row]
         if row.raised is not None:
             error = row.raised()
             if isinstance(error, BaseException):

@@ -34,6 +34,7 @@ from cosim.fmi.variable_buffer import VariableBuffer
 from cosim.loop.binding import loop_library
 from cosim.loop.current_calls import is_at, watched_calls
 from cosim.loop.team import Threads, checked_threads
+from cosim.master.algebraic_loops import most_iterations
 from cosim.master.algorithm import AUTO, algorithm
 from cosim.master.checkpoint import Checkpoint, CheckpointedRun
 from cosim.master.coupling_tolerance import MOST_VALUES, ToleranceSearch, check_for_tolerance, compared_names
@@ -124,6 +125,10 @@ class Simulation:
         where model exchange was chosen, and dopri5 where an FMU has nothing else.
     solver_step : float, optional
         Step (s) of a fixed method, which divides the communication step; that itself by default.
+    iterations : int or "auto", optional
+        Solve algebraic loops at the start and at each communication point, by so many iterations of Newton's method at
+        most; "auto" allows 50. By default a system with an algebraic loop is refused.
+
     profile : bool
         Measure how long the steps and the exchange of each component take, at one communication point in 61; results
         say it (`info["profile"]`).
@@ -162,10 +167,17 @@ class Simulation:
         solver_step: float | None = None,
         isolate: bool | Sequence[str] = False,
         limits: Limits | None = None,
+        iterations: int | str | None = None,
     ) -> None:
         chosen = algorithm(order, extrapolation)
         self._threads = checked_threads(threads)
         self._profile = profile
+        self._most_iterations = most_iterations(iterations)
+        if self._most_iterations and not chosen.order.needs_levels:
+            raise SetupError(
+                f"iterations = {iterations!r}: order '{order}' breaks algebraic loops by a delay and solves none; "
+                "leave iterations out, or use order='sequential'"
+            )
         if interface not in INTERFACES:
             raise SetupError(f"interface {interface!r} is unknown; {nearest(str(interface), INTERFACES)}")
         if not system.components:
@@ -196,7 +208,11 @@ class Simulation:
             self._ports[name] = Ports(name, description, component.start) if port is None else port.of_another(name)
             known[id(description)] = self._ports[name]
         self._resolved = resolve(
-            system, self._ports, needs_levels=chosen.order.needs_levels, strict_inputs=strict_inputs
+            system,
+            self._ports,
+            needs_levels=chosen.order.needs_levels,
+            strict_inputs=strict_inputs,
+            tears=self._most_iterations > 0,
         )
         check_components(self._resolved, asked_solver)
         self._texts = Texts()
@@ -427,15 +443,22 @@ class Simulation:
         if self._exchange is None:
             self._do_without_absent()
             try:
-                self._group = group_of(self._resolved, self._instances, self._extrapolated, self._solver)
+                self._group = group_of(
+                    self._resolved, self._instances, self._extrapolated, self._solver, self._most_iterations
+                )
                 self._exchange = Exchange(
-                    self._resolved, self._instances, self._extrapolated, self._layout, self._group
+                    self._resolved,
+                    self._instances,
+                    self._extrapolated,
+                    self._layout,
+                    self._group,
+                    self._most_iterations,
                 )
                 if self._group is not None:
                     self._group.attach(self._exchange, self._layout)
             except CallFailed as error:
                 raise SetupError(f"an FMU {error}") from error
-        self._exchange.values[:] = 0.0  # of all types: the first text is the empty one
+        self._exchange.begin()
         return self._exchange
 
     # What FMUs refuse
@@ -1055,6 +1078,7 @@ def simulate(
     solver_step: float | None = None,
     isolate: bool | Sequence[str] = False,
     limits: Limits | None = None,
+    iterations: int | str | None = None,
 ) -> Results:
     """Couple the FMUs of a system at a fixed communication step.
 
@@ -1075,6 +1099,7 @@ def simulate(
         solver_step=solver_step,
         isolate=isolate,
         limits=limits,
+        iterations=iterations,
     ) as simulation:
         return simulation.run(
             stop_time,

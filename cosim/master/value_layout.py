@@ -62,6 +62,8 @@ class ValueLayout:
         Element -> its position.
     added : mapping
         Element -> position of the signal that is added to it.
+    torn : mapping
+        Output of which a connection is torn -> position of the value that is assumed for it.
     size : int
         Number of values.
     sets, gets, constants : list of Transfer
@@ -102,6 +104,9 @@ class ValueLayout:
         added = ((d.component, e.name) for d in system.drives if d.added for e in d.targets)
         self.added = _numbered(added, first=len(self.positions))
         self.size = len(self.positions) + len(self.added)
+        torn = dict.fromkeys((k.source_component, k.source.name) for k in system.torn)
+        self.torn = _numbered(torn, first=self.size)
+        self.size += len(self.torn)
         self.rates: dict[Key, int] = {}
         self.rated = self._lay_out_rates()
         self.recorded_runs = _runs([self.positions[c, e.name] for c, e in recorded])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any, get_args
 
 import numpy as np
@@ -99,7 +100,8 @@ class ResolvedSystem:
     `levels` is None where an algebraic loop forbids an order; only the parallel order can run such a system.
     `feedthrough` says for each output of a component what it depends on directly: inputs, and parameters that something
     feeds. `kept` are the inputs that nothing feeds and that have no start value here: they keep that of their FMU.
-    `unticked` are the triggered clocks among the inputs that nothing feeds.
+    `unticked` are the triggered clocks among the inputs that nothing feeds. `torn` are links of algebraic loops that
+    the levels leave out, where such loops are solved.
     """
 
     components: Mapping[str, Component]
@@ -111,6 +113,7 @@ class ResolvedSystem:
     feedthrough: Mapping[str, Mapping[str, Set[str]]]
     kept: tuple[str, ...]
     unticked: tuple[str, ...]
+    torn: tuple[Link, ...] = ()
 
     def couples_equations(self, link: Link) -> bool:
         """Whether both ends of a link are in model exchange: it carries values at any time, not at points only."""
@@ -118,7 +121,12 @@ class ResolvedSystem:
 
 
 def resolve(
-    system: System, ports: Mapping[str, Ports], *, needs_levels: bool, strict_inputs: bool = False
+    system: System,
+    ports: Mapping[str, Ports],
+    *,
+    needs_levels: bool,
+    strict_inputs: bool = False,
+    tears: bool = False,
 ) -> ResolvedSystem:
     """Resolve and check all names of a system.
 
@@ -131,6 +139,8 @@ def resolve(
         The order of exchange can't run a system with an algebraic loop.
     strict_inputs : bool
         Every input must be fed or have a start value of the system; else inputs keep the start value of their FMU.
+    tears : bool
+        Algebraic loops are solved: some of their links are torn.
 
     Raises
     ------
@@ -153,9 +163,10 @@ def resolve(
         [f"{c}.{e.name}" for c, e in unfed if (e.variable.type == "Clock") == tick] for tick in (False, True)
     )
     feedthrough = _feedthrough(ports, links, drives)
-    order = levels_of(ports, feedthrough, links, needs_levels=needs_levels)
+    torn = torn_links(ports, feedthrough, links) if tears else ()
+    order = levels_of(ports, feedthrough, [k for k in links if k not in torn], needs_levels=needs_levels)
     return ResolvedSystem(
-        system.components, ports, links, drives, starts, order, feedthrough, tuple(kept), tuple(unticked)
+        system.components, ports, links, drives, starts, order, feedthrough, tuple(kept), tuple(unticked), torn
     )
 
 
@@ -464,6 +475,38 @@ def _feedthrough(
     return found
 
 
+def torn_links(
+    ports: Mapping[str, Ports], feedthrough: Mapping[str, Mapping[str, Set[str]]], links: Iterable[Link]
+) -> tuple[Link, ...]:
+    """Links without which there is no algebraic loop: of each loop the connection of the fewest real values."""
+    rest, torn = list(links), []
+    while True:
+        feeds, inputs = _feeding(ports, feedthrough, rest)
+        try:
+            levels(feeds, inputs)
+        except AlgebraicLoop as loop:
+            candidates = []
+            for source, target in pairwise(loop.path):
+                between = [
+                    k
+                    for k in rest
+                    if (k.source_component, k.source.variable.name) == source
+                    and (k.target_component, k.target.variable.name) == target
+                ]
+                if between and all(k.source.kind == "real" and k.target.kind == "real" for k in between):
+                    candidates.append(between)
+            if not candidates:
+                raise SetupError(
+                    f"algebraic loop {loop}: only connections between real values can be iterated; break it by "
+                    "order='parallel' (as an option: --order parallel)"
+                ) from None
+            chosen = min(candidates, key=len)
+            torn += chosen
+            rest = [k for k in rest if k not in chosen]
+        else:
+            return tuple(torn)
+
+
 def levels_of(
     ports: Mapping[str, Ports],
     feedthrough: Mapping[str, Mapping[str, Set[str]]],
@@ -478,6 +521,24 @@ def levels_of(
     SetupError
         There is one, and levels are needed.
     """
+    feeds, inputs = _feeding(ports, feedthrough, links)
+    try:
+        return levels(feeds, inputs)
+    except AlgebraicLoop as loop:
+        if needs_levels:
+            raise SetupError(
+                f"algebraic loop {loop}: every output in it depends at once on the input before it; "
+                "use iterations='auto' (as an option: --iterations auto), which solves it; order='parallel' (as an "
+                "option: --order parallel), which breaks the loop by a delay of one step; or FMUs that declare which "
+                "inputs their outputs depend on, or functions with direct_feedthrough=False"
+            ) from None
+        return None
+
+
+def _feeding(
+    ports: Mapping[str, Ports], feedthrough: Mapping[str, Mapping[str, Set[str]]], links: Iterable[Link]
+) -> tuple[dict[Node, set[Node]], set[Node]]:
+    """For each input and output what feeds it, and which nodes are inputs; see `cosim.system.levels`."""
     feeds: dict[Node, set[Node]] = {}
     inputs: set[Node] = set()
     for component, port in ports.items():
@@ -495,13 +556,4 @@ def levels_of(
         target = (link.target_component, link.target.variable.name)
         feeds.setdefault(target, set()).add((link.source_component, link.source.variable.name))
         inputs.add(target)
-    try:
-        return levels(feeds, inputs)
-    except AlgebraicLoop as loop:
-        if needs_levels:
-            raise SetupError(
-                f"algebraic loop {loop}: every output in it depends at once on the input before it; "
-                "use order='parallel' (as an option: --order parallel), which breaks the loop by a delay of one step, "
-                "or FMUs that declare which inputs their outputs depend on, or functions with direct_feedthrough=False"
-            ) from None
-        return None
+    return feeds, inputs

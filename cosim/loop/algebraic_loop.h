@@ -1,0 +1,28 @@
+/* Algebraic loops: outputs that depend on themselves at the same instant. Some connections are torn, so that the exchange
+ * can be performed in order; what they carry is found by iteration. algebraic_loop.py lays the struct out once more. */
+#ifndef ALGEBRAIC_LOOP_H
+#define ALGEBRAIC_LOOP_H
+
+#include "loop.h"
+
+typedef struct {
+    const Operation *operations; /* an exchange, in which the torn connections carry what was assumed */
+    const uint32_t *codes;
+    int64_t n_operations;
+    const int32_t *positions; /* of the n assumed values, and after them of the outputs that they stand for */
+    double *jacobian; /* n rows: of outputs less assumed values by assumed values */
+    double *factors, *residuals, *tried, *step, *assumed; /* n * n, and n each */
+    double tolerance; /* relative, of what is carried */
+    int32_t n, most; /* iterations at a point */
+    int32_t has_jacobian, padding;
+    int64_t n_points, n_iterations, n_exchanges, failed_operation;
+    double largest_residual, residual; /* over the size of what is carried; of the run, of the last point */
+} AlgebraicLoop;
+
+/* Statuses beyond those of the loop. */
+enum { NO_SOLUTION = 130 };
+
+/* Function of a GROUP operation behind the exchange: repeats it until torn connections carry what comes out. */
+EXPORT int solve_algebraic_loop(const Loop *loop, const Operation *op, int64_t point, double time);
+
+#endif

@@ -1,0 +1,46 @@
+"""Algebraic loops as the compiled loop sees them; see algebraic_loop.h."""
+
+from __future__ import annotations
+
+import ctypes
+from ctypes import POINTER, c_double, c_int32, c_int64, c_uint32
+from functools import cache
+
+from cosim.loop.binding import Operation, check_layout, loop_library
+
+#: Status beyond those of the loop.
+NO_SOLUTION = 130
+
+
+class AlgebraicLoop(ctypes.Structure):
+    """What is torn, and how its solution goes."""
+
+    _fields_ = (
+        ("operations", POINTER(Operation)),
+        ("codes", POINTER(c_uint32)),
+        ("n_operations", c_int64),
+        ("positions", POINTER(c_int32)),
+        *((name, POINTER(c_double)) for name in ("jacobian", "factors", "residuals", "tried", "step", "assumed")),
+        ("tolerance", c_double),
+        ("n", c_int32),
+        ("most", c_int32),
+        ("has_jacobian", c_int32),
+        ("padding", c_int32),
+        *((name, c_int64) for name in ("n_points", "n_iterations", "n_exchanges", "failed_operation")),
+        ("largest_residual", c_double),
+        ("residual", c_double),
+    )
+
+
+@cache
+def algebraic_loop_library() -> ctypes.CDLL:
+    """The library of the loop, for algebraic loops.
+
+    Raises
+    ------
+    LoopLibraryError
+        It is missing, or lays the struct out otherwise.
+    """
+    library = loop_library()
+    check_layout(library.algebraic_loop_layout, (AlgebraicLoop,))
+    return library
