@@ -72,11 +72,12 @@ class Plan:
     tolerance: float | None = None
     solver: str = "auto"
     solver_step: float | None = None
+    iterations: int | str | None = None
 
     @classmethod
     def from_options(cls, args: argparse.Namespace, stop_time: float, step_size: float, start_time: float) -> Self:
         """The plan of a system that itself says no more than these times (s)."""
-        keys = ("order", "extrapolation", "record", "record_every", "tolerance", "solver", "solver_step")
+        keys = ("order", "extrapolation", "record", "record_every", "tolerance", "solver", "solver_step", "iterations")
         given = {key: getattr(args, key) for key in keys}
         return cls(stop_time, step_size, start_time, **{key: v for key, v in given.items() if v is not None})
 
@@ -276,6 +277,7 @@ def execute(
             solver_step=plan.solver_step,
             isolate=isolation.isolate,
             limits=isolation.limits,
+            iterations=plan.iterations,
         ) as simulation,
         _progress(plan) as progress,
     ):
@@ -540,6 +542,7 @@ def in_words(prepared: PreparedRun, summary: Mapping[str, Any], *, drawn: bool =
         f"{duration:g} s at {summary['step_size'] * 1e3:g} ms, {plan.order} order: loop {summary['loop_time_s']:.2f} s",
         _extrapolation(summary["extrapolation"]),
         *_model_exchange(summary),
+        *_iterations(summary),
     ]
     if found := summary.get("coupling"):
         lines.append(
@@ -559,6 +562,16 @@ def in_words(prepared: PreparedRun, summary: Mapping[str, Any], *, drawn: bool =
         lines += ["", *(f"{name:<40}{'-' if v is None else f'{v:.6g}':>14}" for name, v in values.items())]
     what = "results, summary and figures" if drawn else "results and summary"
     return "\n".join([*lines, f"{what}: {prepared.folder}"])
+
+
+def _iterations(summary: Mapping[str, Any]) -> list[str]:
+    """What it took to solve algebraic loops."""
+    if not (found := summary.get("iterations")):
+        return []
+    return [
+        f"algebraic loops: {len(found['torn'])} values, {found['iterations']} iterations at {found['points']} points, "
+        f"largest residual {found['largest_residual']:.1e}"
+    ]
 
 
 def _model_exchange(summary: Mapping[str, Any]) -> list[str]:

@@ -61,6 +61,26 @@ def add_model_exchange_options(parser: argparse._ActionsContainer) -> None:
     )
 
 
+def _iterations(text: str) -> int | str:
+    if text == AUTO:
+        return text
+    try:
+        return int(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is no whole number, nor '{AUTO}'") from None
+
+
+def add_iterations_option(parser: argparse._ActionsContainer) -> None:
+    """Add --iterations; None where it is not given."""
+    parser.add_argument(
+        "--iterations",
+        type=_iterations,
+        metavar="N|auto",
+        help="solve algebraic loops at the start and at each communication point, by N iterations at most (auto: 50); "
+        "by default a system with one is refused",
+    )
+
+
 def chosen_interfaces(texts: Sequence[str], components: Collection[str]) -> dict[str, str]:
     """Interfaces of components by options [COMPONENT=]INTERFACE; those that name a component count more.
 

@@ -90,7 +90,7 @@ def register(subparsers: Any) -> None:
         group = parser.add_argument_group(f"scenarios of {name}", family.system)
         family.add_options(group)
         options[name] = {action.option_strings[0]: action.dest for action in group._group_actions}
-    of_runs = dict.fromkeys(("input", "record", "record_every", "solver", "solver_step"))
+    of_runs = dict.fromkeys(("input", "record", "record_every", "solver", "solver_step", "iterations"))
     parser.set_defaults(run=run, family_options=options, interface=[], **of_runs)
 
 

@@ -11,6 +11,7 @@ from cosim.commands.options import (
     Standard,
     add_algorithm_options,
     add_isolation_options,
+    add_iterations_option,
     add_log_options,
     add_model_exchange_options,
     add_overwrite_option,
@@ -66,6 +67,7 @@ def register(subparsers: Any) -> None:
     )
     add_algorithm_options(parser)
     add_model_exchange_options(parser)
+    add_iterations_option(parser)
     parser.add_argument(
         "--coupling-tolerance",
         type=float,

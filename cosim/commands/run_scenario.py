@@ -55,6 +55,7 @@ def prepared_scenario(args: argparse.Namespace) -> Iterator[PreparedRun]:
             scenario.tolerance,
             scenario.solver,
             scenario.solver_step,
+            scenario.iterations,
         ),
         folder=folder,
         about={"scenario": scenario.name, "title": scenario.title, "seed": scenario.seed},
@@ -118,6 +119,7 @@ def _with_options(scenario: Scenario, args: argparse.Namespace) -> Scenario:
         "seed": args.seed,
         "solver": args.solver,
         "solver_step": args.solver_step,
+        "iterations": args.iterations,
     }
     scenario = dataclasses.replace(scenario, **{key: value for key, value in given.items() if value is not None})
     scenario = scenario.with_interfaces(chosen_interfaces(args.interface, scenario.components))

@@ -18,6 +18,7 @@ from tqdm import tqdm
 from cosim.commands.options import (
     Standard,
     add_algorithm_options,
+    add_iterations_option,
     add_model_exchange_options,
     add_signature_option,
     check_signatures,
@@ -115,6 +116,7 @@ def register(subparsers: Any) -> None:
     run_.add_argument("--stop", type=float, metavar="T", help="stop time in s")
     add_algorithm_options(run_)
     add_model_exchange_options(run_)
+    add_iterations_option(run_)
     run_.add_argument("--out", type=Path, metavar="DIR", help="results folder (default results/sweep-<scenario>)")
     run_.add_argument("--workers", type=int, metavar="N", help="processes on this machine (default: one for each core)")
     run_.add_argument("--scheduler", metavar="ADDRESS", help="run on the Dask cluster there, as tcp://head:8786")
@@ -285,6 +287,7 @@ def _with_options(
         "metrics": {**scenario.metrics, **metrics} if metrics else None,
         "solver": args.solver,
         "solver_step": args.solver_step,
+        "iterations": args.iterations,
     }
     scenario = dataclasses.replace(scenario, **{k: v for k, v in given.items() if v is not None})
     return scenario.with_interfaces(chosen_interfaces(args.interface, scenario.components))

@@ -10,6 +10,11 @@ enum { DISCARDED = 2 };
 /* Halvings of a step of Newton's method before another Jacobian is tried. */
 enum { MOST_HALVINGS = 12 };
 
+/* Parts of the way from what was assumed to the solution, where Newton's method does not find it: the first and the
+ * shortest. */
+#define FIRST_PART 0.1
+#define SHORTEST_PART 1e-4
+
 /* Values smaller than this are zero beside whatever else the loop carries. */
 #define NEGLIGIBLE 1e-14
 
@@ -21,7 +26,7 @@ static int evaluate(AlgebraicLoop *a, const Loop *loop, int64_t point, double *r
     a->failed_operation = done;
     if (done < a->n_operations) return status;
     for (int32_t i = 0; i < a->n; i++)
-        residuals[i] = loop->values[a->positions[a->n + i]] - loop->values[a->positions[i]];
+        residuals[i] = loop->values[a->positions[a->n + i]] - loop->values[a->positions[i]] - a->kept * a->offset[i];
     return 0;
 }
 
@@ -109,27 +114,12 @@ static void learn(AlgebraicLoop *a, const double *before, const double *after, d
     }
 }
 
-static int end(AlgebraicLoop *a, const Loop *loop, double residual) {
-    a->residual = residual;
-    a->largest_residual = fmax(a->largest_residual, residual);
-    for (int32_t i = 0; i < a->n; i++) a->assumed[i] = loop->values[a->positions[i]];
-    return 0;
-}
-
-int solve_algebraic_loop(const Loop *loop, const Operation *op, int64_t point, double time) {
-    (void)time;
-    AlgebraicLoop *a = op->data;
+/* Newton's method from what is assumed, whose residuals are known. */
+static int iterate(AlgebraicLoop *a, const Loop *loop, int64_t point) {
     double *values = loop->values, *residuals = a->residuals;
-    size_t size = (size_t)a->n * sizeof(double);
     bool is_new = false;
-    a->n_points++;
-    for (int32_t i = 0; i < a->n; i++) { /* the exchange has been performed */
-        a->assumed[i] = values[a->positions[i]];
-        residuals[i] = values[a->positions[a->n + i]] - a->assumed[i];
-    }
     double now = norm(a, values, residuals);
-    for (int32_t k = 0; k < a->most; k++) {
-        if (now <= a->tolerance) return end(a, loop, now);
+    for (int32_t k = 0; k < a->most && !(now <= a->tolerance); k++) {
         int status;
         if (!a->has_jacobian) {
             if ((status = differentiate(a, loop, point))) return status;
@@ -137,35 +127,81 @@ int solve_algebraic_loop(const Loop *loop, const Operation *op, int64_t point, d
         }
         a->n_iterations++;
         double part = 1.0, next = INFINITY;
-        bool solved = newton_step(a);
-        for (int j = 0; solved && j < MOST_HALVINGS; j++, part *= 0.5) {
+        bool solved = newton_step(a), better = false;
+        for (int j = 0; solved && !better && j < MOST_HALVINGS; j++, part *= 0.5) {
             assume(a, values, a->assumed, part);
             status = evaluate(a, loop, point, a->tried);
             if (status && status != DISCARDED && status != NOT_FINITE) return status;
             next = status ? INFINITY : norm(a, values, a->tried);
-            if (next <= a->tolerance || next < (1.0 - 1e-4 * part) * now) break;
-            if (!is_new && j == 0) break; /* an old Jacobian is not worth halving */
+            better = next <= a->tolerance || next < (1.0 - 1e-4 * part) * now;
+            if (better || !is_new) break; /* an old Jacobian is not worth halving */
         }
-        bool better = next <= a->tolerance || next < (1.0 - 1e-4 * part) * now;
-        if (!better) {
-            assume(a, values, a->assumed, 0.0);
-            if (is_new) { /* neither Newton's direction nor any part of it: a residual that has no root here */
-                a->residual = now;
-                if ((status = evaluate(a, loop, point, residuals))) return status;
-                return NO_SOLUTION;
-            }
-            a->has_jacobian = false;
+        if (better) {
+            learn(a, residuals, a->tried, part);
+            if (next > 0.3 * now) a->has_jacobian = is_new = false; /* too slow: the next step has one of its own */
+            memcpy(residuals, a->tried, (size_t)a->n * sizeof *residuals);
+            for (int32_t i = 0; i < a->n; i++) a->assumed[i] = values[a->positions[i]];
+            now = next;
             continue;
         }
-        learn(a, residuals, a->tried, part);
-        if (next > 0.3 * now) a->has_jacobian = is_new = false; /* too slow: the next step has a Jacobian of its own */
-        memcpy(residuals, a->tried, size);
-        for (int32_t i = 0; i < a->n; i++) a->assumed[i] = values[a->positions[i]];
-        now = next;
+        assume(a, values, a->assumed, 0.0);
+        if (is_new) break; /* no part of Newton's direction is any better */
+        a->has_jacobian = false;
     }
-    if (now <= a->tolerance) return end(a, loop, now);
     a->residual = now;
-    return NO_SOLUTION;
+    return now <= a->tolerance ? 0 : NO_SOLUTION;
+}
+
+/* Begin again at what was assumed first, and follow the solutions while its residuals are taken away bit by bit. */
+static int follow(AlgebraicLoop *a, const Loop *loop, int64_t point, double *origin) {
+    double *values = loop->values, done = 0.0, step = FIRST_PART;
+    size_t size = (size_t)a->n * sizeof(double);
+    double *last = origin + a->n; /* the last solution on the way */
+    memcpy(last, origin, size);
+    while (done < 1.0) {
+        double target = fmin(1.0, done + step);
+        memcpy(a->assumed, last, size);
+        assume(a, values, a->assumed, 0.0);
+        a->kept = 0.0;
+        int status = evaluate(a, loop, point, a->residuals);
+        if (!status && done == 0.0) memcpy(a->offset, a->residuals, size);
+        a->kept = 1.0 - target;
+        for (int32_t i = 0; !status && i < a->n; i++) a->residuals[i] -= a->kept * a->offset[i];
+        a->has_jacobian = false;
+        if (!status) status = iterate(a, loop, point);
+        a->kept = 0.0;
+        if (status && status != NO_SOLUTION && status != DISCARDED && status != NOT_FINITE) return status;
+        if (status) {
+            step *= 0.5;
+            if (step < SHORTEST_PART) return NO_SOLUTION;
+            continue;
+        }
+        memcpy(last, a->assumed, size);
+        done = target;
+        step *= 2.0;
+    }
+    return 0;
+}
+
+int solve_algebraic_loop(const Loop *loop, const Operation *op, int64_t point, double time) {
+    (void)time;
+    AlgebraicLoop *a = op->data;
+    double *values = loop->values, *origin = a->origin;
+    a->n_points++;
+    a->kept = 0.0;
+    for (int32_t i = 0; i < a->n; i++) { /* the exchange has been performed */
+        origin[i] = a->assumed[i] = values[a->positions[i]];
+        a->residuals[i] = values[a->positions[a->n + i]] - a->assumed[i];
+    }
+    int status = iterate(a, loop, point);
+    double residual = a->residual;
+    if (status == NO_SOLUTION && (status = follow(a, loop, point, origin))) {
+        a->residual = residual;
+        a->has_jacobian = false;
+    }
+    if (status) return status;
+    a->largest_residual = fmax(a->largest_residual, a->residual);
+    return 0;
 }
 
 #define STRUCT(type) {#type, 0, sizeof(type)}
@@ -183,7 +219,10 @@ static const Field layout[] = {
     FIELD(AlgebraicLoop, tried),
     FIELD(AlgebraicLoop, step),
     FIELD(AlgebraicLoop, assumed),
+    FIELD(AlgebraicLoop, offset),
+    FIELD(AlgebraicLoop, origin),
     FIELD(AlgebraicLoop, tolerance),
+    FIELD(AlgebraicLoop, kept),
     FIELD(AlgebraicLoop, n),
     FIELD(AlgebraicLoop, most),
     FIELD(AlgebraicLoop, has_jacobian),

@@ -20,8 +20,12 @@ class AlgebraicLoop(ctypes.Structure):
         ("codes", POINTER(c_uint32)),
         ("n_operations", c_int64),
         ("positions", POINTER(c_int32)),
-        *((name, POINTER(c_double)) for name in ("jacobian", "factors", "residuals", "tried", "step", "assumed")),
+        *(
+            (name, POINTER(c_double))
+            for name in ("jacobian", "factors", "residuals", "tried", "step", "assumed", "offset", "origin")
+        ),
         ("tolerance", c_double),
+        ("kept", c_double),
         ("n", c_int32),
         ("most", c_int32),
         ("has_jacobian", c_int32),

@@ -3,8 +3,9 @@
 Around such a loop outputs depend on themselves at the same instant, so that no order of exchange can compute them. Some
 of its connections are torn: what they carry is assumed, the exchange is performed in order, and the assumption is
 mended until the torn outputs are what was assumed. Newton's method does that, with damped steps; its Jacobian comes
-from differences, is learned on by Broyden's updates, and serves the next points as long as it does well. The compiled loop
-does the work, see cosim/loop/algebraic_loop.c.
+from differences, is learned on by Broyden's updates, and serves the next points as long as it does well. Where that
+finds nothing, solutions are followed from what was assumed first, whose residuals are taken away bit by bit. The
+compiled loop does the work, see cosim/loop/algebraic_loop.c.
 """
 
 from __future__ import annotations
@@ -12,6 +13,8 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
+
+import numpy as np
 
 from cosim.errors import SetupError
 from cosim.loop.algebraic_loop import NO_SOLUTION, AlgebraicLoop, algebraic_loop_library
@@ -53,21 +56,31 @@ class TornExchange:
         What is torn.
     assumed, sources : sequence of int
         Positions of the assumed values, and of the outputs that they stand for.
+    values : array
+        Of the exchange.
     most : int
         Iterations at a communication point.
     arena : Arena
     """
 
     def __init__(
-        self, torn: Sequence[Link], assumed: Sequence[int], sources: Sequence[int], most: int, arena: Arena
+        self,
+        torn: Sequence[Link],
+        assumed: Sequence[int],
+        sources: Sequence[int],
+        values: np.ndarray,
+        most: int,
+        arena: Arena,
     ) -> None:
+        self._values = values
         self._torn = tuple(torn)
         self._assumed = tuple(assumed)
         self._loop = arena.structure(AlgebraicLoop)
         n = len(assumed)
         self._loop.positions = arena.integers([*assumed, *sources])
-        for name in ("residuals", "tried", "step", "assumed"):
+        for name in ("residuals", "tried", "step", "assumed", "offset"):
             setattr(self._loop, name, arena.zeros(n))
+        self._loop.origin = arena.zeros(2 * n)
         for name in ("jacobian", "factors"):
             setattr(self._loop, name, arena.zeros(n * n))
         self._loop.n, self._loop.most, self._loop.tolerance = n, most, _TOLERANCE
@@ -126,14 +139,16 @@ class TornExchange:
 
     def numbers(self) -> list[float]:
         """What of it belongs to the state of a run."""
-        n = self._loop.n
-        return [float(self._loop.has_jacobian), *(self._loop.jacobian[i] for i in range(n * n))]
+        jacobian = (self._loop.jacobian[i] for i in range(self._loop.n**2))
+        return [float(self._loop.has_jacobian), *jacobian, *self._values[list(self._assumed)].tolist()]
 
     def restore(self, numbers: list[float]) -> None:
         """Take what `numbers` gave, and more, from the front of a list."""
         self._loop.has_jacobian = int(numbers.pop(0))
         for i in range(self._loop.n**2):
             self._loop.jacobian[i] = numbers.pop(0)
+        for position in self._assumed:
+            self._values[position] = numbers.pop(0)
 
     def summary(self) -> dict[str, Any]:
         """For people: what was torn, and what it took."""

@@ -377,7 +377,8 @@ class ModelExchangeGroup:
         last = [float(byte) for inputs, last in self._discrete for byte in (inputs.known, *last.raw)]
         indicators = [group.indicators[i] for i in range(group.n_indicators)]
         names = self._kept
-        return [*(float(getattr(group, name)) for name in names), *indicators, *last]
+        loops = [*self._stage.exchange.numbers_of_loops(), *self._event.exchange.numbers_of_loops()]
+        return [*(float(getattr(group, name)) for name in names), *indicators, *last, *loops]
 
     def restore(self, numbers: list[float]) -> None:
         """Take what `numbers` gave, and more, from the front of a list."""
@@ -390,6 +391,8 @@ class ModelExchangeGroup:
         for inputs, last in self._discrete:
             inputs.known = int(numbers.pop(0))
             last.raw = bytes(int(numbers.pop(0)) for _ in range(len(last)))
+        for inner in (self._stage, self._event):
+            inner.exchange.restore_loops(numbers)
         group.time = group.exchanged_at = math.nan
         group.states_known, group.ended_by = 0, NONE
 

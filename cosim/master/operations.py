@@ -252,7 +252,7 @@ class Exchange:
     def history(self) -> np.ndarray:
         """Values of extrapolated inputs at earlier communication points, as numbers (n,)."""
         numbers = [number for inputs, n in self._extrapolated for number in _history_of(inputs, n)]
-        numbers += [number for torn in self._torn for number in torn.numbers()]
+        numbers += self.numbers_of_loops()
         return np.array(numbers if self._group is None else [*numbers, *self._group.numbers()])
 
     def forget_history(self) -> None:
@@ -268,8 +268,7 @@ class Exchange:
             for pointer, count in _arrays_of(inputs, n):
                 for i in range(count):
                     pointer[i] = rest.pop(0)
-        for torn in self._torn:
-            torn.restore(rest)
+        self.restore_loops(rest)
         if self._group is not None:
             self._group.restore(rest)
 
@@ -298,7 +297,7 @@ class Exchange:
         links = {(k.source_component, k.source.name): k for k in self._system.torn}
         torn, assumed = [links[key] for key in keys], [self._layout.torn[key] for key in keys]
         sources = [self._layout.positions[key] for key in keys]
-        return [TornExchange(torn, assumed, sources, most, self._arena) for _ in range(2)]
+        return [TornExchange(torn, assumed, sources, self.values, most, self._arena) for _ in range(2)]
 
     def _solving(self, torn: Iterable[TornExchange]) -> list[NamedOperation]:
         return [NamedOperation(t.operation(), "", torn=t) for t in torn]
@@ -311,9 +310,23 @@ class Exchange:
         for torn in self._torn:
             torn.begin()
 
+    def numbers_of_loops(self) -> list[float]:
+        """What of its algebraic loops belongs to the state of a run."""
+        return [number for torn in self._torn for number in torn.numbers()]
+
+    def restore_loops(self, numbers: list[float]) -> None:
+        """Take what `numbers_of_loops` gave, and more, from the front of a list."""
+        for torn in self._torn:
+            torn.restore(numbers)
+
     def iterations(self) -> dict[str, Any] | None:
         """For people: what solving algebraic loops took; None where there are none."""
-        return self._torn[-1].summary() if self._torn else None
+        if not self._torn:
+            return None
+        at_start, at_points = (torn.summary() for torn in self._torn)
+        both = {name: at_start[name] + at_points[name] for name in ("points", "iterations", "exchanges")}
+        residual = max(at_start["largest_residual"], at_points["largest_residual"])
+        return {**at_points, **both, "largest_residual": residual}
 
     def _around_exchange(self) -> tuple[list[NamedOperation], list[NamedOperation]]:
         """What is to be done before and after the exchange at a communication point."""

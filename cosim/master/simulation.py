@@ -128,7 +128,6 @@ class Simulation:
     iterations : int or "auto", optional
         Solve algebraic loops at the start and at each communication point, by so many iterations of Newton's method at
         most; "auto" allows 50. By default a system with an algebraic loop is refused.
-
     profile : bool
         Measure how long the steps and the exchange of each component take, at one communication point in 61; results
         say it (`info["profile"]`).

@@ -237,7 +237,13 @@ def _run(data: Mapping[str, Any], kind: type[Scenario]) -> dict[str, Any]:
     further = {field.name: float for field in dataclasses.fields(kind) if field.name not in of_all}
     demanded = {field.name for field in dataclasses.fields(kind) if field.default is dataclasses.MISSING}
     known = _RUN | further
-    values = _fields("[run]", _table(data, "run"), known, required=[key for key in known if key in demanded])
+    given = dict(_table(data, "run"))
+    iterations = given.pop("iterations", None)
+    values = _fields("[run]", given, known, required=[key for key in known if key in demanded])
+    if iterations is not None:
+        if iterations != AUTO and (isinstance(iterations, bool) or not isinstance(iterations, int) or iterations < 1):
+            raise ScenarioError(f"[run] iterations = {iterations!r} must be a positive whole number, or '{AUTO}'")
+        values["iterations"] = iterations
     _check_interface("[run]", values)
     known_names = (("order", tuple(ORDERS)), ("extrapolation", (AUTO, *EXTRAPOLATIONS)), ("solver", SOLVERS))
     for key, choices in known_names:

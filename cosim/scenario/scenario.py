@@ -71,6 +71,8 @@ class Scenario:
         What integrates components in model exchange.
     solver_step : float, optional
         Step (s) of rk4; the communication step by default.
+    iterations : int or "auto", optional
+        Solve algebraic loops, by so many iterations at most.
     tolerance : float, optional
         Relative tolerance that the FMUs are told; that of the default experiment of each by default.
     seed : int
@@ -110,6 +112,7 @@ class Scenario:
     interface: str | None = None
     solver: str = "auto"
     solver_step: float | None = None
+    iterations: int | str | None = None
 
     def system(self) -> System:
         """The system that the scenario describes.

@@ -118,6 +118,7 @@ class ScenarioStudy:
             build=self.build,
             solver=scenario.solver,
             solver_step=scenario.solver_step,
+            iterations=scenario.iterations,
         )
 
     def plan(self, point: Mapping[str, Value]) -> PlannedRun:
