@@ -18,10 +18,10 @@ from cosim import Results, Simulation, SimulationError, System
 from cosim import analysis as cosim_analysis
 from cosim.errors import ArgumentError
 from cosim.master.algorithm import EXTRAPOLATIONS, ORDERS
+from fmu_export import build_native
 from parallel_robot.stability import largest_stable_step
 from tests.support.continuous_loop import end_effector, solve
 from tests.support.oscillators import FORCED, FORCING, coupled, linear, oscillator
-from tests.support.small_fmus import build
 from tests.support.tiny_models import LAG
 
 STEPS = (20e-3, 10e-3, 4e-3, 2e-3, 1e-3, 0.5e-3)
@@ -92,7 +92,14 @@ def measure_coupling(folder: Path) -> Section:
             )
             for n in whole
         ],
-        {"steps": STEPS, "errors": whole, "errors_late": late, "orders": orders, "largest_stable_steps": stable},
+        {
+            "steps": STEPS,
+            "errors": whole,
+            "errors_late": late,
+            "orders": orders,
+            "largest_stable_steps": stable,
+            "cost": cost,
+        },
         [
             (f"order of the sequential linear coupling: {second:.3f}, 2", abs(second - 2.0) < 0.05),
             (f"linear / adaptive at 1 ms: {linear_one / adaptive:.0f}, at least 30", linear_one / adaptive >= 30.0),
@@ -127,7 +134,8 @@ def measure_other_systems(folder: Path) -> Section:  # noqa: ARG001 -- as all se
     rows: list[tuple[str, ...]] = []
     data: dict[str, Any] = {}
     with tempfile.TemporaryDirectory() as place:
-        build(Path(place), "fmi2", FORCED, FORCING, LAG)
+        for model in (FORCED, FORCING, LAG):
+            build_native(model, place, "fmi2")
         for name in EXTRAPOLATIONS:
             limits, stiff = [], _limit(STIFF, name)
             for which in OSCILLATORS:

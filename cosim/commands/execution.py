@@ -504,6 +504,11 @@ def _out_of_the_ordinary(info: Mapping[str, Any]) -> Iterator[str]:
         )
     if large := info.get("arrays_not_recorded"):
         yield f"large arrays are recorded only where they, or elements, are named (--record): {', '.join(large)}"
+    for component in info.get("extrapolation", {}).get("order_assumed", ()):
+        yield (
+            f"the FMU of '{component}' does not say up to which order it takes derivatives of its inputs (FMI 2.0 has "
+            "no attribute for it); if it ignores the higher ones, linear extrapolation is as accurate and more stable"
+        )
     if refused := info.get("not_recorded", {}):
         names = ", ".join(f"{name} ({why})" for name, why in refused.items())
         yield f"FMUs refuse to give these outputs, which are not in the results: {names}"

@@ -219,7 +219,8 @@ static void interpolate(const Loop *loop, int64_t row, int64_t next, int32_t col
                         double *derivatives, int32_t n) {
     double from = loop->samples[row * loop->n_samples + column];
     const double *inside = loop->samples_inside + 2 * (row * loop->n_samples + column);
-    double first = inside[0] - from, second = inside[1] - from, end = loop->samples[next * loop->n_samples + column] - from;
+    double first = inside[0] - from, second = inside[1] - from,
+           end = loop->samples[next * loop->n_samples + column] - from;
     double scaled[3] = {end, 0.0, 0.0}; /* where the signal can't be had inside */
     if (degree == 2 && !isnan(second)) {
         scaled[0] = 4.5 * second - 2.0 * end;
@@ -251,19 +252,23 @@ static int extrapolate(const Loop *loop, const Operation *op, int64_t point, dou
         double step = op->every * loop->step_size;
         for (int32_t i = 0; i < n; i++) in->rates[i] = step * loop->values[in->first_rate + i];
     }
+    int32_t first = n - op->n_targets;
+    for (int32_t i = first; in->rates && i < n; i++) /* signals have no rates: before a jump they go straight */
+        in->buffer[i] = in->known > 1 ? (now[i] - in->history[i]) * per_second : 0.0;
     if (in->watched) look_back(in, now, n, knew_all && !fresh);
     go_on(in, now, in->rates, per_second, n);
     if (in->watched) choose(in, now, op->every * loop->step_size, per_second, n);
-    int32_t first = n - op->n_targets;
     for (int32_t i = first; i < n; i++) {
         int32_t column = op->targets[i - first];
-        if (column == EXTRAPOLATED || (column != HELD && !ahead)) continue;
-        if (column != HELD && in->degree > 1 && loop->samples_inside) {
+        if (column == EXTRAPOLATED || (column != HELD && !ahead && !in->rates)) continue;
+        if (column != HELD && ahead && in->degree > 1 && loop->samples_inside) {
             interpolate(loop, row - op->every, row, column, per_second, in->degree, in->derivatives + i, n);
             continue;
         }
         for (int32_t d = 0; d < in->degree; d++) in->derivatives[d * n + i] = 0.0;
-        if (column != HELD) in->derivatives[i] = (loop->samples[row * loop->n_samples + column] - now[i]) * per_second;
+        if (column != HELD && !ahead) in->derivatives[i] = in->buffer[i];
+        else if (column != HELD)
+            in->derivatives[i] = (loop->samples[row * loop->n_samples + column] - now[i]) * per_second;
     }
     in->time = time;
     if (op->version == 3) { /* the FMU asks for its inputs during the step */
@@ -279,10 +284,9 @@ static int differentiate(const Operation *op, double *values) {
     const Rates *rates = op->data;
     double *part = values + op->first;
     size_t n = (size_t)op->n, m = (size_t)rates->n;
-    int status = op->version < 3 ? ((OutputDerivatives2 *)op->function)(op->instance, op->references, n, rates->orders,
-                                                                        part)
-                                 : ((OutputDerivatives3 *)op->function)(op->instance, op->references, n, rates->orders,
-                                                                        part, n);
+    int status = op->version < 3
+                     ? ((OutputDerivatives2 *)op->function)(op->instance, op->references, n, rates->orders, part)
+                     : ((OutputDerivatives3 *)op->function)(op->instance, op->references, n, rates->orders, part, n);
     if (status > 1 || !rates->function) return status;
     for (size_t i = 0; i < m; i++) rates->seed[i] = values[rates->positions[i]];
     int also = op->version < 3 ? ((Directional2 *)rates->function)(op->instance, op->references, n, rates->knowns, m,

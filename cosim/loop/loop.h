@@ -30,11 +30,13 @@ typedef struct {
         *history; /* points rows of n: values at this point (before it is reached: at the last one), before it, ... */
     double *rates; /* the same of their rates, times the step; NULL where none are used */
     double *derivatives; /* degree rows of n: by time, the first, the second, ... */
-    double *watched; /* four rows of n: what was foretold for this point, by the polynomials and by lines through the last
+    double
+        *watched; /* four rows of n: what was foretold for this point, by the polynomials and by lines through the last
                         two values, and how wrong both have been lately; NULL where polynomials are used however that is */
     double *buffer; /* FMI 3.0: n values during the step */
     const int32_t *orders; /* of the derivatives, as fmi2SetRealInputDerivatives wants them */
-    const double *weights; /* for 1, 2, ... points known values: degree rows of points, times the step^-order; then, where
+    const double
+        *weights; /* for 1, 2, ... points known values: degree rows of points, times the step^-order; then, where
                               rates are used, as many for these */
     double time; /* of this point */
     int32_t points, degree, known;
@@ -44,10 +46,11 @@ typedef struct {
 
 /* What rates of outputs depend on besides time and states: the rates of inputs with direct feedthrough. */
 typedef struct {
-    void *function; /* fmi2GetDirectionalDerivative or fmi3GetDirectionalDerivative; NULL where nothing is fed through */
+    void
+        *function; /* fmi2GetDirectionalDerivative or fmi3GetDirectionalDerivative; NULL where nothing is fed through */
     const uint32_t *knowns;
     const int32_t *positions; /* of their rates */
-    const int32_t *orders;    /* 1 for each output */
+    const int32_t *orders; /* 1 for each output */
     double *seed, *change;
     int32_t n;
 } Rates;
@@ -93,7 +96,8 @@ typedef struct Loop {
     double *values;
     /* samples of the signals, and whether something jumps at a point or since the one before; rows from first_sample on */
     const double *samples;
-    const double *samples_inside; /* two for each, after a third and two thirds of the step to the next; NULL without any */
+    const double
+        *samples_inside; /* two for each, after a third and two thirds of the step to the next; NULL without any */
     const uint8_t *jumps;
     int64_t n_samples, first_sample, n_rows;
     /* what is recorded, at the points whose number is a multiple of record_every; rows from first_record on */

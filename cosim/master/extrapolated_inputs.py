@@ -49,6 +49,8 @@ class ExtrapolatedInputs:
         Names of inputs that are neither: both ends of their connection are in model exchange.
     rated_inputs, rated_outputs : tuple of (component, element)
         Elements whose derivatives by time are exchanged.
+    assumed : tuple of str
+        Components that get derivatives of their inputs of an order of which it isn't known whether they take it.
     """
 
     algorithm: Algorithm
@@ -59,6 +61,7 @@ class ExtrapolatedInputs:
     exact: tuple[str, ...] = ()
     rated_inputs: tuple[tuple[str, Element], ...] = ()
     rated_outputs: tuple[tuple[str, Element], ...] = ()
+    assumed: tuple[str, ...] = ()
 
     def summary(self) -> dict[str, object]:
         """For people: what was asked for, and the names of what is extrapolated, and how, and of what is held."""
@@ -68,7 +71,9 @@ class ExtrapolatedInputs:
             names.setdefault(self.moving[key].name, []).append(".".join(key))
         if self.exact:
             names["model_exchange"] = list(self.exact)
-        return {"mode": extrapolation.name if self.algorithm.demanded else AUTO, **names, "hold": list(self.held)}
+        mode = extrapolation.name if self.algorithm.demanded else AUTO
+        assumed = {"order_assumed": list(self.assumed)} if self.assumed else {}
+        return {"mode": mode, **names, "hold": list(self.held), **assumed}
 
 
 def extrapolated_inputs(
@@ -150,6 +155,7 @@ def extrapolated_inputs(
         tuple(exact),
         inputs,
         outputs,
+        tuple(sorted({c for (c, _), each in moving.items() if each.degree > _order_of(system, c, orders or {})})),
     )
 
 

@@ -373,3 +373,29 @@ def test_an_unknown_name_of_a_connection_is_refused(fmus: Path) -> None:
     system.connect("a.x", "b.u", extrapolation="cubc")
     with pytest.raises(SetupError, match=r"^extrapolation 'cubc' is unknown; use 'auto', 'hold'"):
         Simulation(system)
+
+
+def test_an_order_that_an_fmu_does_not_say_it_takes_is_said_to_be_assumed(fmus: Path, tmp_path: Path) -> None:
+    other = redescribed(fmus / "fmi2" / "Integrator.fmu", tmp_path / "silent.fmu", {' maxInputDerivativeOrder="3"': ""})
+    for fmu, name, expected in (
+        (other, "cubic", ["i"]),
+        (other, "linear", None),
+        (fmus / "fmi2" / "Integrator.fmu", "cubic", None),
+        (fmus / "fmi3" / "Integrator.fmu", "cubic", None),
+    ):
+        system = System()
+        system.add("i", fmu)
+        system.drive("i.u", np.sin, vectorized=True)
+        assert simulate(system, 1.0, 0.1, extrapolation=name).info["extrapolation"].get("order_assumed") == expected
+
+
+def test_a_signal_goes_straight_to_its_jump_also_where_others_go_by_rates(fmus: Path) -> None:
+    """It has no rate: its slope before the jump is that of its last two values."""
+    system = System()
+    system.add("i", fmus / "fmi2" / "Integrator.fmu", start={"u": 1.0})
+    system.add("tank", fmus / "fmi2" / "Tank.fmu")
+    system.connect("i.x", "tank.a")
+    system.drive("tank.b", lambda t: 2.0 * t if t < 0.5 else -3.0, breakpoints=[0.5])
+    for name in ("hermite", "hermite-least-squares", "adaptive"):
+        r = simulate(system, 0.5, 0.1, extrapolation=name)
+        assert r["tank.x"] == pytest.approx(r.time**2 / 2.0 + r.time**2, abs=1e-13)

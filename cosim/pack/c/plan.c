@@ -216,7 +216,8 @@ static void read_extrapolated(Reader *in, Operation *operation) {
     if (is_watched) inputs->watched = ROOM(double, 4 * (int64_t)operation->n);
     inputs->history = ROOM(double, (int64_t)inputs->points * operation->n);
     inputs->derivatives = ROOM(double, (int64_t)inputs->degree * operation->n);
-    inputs->buffer = ROOM(double, ((int64_t)inputs->degree + 1) * operation->n); /* derivatives, too; see unfinished.c */
+    inputs->buffer =
+        ROOM(double, ((int64_t)inputs->degree + 1) * operation->n); /* derivatives, too; see unfinished.c */
     packed->n_extrapolated_inputs[packed->n_extrapolated] = operation->n;
     packed->extrapolated[packed->n_extrapolated++] = inputs;
     operation->data = inputs;

@@ -84,7 +84,8 @@ void sample(Packed *packed, int64_t first, int64_t end, int64_t now, const doubl
             }
         }
         for (int32_t c = 0; c < packed->n_columns && point >= first; c++)
-            sample_inside(packed, c, t, (double)(point - now), next_inputs, packed->inside + 2 * (row + c - packed->samples));
+            sample_inside(packed, c, t, (double)(point - now), next_inputs,
+                          packed->inside + 2 * (row + c - packed->samples));
         int32_t before = not_after(packed->breakpoints, packed->n_breakpoints, t - (1.0 - tolerance) * step);
         int32_t until = not_after(packed->breakpoints, packed->n_breakpoints, t + tolerance * step);
         packed->jumps[point - from] = until > before;

@@ -515,8 +515,7 @@ CoreStatus core_deserialize(Core *core, const char bytes[], size_t size, CoreSta
     if (!core_all_finite(state->values, N_PU) || state->which & ~1 || !core_all_finite(state->x[state->which], N_X) ||
         !core_all_finite(state->u_rate, N_U) || !isfinite(state->time) || state->degree < 0 ||
         state->degree > MOST_ORDER || !core_all_finite(state->u_higher[0], N_U) ||
-        !core_all_finite(state->u_higher[1], N_U) ||
-        !core_all_finite(state->values + MODEL_Z, N_Z))
+        !core_all_finite(state->u_higher[1], N_U) || !core_all_finite(state->values + MODEL_Z, N_Z))
         return core_fail(core, CORE_ERROR, "the FMU state is damaged: it has values that are not finite");
 #if ADAPTIVE
     if (!(state->tolerance >= 0.0 && state->control.proposed >= 0.0 && state->control.size >= 0.0))

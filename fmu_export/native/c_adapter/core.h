@@ -109,7 +109,7 @@ typedef struct {
     void *environment;
     int model_exchange;
     int within_step; /* the importer is being asked for inputs */
-    int curved;      /* the inputs are not linear over the internal step that is being tried, but: */
+    int curved; /* the inputs are not linear over the internal step that is being tried, but: */
     double u_at[N_INPUT_TIMES][N_U + 1];
     char *resources; /* folder */
 #ifdef N_TABLES
@@ -243,9 +243,7 @@ CoreStatus core_check_output_orders(Core *core, const int orders[], size_t n);
 CoreStatus core_do_step(Core *core, double time, double step);
 
 /* Whether inputs are asked for inside a step: of the importer, or of their polynomials. */
-static inline int core_inputs_are_asked_for(const Core *core) {
-    return core->request_inputs || core->state.degree > 1;
-}
+static inline int core_inputs_are_asked_for(const Core *core) { return core->request_inputs || core->state.degree > 1; }
 
 /* Have the inputs of a time inside the step. */
 void core_ask_for_inputs(Core *core, double time);
