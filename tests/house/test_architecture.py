@@ -2,6 +2,7 @@
 
 import ast
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -60,12 +61,25 @@ class NoTypeChecking(ast.NodeTransformer):
         return list(node.orelse) if ast.unparse(node.test).endswith("TYPE_CHECKING") else node
 
 
+def is_import(node: ast.AST) -> bool:
+    if isinstance(node, ast.Call):
+        name = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", None)
+        return name in ("__import__", "import_module")
+    return isinstance(node, ast.Import | ast.ImportFrom)
+
+
+@cache
+def imports_in(source: str, *, for_types: bool) -> list[ast.AST]:
+    """Statements and calls of a source that import; finding them takes most of the time of these tests."""
+    tree = ast.parse(source)
+    return [n for n in ast.walk(tree if for_types else NoTypeChecking().visit(tree)) if is_import(n)]
+
+
 def imports(path: Path, module: str, known: set[str], *, for_types: bool = True) -> set[str]:
     """Modules that a file imports anywhere, functions included; `from package import module` counts as the module."""
     found = set()
     package = module if path.name == "__init__.py" else module.rpartition(".")[0]
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    for node in ast.walk(tree if for_types else NoTypeChecking().visit(tree)):
+    for node in imports_in(path.read_text(encoding="utf-8"), for_types=for_types):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
