@@ -32,10 +32,14 @@ from tqdm import tqdm
 from cosim import CosimError, Results
 from cosim.results.unfinished import whole_lines
 from cosim.sweep import read as read_sweep
+from cosim.whole_files import write_whole
 from fmu_export import ModelClass, build_native, parameter, state
 
 #: Longest time (s) for a command to end, be it by a signal.
 _PATIENCE = 600.0
+
+PAGE = Path("docs/trust.md")
+_BEGIN, _END = "<!-- table: python -m benchmarks.trust.kills --write -->", "<!-- end of the table of kills -->"
 
 #: Signals that a program can take, which end the run with what was recorded.
 _TAKEN = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -311,7 +315,7 @@ class Tries:
             said = self._ended(kind, to, how, moment * reference.seconds, tried)
         if "Traceback" in said:
             tried.wrong.append(f"{how}: {said}")
-        before = set(to.glob("*.part"))
+        before = set(to.glob("results.*.part"))
         if how != signal.SIGKILL and any(not part.read_bytes().endswith(b"\n") for part in to.glob("*.csv.part")):
             tried.wrong.append(f"{how}: a CSV file ends within a line")
         kind.check(to, reference, tried)
@@ -422,6 +426,28 @@ def tries(fmus: Path, numbers: dict[str, int], seed: int = 0) -> list[Tried]:
         return [tried.of(kind, numbers[kind.name]) for kind in kinds(fmus.absolute()) if numbers.get(kind.name)]
 
 
+#: What was there afterwards, and its column.
+_COLUMNS = {
+    "old results": "the earlier results",
+    "new results": "the new results",
+    "on their way": "the new ones, placed by the next run",
+    "some rows": "rows so far",
+    "all rows": "all rows",
+    "nothing yet": "nothing yet",
+    "rows kept": "besides, rows of the ended run",
+}
+
+
+def table_of(found: Sequence[Tried]) -> str:
+    """The table in Markdown."""
+    head = ("command", "ended", *_COLUMNS.values(), "lost or wrong")
+    rows = [head, tuple("---" for _ in head)]
+    for kind in found:
+        counts = (str(kind.found[state] or "") for state in _COLUMNS)
+        rows.append((kind.kind, str(kind.tried), *counts, str(len(kind.wrong))))
+    return "\n".join("| " + " | ".join(row) + " |" for row in rows)
+
+
 def main() -> int:
     """Try all kinds, or those that are named; returns 0 when nothing is wrong."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.trust.kills", description=__doc__)
@@ -429,14 +455,19 @@ def main() -> int:
     parser.add_argument("--only", choices=NUMBERS, action="append", help="kind to try (default all)")
     parser.add_argument("--number", type=int, metavar="N", help="tries of each kind")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--write", action="store_true", help=f"write the table of {PAGE}")
     options = parser.parse_args()
     chosen = {kind: options.number or NUMBERS[kind] for kind in options.only or NUMBERS}
     found = tries(options.fmus, chosen, options.seed)
+    table = table_of(found)
+    print(table)
     for kind in found:
-        states = ", ".join(f"{state} {n}" for state, n in sorted(kind.found.items()))
-        print(f"{kind.kind:<28}{kind.tried:>4} tried: {states}; wrong {len(kind.wrong)}")
         for line in kind.wrong:
-            print(f"    {line}")
+            print(f"{kind.kind}: {line}")
+    if options.write:
+        before, _, rest = PAGE.read_text(encoding="utf-8").partition(_BEGIN)
+        text = f"{before}{_BEGIN}\n\n{table}\n\n{_END}{rest.partition(_END)[2]}"
+        write_whole(PAGE, lambda part: part.write_text(text, encoding="utf-8"))
     return int(any(kind.wrong for kind in found))
 
 

@@ -122,15 +122,18 @@ def main() -> None:
     while True:
         try:
             drawing, *job = pickle.load(sys.stdin.buffer)
-        except EOFError:
+        except (EOFError, pickle.UnpicklingError):  # the program has ended, or was killed as it wrote
             return
         module, _, name = drawing.partition(":")
         try:
             answer: list[Path] | Exception = getattr(import_module(module), name)(*job)
         except Exception as error:
             answer = error
-        pickle.dump(answer, answers)
-        answers.flush()
+        try:
+            pickle.dump(answer, answers)
+            answers.flush()
+        except BrokenPipeError:
+            os._exit(0)  # nobody is there any more; a usual exit would try to write again, and say that it can't
 
 
 if __name__ == "__main__":
