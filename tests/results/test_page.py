@@ -7,6 +7,8 @@ import base64
 import hashlib
 import json
 import re
+import subprocess
+import sys
 import threading
 import zlib
 from collections.abc import Callable, Iterator
@@ -286,6 +288,13 @@ def test_the_commands_write_the_page(tmp_path, monkeypatch, capsys):
     said = capsys.readouterr().err
     assert "nowhere: there is no such folder or file" in said
     assert "name the folder that `cosim run` has written" in said
+
+
+def test_runs_import_nothing_of_pages():
+    code = "import sys, cosim.commands.run, cosim.commands.run_scenario; print(*sys.modules)"
+    known = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    assert "cosim.commands.execution" in known
+    assert [name for name in known if name.startswith(("cosim.results.page", "tornado", "parallel_robot.anim"))] == []
 
 
 # ---- several runs

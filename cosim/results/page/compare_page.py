@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from cosim.results.page import facts
 from cosim.results.page.curves import BUDGET
 from cosim.results.page.document import PLOT_SCRIPTS, PLOT_STYLES, Section, assets, document, table
-from cosim.results.page.run_page import curves_section, further_sections
+from cosim.results.page.run_page import curves_section, left_of, pictures_of
 
 if TYPE_CHECKING:
     from cosim.results.recorded import Recorded
@@ -58,8 +58,9 @@ def compare_page(runs: Mapping[str, Recorded], title: str = "", budget: int = BU
     """
     first, *others = runs
     name = title or f"{first} against {' and '.join(others)}"
-    pictures = filter(None, (make(runs) for make in further_sections()))
-    sections = [_differences(runs), *pictures, *_metrics(runs), curves_section(runs, budget), _made(runs)]
+    pictures = pictures_of(runs)
+    curves = curves_section(runs, left_of(budget, pictures))
+    sections = [_differences(runs), *pictures, *_metrics(runs), curves, _made(runs)]
     legend = "".join(
         f'<li><span class="swatch line-{k % 8}"></span><b>{escape(label)}</b>{_about(label, run)} '
         f"{facts.status_badge(run.info)} <small>{facts.in_a_line(run)}</small></li>"

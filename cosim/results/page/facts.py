@@ -221,7 +221,7 @@ def made(info: Mapping[str, Any], whose: str = "the run") -> str:
     if files := info.get("files"):
         hashes = [(f"<code>{escape(name)}</code>", f"<code>{escape(str(sha))}</code>") for name, sha in files.items()]
         parts.append(f"<h3>Files</h3>{table(('file', 'SHA-256'), hashes, f'Files of {whose}', 'hashes')}")
-    return "\n".join(parts)
+    return '<div class="columns">' + "\n".join(f"<div>{part}</div>" for part in parts) + "</div>" if parts else ""
 
 
 def log_text(text: str) -> str:

@@ -68,12 +68,29 @@ def run_page(run: Recorded, title: str = "", log: str = "", budget: int = BUDGET
         An installed package that adds a section can't be loaded.
     """
     name = title or facts.title_of(run.info, "Run")
-    pictures = [*(make({name: run}) for make in further_sections()), diagram_section(run.info)]
-    sections = [*filter(None, pictures), curves_section({name: run}, budget)]
+    pictures = [s for s in (*pictures_of({name: run}), diagram_section(run.info)) if s is not None]
+    sections = [*pictures, curves_section({name: run}, left_of(budget, pictures))]
     sections += _facts(run, log)
     return document(
         name, _header(run, name), sections, styles=assets(PLOT_STYLES), scripts=assets(PLOT_SCRIPTS), asks=asks
     )
+
+
+def pictures_of(runs: Mapping[str, Recorded]) -> list[Section]:
+    """What installed packages add to the page of these runs.
+
+    Raises
+    ------
+    CosimError
+        One of them can't be loaded.
+    """
+    return [section for make in further_sections() if (section := make(runs)) is not None]
+
+
+def left_of(budget: int, sections: Sequence[Section]) -> int:
+    """Bytes that curves may take beside other sections: at least half of all."""
+    taken = sum(len(block) * 4 // 3 for section in sections for block in section.blocks.values())
+    return max(budget - taken, budget // 2)
 
 
 def _header(run: Recorded, name: str) -> str:
