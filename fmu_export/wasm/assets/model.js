@@ -78,6 +78,8 @@ export class Model {
     this.description = description;
     /** @type {Map<string, number>} Value reference of each variable. */
     this.references = new Map(description.variables.map((variable, i) => [variable.name, i]));
+    /** @type {Instance | null} Whose memory serves all simulations. */
+    this.kept = null;
   }
 
   /** @param {"parameter" | "input" | "output" | "local"} causality @returns {string[]} Names of the scalars. */
@@ -133,7 +135,7 @@ export class Model {
     }
     const names = settings.record ?? this.names("output");
     const time = Float64Array.from({ length: n + 1 }, (_, i) => startTime + i * stepSize);
-    this.kept ??= this.instantiate(); // its memory serves all simulations
+    this.kept ??= this.instantiate();
     return yield* this.kept.recorded(settings, names, time, stepSize);
   }
 }

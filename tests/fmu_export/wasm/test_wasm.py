@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import sys
 import zlib
+from base64 import b64encode
 from collections.abc import Mapping
 from ctypes import c_int
 from pathlib import Path
@@ -24,6 +25,7 @@ from fmu_export.trace.trace import trace
 from fmu_export.wasm import backend
 from fmu_export.wasm.backend import SCRIPT, WasmModel, script, wasm_model
 from parallel_robot.models import MODELS, closed_loop_model
+from tests.support.browser import chromium
 from tests.support.compilation import shared_compilation
 from tests.support.example_models import FOLDER, model_of
 from tests.support.native_fmus import Host, doubles, require_compiler, unpack
@@ -103,6 +105,44 @@ def test_bits_and_messages_of_the_native_fmu(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_bits_of_the_closed_loop(tmp_path: Path) -> None:
     assert check_bits(closed_loop_model(), tmp_path, 1e-3, 300, 20, seed=4) > 10
+
+
+IN_BROWSER = """async ([code, settings]) => {
+    const model = await load(Uint8Array.from(atob(code), (c) => c.charCodeAt(0)));
+    return settings.map(({ start, inputs, n, size, recorded }) => {
+        const driven = Object.entries(inputs).map(([name, values]) => [name, Float64Array.from(values)]);
+        const given = { start, inputs: Object.fromEntries(driven), linear: true, startTime: 0 };
+        const run = model.simulate({ ...given, stopTime: n * size, stepSize: size, record: recorded });
+        return [recorded.map((name) => Array.from(run.values[name])), run.error];
+    });
+}"""
+
+
+@pytest.mark.slow
+def test_bits_of_the_closed_loop_in_a_browser(tmp_path: Path) -> None:
+    require_compiler()
+    model, size, n = closed_loop_model(), 1e-3, 200
+    made = wasm_model(model)
+    with shared_compilation():
+        fmu = build_native(model, tmp_path, "fmi2", reference=False)
+    rng, recorded, driven = np.random.default_rng(9), reals(made, "output", "local"), reals(made, "input")
+    settings = []
+    for _ in range(20):
+        inputs = {name: (rng.uniform(-0.1, 0.1, n + 1).cumsum() * 0.1).tolist() for name in driven}
+        start = random_settings(made, rng)
+        settings.append({"start": start, "inputs": inputs, "n": n, "size": size, "recorded": recorded})
+    with chromium() as browser:
+        tab = browser.new_page()
+        tab.add_script_tag(content=script(exports=False))
+        found = tab.evaluate(IN_BROWSER, [b64encode(made.module).decode(), settings])
+    whole = 0
+    with Host(unpack(fmu, tmp_path / "unpacked")) as host:
+        for setting, (columns, error) in zip(settings, found, strict=True):
+            inputs = {name: np.array(values) for name, values in setting["inputs"].items()}
+            expected = native_rows(host, setting["start"], inputs, recorded, size, n)
+            assert np.array(columns).T.tobytes() == expected.tobytes()
+            whole += error is None and len(expected) == n + 1
+    assert whole > 10
 
 
 @pytest.mark.slow
