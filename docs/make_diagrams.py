@@ -259,7 +259,10 @@ def path() -> str:
 #: Rooms of `cosim` from the highest to the lowest: names, and what each is about or more names.
 ROOMS = (
     ("commands", "the program: run, sweep, compare, validate"),
-    ("scenario \u00b7 ssp \u00b7 osp \u00b7 regression", "sweep \u00b7 analysis \u00b7 pack \u00b7 model_page"),
+    (
+        "scenario \u00b7 ssp \u00b7 osp \u00b7 regression",
+        "sweep \u00b7 analysis \u00b7 pack \u00b7 model_page \u00b7 live",
+    ),
     ("master", "simulation, algorithm, run, recording"),
     ("results", "result objects, file formats, plots"),
     ("system", "components, connections, units, levels"),

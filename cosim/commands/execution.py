@@ -10,11 +10,11 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from tqdm import tqdm
 
@@ -39,6 +39,9 @@ from cosim.system.system import AsWritten, System
 from cosim.terminal import screen
 from cosim.versions import versions
 from cosim.whole_files import PART, part_of, write_json
+
+if TYPE_CHECKING:
+    from cosim.live.feed import LiveView
 
 #: Folder of the checkpoint, in that of the results.
 CHECKPOINT = "checkpoint"
@@ -170,6 +173,7 @@ def run_prepared(prepared: PreparedRun, args: argparse.Namespace, figures: Figur
                 threads=_threads(args.threads),
                 profile=args.profile,
                 coupling_tolerance=args.coupling_tolerance,
+                live=args.live,
                 nonfinite=args.nonfinite,
                 isolation=IsolationOptions.of(args),
             )
@@ -250,6 +254,7 @@ def execute(
     threads: Threads = 1,
     profile: bool = False,
     coupling_tolerance: float | None = None,
+    live: bool = False,
     nonfinite: NonFinite = "mark",
     isolation: IsolationOptions = IsolationOptions(),  # noqa: B008 (frozen)
 ) -> Results | StoredResults:
@@ -295,21 +300,40 @@ def execute(
             coupling_tolerance=coupling_tolerance,
             nonfinite=nonfinite,
         )
-        points = number_of_steps(plan.start_time, plan.stop_time, plan.step_size) + 1
-        n_values = points // max(1, plan.record_every) * (len(simulation.names) + 1)
-        if n_values <= MOST_VALUES_IN_MEMORY or coupling_tolerance is not None:  # how long it will be is not known
-            return run()
-        path = folder.unfinished / "results.parquet"
-        files = sorted({folder.unfinished / f"results.{name}" for name in formats} | {path})
-        _check_room(folder.folder, n_values, files, checkpoint)
-        while True:
-            names = simulation.names
-            try:
-                return _streamed(simulation, run, files, folder, units_row=units_row)
-            except SetupError:
-                if simulation.names == names:
-                    raise
-                continue  # without what FMUs have refused to give
+        with _shown_live(prepared.title, plan, simulation) if live else nullcontext() as view:
+            if view is not None:
+                run = partial(run, observe=view.observe, steering=view.steering)
+            points = number_of_steps(plan.start_time, plan.stop_time, plan.step_size) + 1
+            n_values = points // max(1, plan.record_every) * (len(simulation.names) + 1)
+            if n_values <= MOST_VALUES_IN_MEMORY or coupling_tolerance is not None:  # how long it will be is not known
+                return run()
+            path = folder.unfinished / "results.parquet"
+            files = sorted({folder.unfinished / f"results.{name}" for name in formats} | {path})
+            _check_room(folder.folder, n_values, files, checkpoint)
+            while True:
+                names = simulation.names
+                try:
+                    return _streamed(simulation, run, files, folder, units_row=units_row)
+                except SetupError:
+                    if simulation.names == names:
+                        raise
+                    continue  # without what FMUs have refused to give
+
+
+@contextmanager
+def _shown_live(title: str, plan: Plan, simulation: Simulation) -> Iterator[LiveView]:
+    """A page that shows a run as it goes on, opened in the browser."""
+    import webbrowser
+
+    from cosim.live.feed import LiveView
+
+    def show(address: str) -> bool:
+        print(f"live: {address}", flush=True)
+        return webbrowser.open(address)
+
+    given = (simulation.names, simulation.types, simulation.units, simulation.settable)
+    with LiveView(title, *given, plan.start_time, plan.stop_time, open_page=show) as view:
+        yield view
 
 
 def _streamed(

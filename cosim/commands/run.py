@@ -102,6 +102,11 @@ def register(subparsers: Any) -> None:
         "--realtime", type=float, metavar="FACTOR", help="pace the run: simulated seconds in a second (1: real time)"
     )
     parser.add_argument(
+        "--live",
+        action="store_true",
+        help="show the run as it goes on, in a page at an address of this machine, where it can be steered",
+    )
+    parser.add_argument(
         "--checkpoint",
         type=float,
         metavar="EVERY",

@@ -60,7 +60,7 @@ from cosim.master.refusals import Refusals, function_for_derivatives, lacking_of
 from cosim.master.run import Grid, Run
 from cosim.master.sampling import Samples, sample
 from cosim.master.steering import SteeredRun, Steering
-from cosim.master.stepping import SteppedRun
+from cosim.master.stepping import SteppedRun, why_not_settable
 from cosim.master.value_layout import ValueLayout
 from cosim.results.results import Results
 from cosim.system.resolution import Drive, StartValue, resolve, resolve_start_value, split
@@ -293,6 +293,27 @@ class Simulation:
     def units(self) -> dict[str, str]:
         """Name -> unit of what is recorded, as far as the FMUs say."""
         return dict(self._units)
+
+    @property
+    def settable(self) -> dict[str, dict[str, Any]]:
+        """Real inputs that nothing feeds, and tunable parameters: name -> start "value", "unit", "min", "max"."""
+        found = {}
+        fed = {(k.target_component, k.target.name) for k in self._resolved.links}
+        fed |= {(d.component, e.name) for d in self._resolved.drives for e in d.targets}
+        given = {
+            (s.component, e.name): v for s in self._resolved.starts for e, v in zip(s.elements, s.values, strict=True)
+        }
+        for component, port in self._ports.items():
+            for element in port.all_elements():
+                if element.kind == "real" and not why_not_settable(component, [element], fed):
+                    unit = port.unit(element)
+                    found[f"{component}.{element.name}"] = {
+                        "value": given.get((component, element.name), _number(element.variable.start, element.offset)),
+                        "unit": "" if unit is None else unit.name,
+                        "min": _number(element.variable.min),
+                        "max": _number(element.variable.max),
+                    }
+        return found
 
     # Instances
 
@@ -1136,6 +1157,16 @@ def _timed(results: Results, began: float) -> Iterator[None]:
         yield
     finally:
         results.info["wall_time_s"] = clock.perf_counter() - began
+
+
+def _number(text: Any, offset: int = 0) -> float | None:
+    """A finite number that a description has, at a place in a list; None where it has none."""
+    parts = str("" if text is None else text).split()
+    try:
+        number = float(parts[min(offset, len(parts) - 1)])
+    except (IndexError, ValueError):
+        return None
+    return number if math.isfinite(number) else None
 
 
 def _loaded(system: System, interface: str) -> dict[str, LoadedFMU]:

@@ -392,7 +392,7 @@ class SteppedRun:
                 fmi_type = elements[0].variable.type
                 raise SetupError(f"'{name}' is of type {fmi_type}, which can't be read or set during a run")
             component = port.component
-            obstacle = _obstacle(component, elements, self._fed)
+            obstacle = why_not_settable(component, elements, self._fed)
             instance = self._instances[component]
             self._quantities[name] = _Quantity(component, variable, elements, self._layout, instance, obstacle)
         return self._quantities[name]
@@ -432,7 +432,7 @@ class SteppedRun:
         return error
 
 
-def _obstacle(component: str, elements: Sequence[Element], fed: set[tuple[str, str]]) -> str:
+def why_not_settable(component: str, elements: Sequence[Element], fed: set[tuple[str, str]]) -> str:
     """Why a variable can't be set between two steps; empty when it can."""
     for element in elements:
         variable = element.variable

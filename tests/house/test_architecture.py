@@ -31,7 +31,7 @@ ROOMS = (
     ("cosim.system",),
     ("cosim.results", "cosim.output"),
     ("cosim.master",),
-    ("cosim.scenario", "cosim.ssp", "cosim.osp", "cosim.sweep", "cosim.regression", "cosim.analysis"),
+    ("cosim.scenario", "cosim.ssp", "cosim.osp", "cosim.sweep", "cosim.regression", "cosim.analysis", "cosim.live"),
     ("cosim.model_page",),
     ("cosim.pack",),
     ("cosim.commands", "cosim.__main__", "cosim"),

@@ -22,6 +22,12 @@ Answers = Mapping[str, Callable[[Mapping[str, str]], Any]]
 _HOSTS = ("127.0.0.1", "localhost")
 
 
+def page_routes(page: str) -> tuple[str, list[Any]]:
+    """A token that nobody can guess, and the routes of tornado to a page behind it."""
+    token = secrets.token_urlsafe(16)
+    return token, [(rf"/{token}/", _Page, {"page": page})]
+
+
 class PageServer:
     """A server of one page and what it asks for, on a free port of 127.0.0.1; a context.
 
@@ -41,8 +47,7 @@ class PageServer:
     """
 
     def __init__(self, page: str, answers: Answers) -> None:
-        token = secrets.token_urlsafe(16)
-        routes: list[Any] = [(rf"/{token}/", _Page, {"page": page})]
+        token, routes = page_routes(page)
         routes += [(rf"/{token}/{path}", _Answer, {"answer": answer}) for path, answer in answers.items()]
         self._application = tornado.web.Application(routes, log_function=lambda handler: None)
         (self._socket,) = tornado.netutil.bind_sockets(0, "127.0.0.1")
@@ -73,21 +78,23 @@ class PageServer:
             return
 
 
-class _Base(tornado.web.RequestHandler):
+class LoopbackHandler(tornado.web.RequestHandler):
     """Refuses whoever does not name the loopback."""
 
     def prepare(self) -> None:
+        """Refuse a request for another host."""
         if self.request.host_name not in _HOSTS:
             raise tornado.web.HTTPError(421)
 
     def set_default_headers(self) -> None:
+        """Keep nothing, and tell nobody."""
         self.set_header("Cache-Control", "no-store")
         self.set_header("X-Content-Type-Options", "nosniff")
         self.set_header("Referrer-Policy", "no-referrer")
         self.clear_header("Server")
 
 
-class _Page(_Base):
+class _Page(LoopbackHandler):
     def initialize(self, page: str) -> None:
         self._page = page
 
@@ -95,7 +102,7 @@ class _Page(_Base):
         self.write(self._page)
 
 
-class _Answer(_Base):
+class _Answer(LoopbackHandler):
     def initialize(self, answer: Callable[[Mapping[str, str]], Any]) -> None:
         self._answer = answer
 

@@ -131,6 +131,14 @@ class Plot {
     this.build();
   }
 
+  /** The same curves with further rows: drawn again where they are in view. */
+  grown(series) {
+    series.forEach((s, i) => Object.assign(this.settings.series[i], s));
+    if (!this.uplot || !this.visible) return;
+    this.uplot.setData(this.table(), false);
+    this.uplot.setScale("x", { min: this.view.from, max: this.view.to });
+  }
+
   look(i) {
     const series = this.settings.series[i];
     const number = series.colour ?? i;
