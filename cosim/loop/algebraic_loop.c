@@ -10,10 +10,12 @@ enum { DISCARDED = 2 };
 /* Halvings of a step of Newton's method before another Jacobian is tried. */
 enum { MOST_HALVINGS = 12 };
 
-/* Parts of the way from what was assumed to the solution, where Newton's method does not find it: the first and the
- * shortest. */
+/* Where Newton's method finds nothing, solutions are followed: the first step and the shortest one, steps and corrections
+ * in a step at most, and how near to their way. */
 #define FIRST_PART 0.1
-#define SHORTEST_PART 1e-4
+#define SHORTEST_PART 1e-5
+enum { LONGEST_WAY = 500, MOST_CORRECTIONS = 8 };
+#define NEAR_WAY 1e-4
 
 /* Values smaller than this are zero beside whatever else the loop carries. */
 #define NEGLIGIBLE 1e-14
@@ -26,7 +28,7 @@ static int evaluate(AlgebraicLoop *a, const Loop *loop, int64_t point, double *r
     a->failed_operation = done;
     if (done < a->n_operations) return status;
     for (int32_t i = 0; i < a->n; i++)
-        residuals[i] = loop->values[a->positions[a->n + i]] - loop->values[a->positions[i]] - a->kept * a->offset[i];
+        residuals[i] = loop->values[a->positions[a->n + i]] - loop->values[a->positions[i]];
     return 0;
 }
 
@@ -69,12 +71,8 @@ static int differentiate(AlgebraicLoop *a, const Loop *loop, int64_t point) {
     return 0;
 }
 
-/* Solve jacobian * step = -residuals by elimination with pivots; false where the Jacobian is singular. */
-static bool newton_step(AlgebraicLoop *a) {
-    int32_t n = a->n;
-    double *m = a->factors, *x = a->step;
-    memcpy(m, a->jacobian, (size_t)n * (size_t)n * sizeof *m);
-    for (int32_t i = 0; i < n; i++) x[i] = -a->residuals[i];
+/* Solve m * solution = x, of n equations, by elimination with pivots, in place; false where m is singular. */
+static bool eliminate(double *m, double *x, int32_t n) {
     for (int32_t k = 0; k < n; k++) {
         int32_t pivot = k;
         for (int32_t i = k + 1; i < n; i++)
@@ -100,6 +98,13 @@ static bool newton_step(AlgebraicLoop *a) {
         if (!isfinite(x[k])) return false;
     }
     return true;
+}
+
+/* Solve jacobian * step = -residuals. */
+static bool newton_step(AlgebraicLoop *a) {
+    memcpy(a->factors, a->jacobian, (size_t)a->n * (size_t)a->n * sizeof *a->factors);
+    for (int32_t i = 0; i < a->n; i++) a->step[i] = -a->residuals[i];
+    return eliminate(a->factors, a->step, a->n);
 }
 
 /* Broyden's update: the smallest change of the Jacobian that explains what a part of the step has done. */
@@ -152,35 +157,91 @@ static int iterate(AlgebraicLoop *a, const Loop *loop, int64_t point) {
     return now <= a->tolerance ? 0 : NO_SOLUTION;
 }
 
-/* Begin again at what was assumed first, and follow the solutions while its residuals are taken away bit by bit. */
-static int follow(AlgebraicLoop *a, const Loop *loop, int64_t point, double *origin) {
-    double *values = loop->values, done = 0.0, step = FIRST_PART;
-    size_t size = (size_t)a->n * sizeof(double);
-    double *last = origin + a->n; /* the last solution on the way */
-    memcpy(last, origin, size);
-    while (done < 1.0) {
-        double target = fmin(1.0, done + step);
-        memcpy(a->assumed, last, size);
-        assume(a, values, a->assumed, 0.0);
-        a->kept = 0.0;
-        int status = evaluate(a, loop, point, a->residuals);
-        if (!status && done == 0.0) memcpy(a->offset, a->residuals, size);
-        a->kept = 1.0 - target;
-        for (int32_t i = 0; !status && i < a->n; i++) a->residuals[i] -= a->kept * a->offset[i];
-        a->has_jacobian = false;
-        if (!status) status = iterate(a, loop, point);
-        a->kept = 0.0;
-        if (status && status != NO_SOLUTION && status != DISCARDED && status != NOT_FINITE) return status;
-        if (status) {
-            step *= 0.5;
-            if (step < SHORTEST_PART) return NO_SOLUTION;
-            continue;
-        }
-        memcpy(last, a->assumed, size);
-        done = target;
-        step *= 2.0;
+/* Residuals on the way: of part * outputs + (1 - part) * origin less assumed values, all over `size`; those of the loop in
+ * a->residuals. */
+static int residuals_on_way(AlgebraicLoop *a, const Loop *loop, int64_t point, const double *origin, double size,
+                            const double *at, double *h) {
+    int32_t n = a->n;
+    for (int32_t i = 0; i < n; i++) loop->values[a->positions[i]] = a->assumed[i] = size * at[i];
+    int status = evaluate(a, loop, point, a->residuals);
+    if (status) return status;
+    for (int32_t i = 0; i < n; i++)
+        h[i] = (at[n] * a->residuals[i] + (1.0 - at[n]) * (origin[i] - a->assumed[i])) / size;
+    return 0;
+}
+
+/* The derivatives (n, n + 1) of these residuals, by differences, at the place where they were computed last. */
+static int slopes_on_way(AlgebraicLoop *a, const Loop *loop, int64_t point, const double *origin, double size,
+                         double part, double *slopes) {
+    int32_t n = a->n;
+    int status = differentiate(a, loop, point);
+    if (status) return status;
+    for (int32_t i = 0; i < n; i++) {
+        for (int32_t j = 0; j < n; j++)
+            slopes[i * (n + 1) + j] = part * a->jacobian[i * n + j] - (1.0 - part) * (i == j);
+        slopes[i * (n + 1) + n] = (a->residuals[i] + a->assumed[i] - origin[i]) / size;
     }
     return 0;
+}
+
+static bool may_go_on(int status) { return !status || status == DISCARDED || status == NOT_FINITE; }
+
+/* Follow the solutions of part * outputs + (1 - part) * origin = assumed from part = 0, where what was assumed first is
+ * one, to part = 1. The way may turn back for a while: it is followed by its length. */
+static int follow(AlgebraicLoop *a, const Loop *loop, int64_t point, const double *origin) {
+    int32_t n = a->n, m = n + 1;
+    double *slopes = a->way, *matrix = slopes + n * m, *at = matrix + m * m, *next = at + m, *direction = next + m,
+           *ahead = direction + m, *h = ahead + m, size = 0.0, length = FIRST_PART;
+    for (int32_t i = 0; i < n; i++) size = fmax(size, fmax(fabs(origin[i]), fabs(a->outputs[i])));
+    if (!(size > 0.0)) size = 1.0;
+    for (int32_t i = 0; i < n; i++) at[i] = origin[i] / size, direction[i] = 0.0;
+    at[n] = 0.0, direction[n] = 1.0;
+    int status = residuals_on_way(a, loop, point, origin, size, at, h);
+    for (int32_t k = 0; k < LONGEST_WAY; k++) {
+        if (!status) status = slopes_on_way(a, loop, point, origin, size, at[n], slopes);
+        if (status) return status;
+        /* the direction of the way: along it nothing changes, and it does not turn round */
+        memcpy(matrix, slopes, (size_t)(n * m) * sizeof *matrix);
+        memcpy(matrix + n * m, direction, (size_t)m * sizeof *matrix);
+        for (int32_t i = 0; i < n; i++) ahead[i] = 0.0;
+        ahead[n] = 1.0;
+        if (!eliminate(matrix, ahead, m)) return NO_SOLUTION;
+        double squares = 0.0;
+        for (int32_t i = 0; i < m; i++) squares += ahead[i] * ahead[i];
+        for (int32_t i = 0; i < m; i++) direction[i] = ahead[i] / sqrt(squares);
+        bool is_there = false, found = false;
+        for (; !found && length >= SHORTEST_PART; length *= found ? 1.0 : 0.5) {
+            double taken = length;
+            is_there = direction[n] > 0.0 && at[n] + length * direction[n] >= 1.0;
+            if (is_there) taken = (1.0 - at[n]) / direction[n];
+            for (int32_t i = 0; i < m; i++) next[i] = at[i] + taken * direction[i];
+            double last = INFINITY;
+            for (int j = 0; j < MOST_CORRECTIONS && !found; j++) { /* back to the way, across its direction */
+                status = residuals_on_way(a, loop, point, origin, size, next, h);
+                if (!may_go_on(status)) return status;
+                if (status) break;
+                double largest = 0.0;
+                for (int32_t i = 0; i < n; i++) largest = fmax(largest, fabs(h[i]));
+                found = largest <= NEAR_WAY;
+                if (found || !(largest < 0.8 * last)) break;
+                last = largest;
+                memcpy(matrix, slopes, (size_t)(n * m) * sizeof *matrix);
+                for (int32_t i = 0; i < m; i++) matrix[n * m + i] = is_there ? i == n : direction[i];
+                for (int32_t i = 0; i < n; i++) ahead[i] = -h[i];
+                ahead[n] = 0.0;
+                if (!eliminate(matrix, ahead, m)) break;
+                for (int32_t i = 0; i < m; i++) next[i] += ahead[i];
+            }
+        }
+        if (!found) return NO_SOLUTION;
+        memcpy(at, next, (size_t)m * sizeof *at);
+        if (is_there) break;
+        length *= 1.5;
+        if (at[n] < -1.0) return NO_SOLUTION;
+    }
+    if (at[n] < 1.0 - NEAR_WAY) return NO_SOLUTION;
+    a->has_jacobian = false;
+    return iterate(a, loop, point);
 }
 
 int solve_algebraic_loop(const Loop *loop, const Operation *op, int64_t point, double time) {
@@ -188,14 +249,14 @@ int solve_algebraic_loop(const Loop *loop, const Operation *op, int64_t point, d
     AlgebraicLoop *a = op->data;
     double *values = loop->values, *origin = a->origin;
     a->n_points++;
-    a->kept = 0.0;
     for (int32_t i = 0; i < a->n; i++) { /* the exchange has been performed */
         origin[i] = a->assumed[i] = values[a->positions[i]];
-        a->residuals[i] = values[a->positions[a->n + i]] - a->assumed[i];
+        a->outputs[i] = values[a->positions[a->n + i]];
+        a->residuals[i] = a->outputs[i] - a->assumed[i];
     }
     int status = iterate(a, loop, point);
     double residual = a->residual;
-    if (status == NO_SOLUTION && (status = follow(a, loop, point, origin))) {
+    if (status == NO_SOLUTION && a->follows && (status = follow(a, loop, point, origin))) {
         a->residual = residual;
         a->has_jacobian = false;
     }
@@ -219,14 +280,14 @@ static const Field layout[] = {
     FIELD(AlgebraicLoop, tried),
     FIELD(AlgebraicLoop, step),
     FIELD(AlgebraicLoop, assumed),
-    FIELD(AlgebraicLoop, offset),
+    FIELD(AlgebraicLoop, outputs),
     FIELD(AlgebraicLoop, origin),
+    FIELD(AlgebraicLoop, way),
     FIELD(AlgebraicLoop, tolerance),
-    FIELD(AlgebraicLoop, kept),
     FIELD(AlgebraicLoop, n),
     FIELD(AlgebraicLoop, most),
     FIELD(AlgebraicLoop, has_jacobian),
-    FIELD(AlgebraicLoop, padding),
+    FIELD(AlgebraicLoop, follows),
     FIELD(AlgebraicLoop, n_points),
     FIELD(AlgebraicLoop, n_iterations),
     FIELD(AlgebraicLoop, n_exchanges),

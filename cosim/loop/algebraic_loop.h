@@ -12,12 +12,11 @@ typedef struct {
     const int32_t *positions; /* of the n assumed values, and after them of the outputs that they stand for */
     double *jacobian; /* n rows: of outputs less assumed values by assumed values */
     double *factors, *residuals, *tried, *step, *assumed; /* n * n, and n each */
-    double *offset,
-        *origin; /* n residuals at what was assumed first, and 2 n values: that, and the last one on the way */
+    double *outputs, *origin; /* n outputs, and n values that were assumed, before the iterations */
+    double *way; /* room for following solutions: n * (n + 1) + (n + 1) * (n + 1) + 5 * (n + 1) */
     double tolerance; /* relative, of what is carried */
-    double kept; /* part of the offset that is still there on the way */
     int32_t n, most; /* iterations at a point */
-    int32_t has_jacobian, padding;
+    int32_t has_jacobian, follows; /* whether solutions may be followed */
     int64_t n_points, n_iterations, n_exchanges, failed_operation;
     double largest_residual, residual; /* over the size of what is carried; of the run, of the last point */
 } AlgebraicLoop;

@@ -22,14 +22,13 @@ class AlgebraicLoop(ctypes.Structure):
         ("positions", POINTER(c_int32)),
         *(
             (name, POINTER(c_double))
-            for name in ("jacobian", "factors", "residuals", "tried", "step", "assumed", "offset", "origin")
+            for name in ("jacobian", "factors", "residuals", "tried", "step", "assumed", "outputs", "origin", "way")
         ),
         ("tolerance", c_double),
-        ("kept", c_double),
         ("n", c_int32),
         ("most", c_int32),
         ("has_jacobian", c_int32),
-        ("padding", c_int32),
+        ("follows", c_int32),
         *((name, c_int64) for name in ("n_points", "n_iterations", "n_exchanges", "failed_operation")),
         ("largest_residual", c_double),
         ("residual", c_double),

@@ -4,7 +4,7 @@ Around such a loop outputs depend on themselves at the same instant, so that no 
 of its connections are torn: what they carry is assumed, the exchange is performed in order, and the assumption is
 mended until the torn outputs are what was assumed. Newton's method does that, with damped steps; its Jacobian comes
 from differences, is learned on by Broyden's updates, and serves the next points as long as it does well. Where that
-finds nothing, solutions are followed from what was assumed first, whose residuals are taken away bit by bit. The
+finds nothing, solutions are followed from what was assumed first, while the outputs gain influence bit by bit. The
 compiled loop does the work, see cosim/loop/algebraic_loop.c.
 """
 
@@ -78,12 +78,13 @@ class TornExchange:
         self._loop = arena.structure(AlgebraicLoop)
         n = len(assumed)
         self._loop.positions = arena.integers([*assumed, *sources])
-        for name in ("residuals", "tried", "step", "assumed", "offset"):
+        for name in ("residuals", "tried", "step", "assumed", "outputs", "origin"):
             setattr(self._loop, name, arena.zeros(n))
-        self._loop.origin = arena.zeros(2 * n)
+        self._loop.way = arena.zeros((n + 1) * (2 * n + 6))
         for name in ("jacobian", "factors"):
             setattr(self._loop, name, arena.zeros(n * n))
         self._loop.n, self._loop.most, self._loop.tolerance = n, most, _TOLERANCE
+        self._loop.follows = most >= _MOST  # not where somebody wants few iterations
         self._first = 0
 
     def operation(self) -> Operation:

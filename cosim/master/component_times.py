@@ -17,7 +17,10 @@ _ONE_IN = 61
 _AT_LEAST = 10
 
 #: What a component does, in the words of the summary.
-_STEPPING = (OperationKind.STEP, OperationKind.CALL)
+_STEPPING = (OperationKind.STEP, OperationKind.CALL, OperationKind.GROUP)
+
+#: What components in model exchange, which are integrated together, are called.
+_TOGETHER = "model exchange"
 
 
 class ComponentTimes:
@@ -67,6 +70,9 @@ class ComponentTimes:
             }
             for name, n in every.items()
         }
+        if any(row.integrates for row in self._exchange.at_step.rows):
+            steps = max(0, n_points - 1)
+            found[_TOGETHER] = {"steps": steps, "steps_s": 0.0, "exchange_s": 0.0, "steps_repeated": 0}
         _add(found, self._exchange.at_point.rows, self._at_point, n_points / max(1, self.profile.n_points))
         _add(found, self._exchange.at_step.rows, self._at_step, max(0, n_points - 1) / max(1, self.profile.n_steps))
         return {"measured_points": self.profile.n_points, "components": found}
@@ -74,6 +80,7 @@ class ComponentTimes:
 
 def _add(found: dict[str, dict[str, Any]], rows: Sequence[NamedOperation], times: Any, times_as_many: float) -> None:
     for row, nanoseconds in zip(rows, times, strict=False):
-        if row.component:
+        name = row.component or (_TOGETHER if row.integrates else "")
+        if name:
             key = "steps_s" if row.operation.kind in _STEPPING else "exchange_s"
-            found[row.component][key] += nanoseconds * 1e-9 * times_as_many
+            found[name][key] += nanoseconds * 1e-9 * times_as_many

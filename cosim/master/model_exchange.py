@@ -258,7 +258,7 @@ class ModelExchangeGroup:
 
     def advance(self) -> NamedOperation:
         """Goes on to the next communication point."""
-        return self._operation("group_advance")
+        return dataclasses.replace(self._operation("group_advance"), integrates=True)
 
     def set_in_event_mode(self, component: str, buffer: VariableBuffer, operation: Operation) -> None:
         """Let an operation set inputs in event mode, which their component enters if they change."""

@@ -54,6 +54,7 @@ class NamedOperation:
         None  # gives the error, or the row, that it failed with
     )
     torn: TornExchange | None = None  # what solves algebraic loops
+    integrates: bool = False  # all components in model exchange
     transfer: Transfer | None = None  # GET: what is read; EXTRAPOLATE: what is set
 
 

@@ -57,6 +57,26 @@ def test_vectors_are_solved(n: int) -> None:
     assert len(results.info["iterations"]["torn"]) == n
 
 
+def test_a_solution_beyond_a_fold_is_found() -> None:
+    """From y = 0 the residual of y = 5 arctan(y - 7) + 12 falls up to y = 5, rises, and is zero at 19.4."""
+    results = simulate(loop(lambda t, u: 5.0 * np.arctan(u - 7.0), lambda t, u: u + 12.0), 0.1, 0.1, iterations="auto")
+    u = results["q.y"]
+    np.testing.assert_allclose(u, 5.0 * np.arctan(u - 7.0) + 12.0, rtol=1e-9)
+    assert u[-1] > 19.0
+
+
+def test_steep_vectors_are_solved_where_newton_is_lost() -> None:
+    """Outputs are bounded, so that there is a solution; their slopes are so steep that most of these defeat Newton."""
+    rng = np.random.default_rng(0)
+    for _ in range(10):
+        n = int(rng.integers(3, 13))
+        a, b, shift = rng.normal(size=(n, n)), rng.normal(size=(n, n)), rng.normal(size=n)
+        system = loop(lambda t, u, a=a: np.tanh(a @ u), lambda t, u, b=b, shift=shift: b @ u + shift, n)
+        results = simulate(system, 0.1, 0.1, iterations="auto", record=["p.y"])
+        y = results.values[-1]
+        np.testing.assert_allclose(y, np.tanh(a @ (b @ y + shift)), atol=1e-8)
+
+
 def test_a_loop_without_a_solution_is_named_with_its_residual() -> None:
     with pytest.raises(SimulationError, match=r"loop through 'p\.y' has no solution that 50 iterations .* residual"):
         simulate(loop(lambda t, u: u**2 + 1.0, lambda t, u: u), 0.1, 0.1, iterations="auto")

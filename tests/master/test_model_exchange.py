@@ -100,6 +100,14 @@ def test_both_versions_and_their_mixtures_give_equal_bits(fmu: Find) -> None:
     np.testing.assert_array_equal(again.values, expected.values)
 
 
+def test_the_time_that_they_take_together_is_measured(fmu: Find) -> None:
+    components = simulate(oscillator(fmu, "fmi2"), 1.0, 0.01, profile=True).info["profile"]["components"]
+    assert list(components) == ["a", "b", "spring", "model exchange"]
+    assert components["model exchange"]["steps"] == 100
+    assert components["model exchange"]["steps_s"] > 0.0
+    assert components["a"]["steps_s"] == 0.0
+
+
 def test_a_solver_is_chosen_by_who_has_chosen_the_interface(fmu: Find, tmp_path: Path) -> None:
     """What has equations only runs without an option, by a method that finds its own steps."""
     only = tmp_path / "Mass.fmu"
