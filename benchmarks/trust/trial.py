@@ -112,7 +112,7 @@ def _outcome(case: Case, code: int, *, results: bool) -> str:
         if not results and case.kind != "reference":
             return "silent"
         return "ran" if case.expected == RUNS else "accepted"
-    if case.expected == STOPS:
+    if case.expected == STOPS or (case.expected == RUNS and case.is_hostile):
         return "stopped" if results else "lost"
     return "refused"
 

@@ -46,7 +46,7 @@ def _without(function: str) -> Case:
     return _library(f"no {function}", lambda b: b.replace(function.encode(), new.encode()), f"lacks {function}")
 
 
-def _does(what: str, where: str, expected: str = STOPS, says: str = "") -> Case:
+def _does(what: str, where: str, expected: str = STOPS, says: str = "", *options: str) -> Case:
     """The FMU that does something at a place."""
     return Case(
         f"{what} at {where}",
@@ -55,7 +55,7 @@ def _does(what: str, where: str, expected: str = STOPS, says: str = "") -> Case:
         says,
         is_hostile=True,
         is_valid=True,
-        arguments=("--set", "u=2"),
+        arguments=("--set", "u=2", *options),
     )
 
 
@@ -78,7 +78,8 @@ def _patched(place: int, new: bytes) -> Callable[[bytes], bytes]:
 _PE = b"MZ" + bytes(58) + struct.pack("<I", 64) + b"PE\0\0" + struct.pack("<H", 0x8664) + bytes(200)
 _ELSEWHERE = "binaries/win64/stranger.dll"
 
-_FATAL_AT = ("instantiate", "setup", "enter", "exit", "step", "later", "get", "set", "terminate", "free")
+_BEFORE = ("instantiate", "setup", "enter", "set", "exit", "get")
+_AFTER = ("terminate", "free")
 
 LIBRARIES: tuple[Case, ...] = (
     _members("no library", lambda m: [], "has no binary for"),
@@ -120,15 +121,21 @@ LIBRARIES: tuple[Case, ...] = (
         REFUSED,
         "lacks fmi3InstantiateCoSimulation",
     ),
-    # what a library does
-    *(_does("abort", where, REFUSED if where in ("instantiate", "setup", "enter", "exit") else STOPS) for where in _FATAL_AT),
-    *(_does(what, "later") for what in ("null", "stack", "kill", "term", "divide", "exit0", "exit3", "quit0", "nan",
-                                        "infinity", "error", "fatal", "nonsense")),
-    *(_does(what, "instantiate", REFUSED) for what in ("exit0", "quit0", "none")),
-    *(_does(what, "exit", REFUSED) for what in ("exit0", "error", "fatal")),
-    *(_does("exit0", where) for where in ("step", "get", "terminate", "free")),
+    # what a library does: before the first step, in a step, and after the last, when all results are there
+    *(_does("abort", where, REFUSED) for where in _BEFORE),
+    *(_does("abort", where) for where in ("step", "later")),
+    *(_does("abort", where, RUNS) for where in _AFTER),
+    *(_does("exit0", where, REFUSED) for where in ("instantiate", "exit", "get")),
+    *(_does("exit0", where) for where in ("step", "later")),
+    *(_does("exit0", where, RUNS) for where in _AFTER),
+    *(_does(what, "later") for what in ("null", "stack", "kill", "term", "divide", "exit3", "quit0")),
+    *(_does(what, "later") for what in ("error", "fatal", "nonsense")),
+    *(_does(what, "later", STOPS, "", "--nonfinite", "error") for what in ("nan", "infinity")),
+    *(_does(what, "instantiate", REFUSED) for what in ("quit0", "none")),
+    *(_does(what, "exit", REFUSED) for what in ("error", "fatal")),
     *(_does(what, "terminate", RUNS) for what in ("error", "fatal")),
-    *(_does("loop", where, REFUSED if where == "exit" else STOPS, "") for where in ("exit", "later")),
+    _does("loop", "exit", REFUSED),
+    _does("loop", "later"),
     *(_does(what, "step", RUNS) for what in ("chdir", "environment")),
     *(_does(what, "anywhere", RUNS) for what in ("escape", "noise")),
     _does("format", "anywhere", REFUSED),
