@@ -51,6 +51,8 @@ _WHOLE = (
 #: Attributes that are real numbers.
 _REAL = ("fixedInternalStepSize", "intervalDecimal", "shiftDecimal")
 
+_NUMBERS = frozenset({*_WHOLE, *_REAL})
+
 _EXPONENTS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 
 
@@ -191,24 +193,28 @@ class _Description:
     def _check_variables(self) -> None:
         known = _TYPES_OF_FMI_3 if self.version == 3 else _TYPES_OF_FMI_2
         for variable in self.variables:
-            name = variable.get("name")
-            here = f"{self._at(variable)}: variable {quoted(name)}"
-            if not name:
+            if not variable.get("name"):
                 self.found.add(wrong=f"{self._at(variable)}: a variable has no name; export it again")
                 continue
             reference = variable.get("valueReference", "")
             if not _is_whole(reference) or not 0 <= int(reference) < 2**32:
                 what = f"has valueReference={quoted(reference)}, which is no whole number below 2^32"
-                self.found.add(wrong=f"{here} {what}; export it again")
+                self.found.add(wrong=f"{self._here(variable)} {what}; export it again")
             typed = self._typed(variable)
             if typed is None or typed.tag not in known:
                 tag = variable.tag if typed is None else typed.tag
                 what = f"is of type {quoted(tag)}" if self.version == 3 else "has no type"
-                self.found.add(wrong=f"{here} {what}, which FMI {self.version}.0 does not have; export it again")
+                what += f", which FMI {self.version}.0 does not have; export it again"
+                self.found.add(wrong=f"{self._here(variable)} {what}")
                 continue
-            self._check_attributes(variable, _WHOLE, _is_whole, "a whole number")
-            self._check_attributes(variable, _REAL, _is_finite, "a finite number")
-            self._check_start(here, str(typed.tag), typed.get("start"))
+            if not _NUMBERS.isdisjoint(variable.keys()):
+                self._check_attributes(variable, _WHOLE, _is_whole, "a whole number")
+                self._check_attributes(variable, _REAL, _is_finite, "a finite number")
+            if (start := typed.get("start")) is not None:
+                self._check_start(variable, str(typed.tag), start)
+
+    def _here(self, variable: _Element) -> str:
+        return f"{self._at(variable)}: variable {quoted(variable.get('name'))}"
 
     def _typed(self, variable: _Element) -> _Element | None:
         """The element that says the type of a variable."""
@@ -216,17 +222,17 @@ class _Description:
             return variable
         return next((child for child in variable if child.tag in _TYPES_OF_FMI_2), None)
 
-    def _check_start(self, here: str, kind: str, text: str | None) -> None:
+    def _check_start(self, variable: _Element, kind: str, text: str) -> None:
         """Start values that are none; the FMU has its own, and most masters never look at these."""
-        if text is None or kind in ("String", "Binary", "Clock"):
+        right = _RIGHT.get(kind)
+        if right is None:
             return
-        right = _is_number if kind in ("Real", "Float32", "Float64") else _BOOLEANS.__contains__
-        if kind in (*_INTEGERS, "Integer", "Enumeration"):
-            right = _is_whole
         words = text.split() if self.version == 3 else [text.strip()]
         wrong = next((word for word in words if not right(word)), None)
         if wrong is not None:
-            self.found.add(unclean=f"{here} has the start value {quoted(wrong)}, which is none of type {kind}")
+            self.found.add(
+                unclean=f"{self._here(variable)} has the start value {quoted(wrong)}, which is none of type {kind}"
+            )
 
     def _check_names(self) -> None:
         """Names that several variables have; which one is meant, nobody can say."""
@@ -328,8 +334,11 @@ class _Description:
         return int(text)
 
 
+_WHOLE_NUMBER = re.compile(r"\s*[+-]?[0-9]{1,20}\s*")
+
+
 def _is_whole(text: str) -> bool:
-    return re.fullmatch(r"\s*[+-]?[0-9]{1,20}\s*", text) is not None
+    return _WHOLE_NUMBER.fullmatch(text) is not None
 
 
 def _is_number(text: str) -> bool:
@@ -343,3 +352,11 @@ def _is_number(text: str) -> bool:
 
 def _is_finite(text: str) -> bool:
     return _is_number(text) and math.isfinite(float(text))
+
+
+#: Type -> whether a text is a value of it; others than these have texts, or none.
+_RIGHT: dict[str, Callable[[str], bool]] = {
+    "Boolean": _BOOLEANS.__contains__,
+    **dict.fromkeys(("Real", "Float32", "Float64"), _is_number),
+    **dict.fromkeys((*_INTEGERS, "Integer", "Enumeration"), _is_whole),
+}
