@@ -15,6 +15,7 @@ import fmpy
 from fmpy.model_description import ModelDescription, SourceFileSet
 
 from cosim.errors import SetupError
+from cosim.fmi.archive.findings import quoted
 
 _C = ("cc", "gcc", "clang")
 _CXX = ("c++", "g++", "clang++")
@@ -63,6 +64,7 @@ def _compile(sources: Path, sets: Sequence[SourceFileSet], library: Path) -> Non
     objects: list[str] = []
     c_plus_plus = False
     for file_set in sets:
+        _check_names(sources, (*file_set.sourceFiles, *file_set.includeDirectories))
         options = ["-O2", "-w", "-fPIC", f"-I{sources}", f"-I{Path(fmpy.__file__).parent / 'c-code'}"]
         options += [f"-I{sources / name}" for name in file_set.includeDirectories]
         options += [f"-D{d.name}={d.value or ''}" for d in file_set.preprocessorDefinitions if not d.optional]
@@ -77,6 +79,16 @@ def _compile(sources: Path, sets: Sequence[SourceFileSet], library: Path) -> Non
     _call([*_compiler(c_plus_plus), "-shared", *objects, "-o", str(library), "-lm"], sources)
     for name in objects:
         Path(name).unlink()
+
+
+def _check_names(sources: Path, names: Sequence[str | None]) -> None:
+    """Refuse names that the compiler would take for options, or that lead out of the FMU."""
+    for name in names:
+        inside = (sources / (name or "")).resolve().is_relative_to(sources.parent.resolve())
+        if not name or name.startswith(("-", "@")) or not inside:
+            raise SetupError(
+                f"can't be compiled: its list of sources has {quoted(name)}, which is no name of one of its files"
+            )
 
 
 def _file_sets(sources: Path, description: ModelDescription, identifier: str) -> list[SourceFileSet]:

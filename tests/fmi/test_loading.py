@@ -277,6 +277,13 @@ def test_c_sources_that_the_compiler_refuses_give_its_first_error(tmp_path: Path
     assert re.search(r"can't be compiled: \S+ refuses its C sources: tank\.c:1:.* error: .*missing", message), message
 
 
+@pytest.mark.parametrize("name", ["-o/tmp/elsewhere", "../../elsewhere.c", "/etc/passwd", "@options"])
+def test_sources_are_names_of_files_of_the_fmu(tmp_path: Path, name: str) -> None:
+    """And neither options of the compiler nor files elsewhere."""
+    fmu = sources_of_tank(tmp_path / "tank.fmu", f"/* {name} */", listed=f"tank.c {name}")
+    assert f"its list of sources has '{name}', which is no name of one of its files" in refusal(fmu, build=True)
+
+
 def test_without_a_compiler_the_message_says_how_to_get_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     fmu = sources_of_tank(tmp_path / "tank.fmu", "/* what no test has compiled before */")
     monkeypatch.setenv("PATH", str(tmp_path))
