@@ -65,7 +65,7 @@ def run(args: argparse.Namespace) -> int:
 
         def write(where: Path) -> None:
             content = reproduction.reproduce(runs, where, progress)
-            _write_report(content, where, study)
+            _write_report(content, where, study, args.fmus)
             found.append(content)
 
         results.put(write)
@@ -75,10 +75,17 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _write_report(content: Reproduction, folder: Path, study: tuple[Robustness, Path] | None) -> None:
+def _write_report(content: Reproduction, folder: Path, study: tuple[Robustness, Path] | None, fmus: Path) -> None:
+    from parallel_robot.fmus import BuildError
+    from parallel_robot.live.page import live_section
     from parallel_robot.paper.report import write_report
 
-    write_report(content, folder, study)
+    try:
+        live = live_section(fmus)
+    except BuildError as error:
+        print(f"note: the report has no gains to turn, for {error}")
+        live = None
+    write_report(content, folder, study, live)
 
 
 def _check(content: Reproduction) -> None:

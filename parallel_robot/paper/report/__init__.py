@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from cosim.results.page.document import Section
 from parallel_robot.paper.report.page import page
 from parallel_robot.paper.reproduce.content import Reproduction
 from parallel_robot.paper.robustness.content import Robustness
@@ -12,7 +13,9 @@ from parallel_robot.paper.robustness.content import Robustness
 REPORT = "report.html"
 
 
-def write_report(content: Reproduction, folder: Path, study: tuple[Robustness, Path] | None = None) -> Path:
+def write_report(
+    content: Reproduction, folder: Path, study: tuple[Robustness, Path] | None = None, live: Section | None = None
+) -> Path:
     """Write `report.html`, which needs no other file and no network; the same content gives the same bytes.
 
     Parameters
@@ -22,6 +25,8 @@ def write_report(content: Reproduction, folder: Path, study: tuple[Robustness, P
     folder : Path
     study : tuple of Robustness and Path, optional
         The robustness study and its folder, for a section of the page.
+    live : Section, optional
+        Of `parallel_robot.live.page.live_section`: gains to be turned.
 
     Returns
     -------
@@ -34,5 +39,5 @@ def write_report(content: Reproduction, folder: Path, study: tuple[Robustness, P
         A figure can't be read, or the page can't be written.
     """
     path = folder / REPORT
-    path.write_text(page(content, study), encoding="utf-8", newline="\n")
+    path.write_text(page(content, study, live), encoding="utf-8", newline="\n")
     return path

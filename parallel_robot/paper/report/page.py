@@ -51,8 +51,8 @@ _WORDS = {
 }
 
 
-def page(content: Reproduction, study: tuple[Robustness, Path] | None = None) -> str:
-    """The report as HTML; with the robustness study and its folder, if there is one.
+def page(content: Reproduction, study: tuple[Robustness, Path] | None = None, live: Section | None = None) -> str:
+    """The report as HTML; with the robustness study and its folder, and the section of gains to turn, if there are any.
 
     Raises
     ------
@@ -63,6 +63,7 @@ def page(content: Reproduction, study: tuple[Robustness, Path] | None = None) ->
     series = all_series(runs)
     sections = [
         _animation_section(series),
+        *(() if live is None else (live,)),
         claims_section(content.claims),
         errors_section(series, runs),
         _figures_section(content.figures),
@@ -75,7 +76,14 @@ def page(content: Reproduction, study: tuple[Robustness, Path] | None = None) ->
     ]
     styles = [*assets(PLOT_STYLES), *STYLES, *assets(("report.css",), __package__)]
     scripts = [*assets(PLOT_SCRIPTS), *SCRIPTS, *assets(("errors.js", "claims.js", "figures.js"), __package__)]
-    return document("The paper, reproduced", _header(content), sections, styles=styles, scripts=scripts)
+    return document(
+        "The paper, reproduced",
+        _header(content),
+        sections,
+        styles=styles,
+        scripts=scripts,
+        webassembly=live is not None,
+    )
 
 
 def _header(content: Reproduction) -> str:

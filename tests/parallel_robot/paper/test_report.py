@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 from cosim.master.simulation import Simulation
+from parallel_robot.live.page import live_section
 from parallel_robot.paper.report import REPORT, write_report
 from parallel_robot.paper.report.prose import number, prose
 from parallel_robot.paper.report.series import OPEN_LOOP
@@ -658,3 +659,18 @@ def test_contrast_is_enough(opened, scheme):
     for pair, least in pairs.items():
         dark, light = sorted(map(luminance, pair))
         assert (light + 0.05) / (dark + 0.05) >= least, pair
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("width", [390, 1280])
+def test_gains_can_be_turned_in_it(browser, content, tmp_path, robot_fmus, width):
+    pytest.importorskip("ziglang", reason="nothing here compiles WebAssembly: pip install ziglang")
+    page = write_report(content, tmp_path, live=live_section(robot_fmus))
+    tabs = Tabs(browser)
+    tab = tabs.open(page, width=width)
+    until(tab, lambda: int(tab.get_attribute(".live", "data-runs") or 0) >= 1)
+    assert shown(tab, "left") == "pd/disturbed"
+    tab.evaluate("document.querySelectorAll('details').forEach((d) => (d.open = true))")
+    accessible(tab)
+    fits(tab)
+    tabs.close()

@@ -317,7 +317,7 @@ def test_the_command_writes_one_folder(
     said: list[str] = []
     monkeypatch.setattr(command, "_progress", lambda total: nullcontext(said.append))
     monkeypatch.setattr(
-        command, "_write_report", lambda content, folder, study: (folder / "report.html").write_text("")
+        command, "_write_report", lambda content, folder, *further: (folder / "report.html").write_text("")
     )
     monkeypatch.setattr(command_runs, "run_all", runs_of_before)
     monkeypatch.setattr(run, "write_figures", figures_of_before)
@@ -349,7 +349,7 @@ def test_the_command_writes_the_same_bytes_each_time(
     said: list[str] = []
     monkeypatch.setattr(command, "_progress", lambda total: nullcontext(said.append))
     monkeypatch.setattr(
-        command, "_write_report", lambda content, folder, study: (folder / "report.html").write_text("")
+        command, "_write_report", lambda content, folder, *further: (folder / "report.html").write_text("")
     )
     assert command.run(parsed("--out", str(tmp_path / "out"), "--fmus", str(reproduction_fmus))) == 0
     names = {p.name for p in (tmp_path / "out").iterdir()}
