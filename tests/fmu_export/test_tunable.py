@@ -233,7 +233,8 @@ def test_a_parameter_can_not_be_set_while_a_step_asks_for_inputs(unpacked: Path)
     with Host(unpacked / "fmi3" / "RobotPlant", intermediate_update=update) as host:
         host.run_up(TORQUE)
         host.must(host.step(0.0, 3e-3))
-        assert statuses == [(ERROR, 0)] * 3
+        assert len(statuses) >= 3  # internal steps, and what lies between their ends
+        assert set(statuses) == {(ERROR, 0)}
         assert "parameter 'X' can't be set now; set it between two steps" in host.messages[-1]
         assert host.get(["X"]) == [0.0932]
         host.must(host.set({"X": 0.2}))

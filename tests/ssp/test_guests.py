@@ -243,7 +243,7 @@ def test_members_that_lead_out_of_the_archive_are_never_written(fmus: dict[str, 
     path = archive(tmp_path / "s.ssp", description(LOOP.replace("resources/gain.fmu", "../gain.fmu")), fmus)
     with zipfile.ZipFile(path, "a") as out:
         out.writestr("../gain.fmu", fmus["gain"].read_bytes())
-    with pytest.raises(SSPError, match="is no file of this archive"):
+    with pytest.raises(SSPError, match=r"the path '\.\./gain\.fmu' in it leads out of the archive"):
         read(path)
     assert not list(tmp_path.rglob("gain.fmu"))
 

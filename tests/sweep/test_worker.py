@@ -125,10 +125,10 @@ def test_an_fmu_that_has_not_arrived_is_trouble_of_the_worker(study, monkeypatch
 
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EMFILE])
 def test_a_full_disk_is_trouble_of_the_worker(study, monkeypatch, number):
-    def full(self, folder):
+    def full(self, member, path):
         raise OSError(number, os.strerror(number))
 
-    monkeypatch.setattr("fmpy.extract", full)
+    monkeypatch.setattr("zipfile.ZipFile.extract", full)
     with pytest.raises(WorkerTrouble, match=os.strerror(number)):
         run_batch(batch(rate=[1.0]))
 
@@ -143,10 +143,10 @@ def test_a_missing_stepping_loop_is_trouble_of_the_worker(study, monkeypatch):
 
 
 def test_an_archive_that_can_not_be_unpacked_is_a_row(study, monkeypatch):
-    def damaged(self, folder):
+    def damaged(self, member, path):
         raise ValueError("bad archive")
 
-    monkeypatch.setattr("fmpy.extract", damaged)
+    monkeypatch.setattr("zipfile.ZipFile.extract", damaged)
     assert "bad archive" in run_batch(batch(rate=[1.0])).errors[0]
 
 
