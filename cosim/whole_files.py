@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -60,14 +61,26 @@ def write_whole(path: Path, write: Callable[[Path], object]) -> None:
 
 
 def write_json(path: Path, data: Mapping[str, Any]) -> None:
-    """Write indented JSON; floats round-trip.
+    """Write indented JSON; floats round-trip, and those that are not finite, which JSON lacks, become null.
 
     Raises
     ------
     OSError
         The file can't be written.
     """
-    path.write_text(json.dumps(data, indent=2) + "\n", encoding="utf-8")
+    try:
+        text = json.dumps(data, indent=2, allow_nan=False)
+    except ValueError:
+        text = json.dumps(_without_nonfinite(data), indent=2)
+    path.write_text(text + "\n", encoding="utf-8")
+
+
+def _without_nonfinite(data: Any) -> Any:
+    if isinstance(data, float):
+        return data if math.isfinite(data) else None
+    if isinstance(data, Mapping):
+        return {key: _without_nonfinite(value) for key, value in data.items()}
+    return [_without_nonfinite(value) for value in data] if isinstance(data, list | tuple) else data
 
 
 def sync(path: Path) -> None:

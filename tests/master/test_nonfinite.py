@@ -81,6 +81,14 @@ def test_the_command_has_both(
     said = "note: these were NaN or infinite: tank.y (from t = 2 s on, 3 times)"
     assert said in capsys.readouterr().out
     assert json.loads(Path("marked/summary.json").read_text())["nonfinite"] == {"tank.y": {"time": 2.0, "rows": 3}}
+    Path("tank.toml").write_text(
+        f'[components.tank]\nfmu = "{fmu}"\n[start]\ntank.u = 1e308\n[run]\nstop_time = 4.0\nstep_size = 1.0\n'
+        '[metrics]\nlast = {measure = "final", of = "tank.y"}\nfirst = {measure = "min", of = "tank.y"}\n'
+    )
+    assert main(["run", "tank.toml", "--out", "measured"]) == 0
+    summary = json.loads(Path("measured/summary.json").read_text(), parse_constant=pytest.fail)  # no NaN in JSON
+    assert summary["metrics"] == {"last": None, "first": 0.0}
+    capsys.readouterr()
     assert main([*command, "ended", "--nonfinite", "error"]) == 1
     assert "tank failed at t = 2 s: 'y' is inf; --nonfinite mark goes on" in capsys.readouterr().err
     summary = json.loads(Path("ended/summary.json").read_text())
