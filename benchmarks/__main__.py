@@ -20,6 +20,7 @@ from tqdm import tqdm
 from benchmarks.coupling import measure_coupling, measure_other_systems
 from benchmarks.equations import measure_equations
 from benchmarks.exporters import measure_exporters
+from benchmarks.isolation import measure_isolation
 from benchmarks.loop import measure_loop, measure_pythonfmu, measure_stepping
 from benchmarks.masters import measure_masters
 from benchmarks.measure import Section
@@ -47,6 +48,7 @@ PARTS: dict[str, Callable[[Path], Section | list[Section]]] = {
     "program": measure_program,
     "sweeps": measure_sweeps,
     "threads": measure_threads,
+    "isolation": measure_isolation,
     "masters": measure_masters,
     "solvers": lambda _: measure_solvers(),
     "packed": measure_packed,

@@ -16,16 +16,19 @@ from typing import TYPE_CHECKING, Any
 from tqdm import tqdm
 
 from cosim.commands.options import (
+    IsolationOptions,
     Standard,
     add_algorithm_options,
     add_iterations_option,
+    add_isolation_options,
     add_model_exchange_options,
     add_signature_option,
     check_signatures,
     chosen_interfaces,
     standard_of,
+    take_from_isolated,
 )
-from cosim.errors import CosimError
+from cosim.errors import CosimError, nearest
 from cosim.scenario.family import ScenarioFamily, default_scenario, families, family_name, named
 from cosim.scenario.scenario import Scenario, ScenarioComponent
 from cosim.sweep.errors import SweepError
@@ -113,6 +116,7 @@ def register(subparsers: Any) -> None:
         "--build", action="store_true", help="compile the C sources of FMUs that have no binary for a worker's machine"
     )
     add_signature_option(run_)
+    add_isolation_options(run_)
     run_.add_argument("--stop", type=float, metavar="T", help="stop time in s")
     add_algorithm_options(run_)
     add_model_exchange_options(run_)
@@ -130,7 +134,8 @@ def register(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run `cosim sweep`; returns the exit code, raises CosimError with one line on bad input."""
-    args.scenario = args.scenario or [default_scenario()]
+    behind = take_from_isolated(args, lambda text: not args.scenario and named(text) is not None)
+    args.scenario = [*behind, *args.scenario] or [default_scenario()]
     if len(set(args.scenario)) < len(args.scenario):
         raise SweepError(f"scenarios {' '.join(args.scenario)}: one is named twice")
     with TemporaryFolder("sweep") as unpacked:
@@ -163,6 +168,7 @@ def _run(args: argparse.Namespace, unpacked: Path) -> int:
     if isinstance(steps, Range):
         raise SweepError(f"--step {args.step}: a range; write H,H,... or LOW:HIGH:LEVELS")
     system = _read(args, steps, unpacked)
+    isolation = _isolation(args, system.scenarios)
     varied = [parse_factor(text) for text in args.vary]
     own_fmus = _own_fmus(args.fmu)
     alternative, alternatives = system.family.alternatives(args)
@@ -185,6 +191,7 @@ def _run(args: argparse.Namespace, unpacked: Path) -> int:
         curve_period=args.curves,
         build=args.build,
     )
+    study = dataclasses.replace(study, isolate=isolation.isolate, limits=isolation.limits)
     check_signatures(args.require_signed, [system.archive_of(path) for path in files.values()])
     check(study, files, varied)
     if note := advice(args.design, len(points)):
@@ -208,6 +215,18 @@ def _run(args: argparse.Namespace, unpacked: Path) -> int:
         return 130
     check_some_succeeded(summary)
     return 0
+
+
+def _isolation(args: argparse.Namespace, scenarios: Mapping[str, Scenario]) -> IsolationOptions:
+    """The options of isolation; what no run could take is told before any is tried."""
+    options = IsolationOptions.of(args)
+    components = {name: c.isolate for scenario in scenarios.values() for name, c in scenario.components.items()}
+    for name in options.isolate if isinstance(options.isolate, tuple) else ():
+        if name not in components:
+            raise SweepError(f"--isolated {name}: there is no such component; {nearest(name, components)}")
+    if options.limits is not None and not options.isolate and not any(components.values()):
+        raise SweepError("--step-timeout and --memory-limit are for isolated FMUs; isolate some (--isolated)")
+    return options
 
 
 def _read(args: argparse.Namespace, steps: Levels | None, unpacked: Path) -> _System:

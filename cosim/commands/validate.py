@@ -34,6 +34,11 @@ def register(subparsers: Any) -> None:
         action="store_true",
         help="with --run: compile the C sources of FMUs that have no binary for this machine",
     )
+    parser.add_argument(
+        "--isolated",
+        action="store_true",
+        help="with --run: each FMU lives in a process of its own, which is the default where the platform can do that",
+    )
     add_signature_option(parser)
     parser.set_defaults(run=run)
 

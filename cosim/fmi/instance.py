@@ -84,6 +84,14 @@ class CallFailed(CosimError):
         return cls(f"{function} returned {said}", status, function)
 
 
+class ProcessEnded(CallFailed):
+    """The process of an isolated FMU has ended; `was_killed` where that is perhaps not the fault of the FMU."""
+
+    def __init__(self, message: str, *, was_killed: bool = False) -> None:
+        super().__init__(message, fmi2.fmi2Fatal)
+        self.was_killed = was_killed
+
+
 class CallInterrupted(CallFailed):
     """Ctrl-C ended a call of an isolated FMU, and its process."""
 

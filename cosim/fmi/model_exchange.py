@@ -162,12 +162,12 @@ class ModelExchangeInstance(Instance):
 class _Loaded:
     """What FMPy's classes do to load a library and to call its functions, with our library."""
 
-    def __init__(self, folder: Path, description: ModelDescription) -> None:
+    def __init__(self, folder: Path, description: ModelDescription, load: Callable[[Path, str, str], Library]) -> None:
         identifier = description.modelExchange.modelIdentifier
         self.guid = description.instantiationToken
         self.instanceName = self.modelIdentifier = identifier
         self.unzipDirectory = str(folder)
-        self._library = Library(library_path(folder, description.fmiMajorVersion, identifier), identifier)
+        self._library = load(library_path(folder, description.fmiMajorVersion, identifier), identifier, "")
         self.component: Any = None
         self.corrupted = False
 
@@ -175,12 +175,18 @@ class _Loaded:
         function: Any = self._library.function(name)
         result = function(*arguments)
         if "Instantiate" not in name and result is not None and result > fmi2.fmi2Warning:
+            if (end := self._library.failure(name, result)) is not None:
+                self.corrupted = True
+                raise end
             self.corrupted = result == fmi2.fmi2Fatal
             raise FMICallException(function=name, status=result)
         return result
 
     def freeLibrary(self) -> None:
         self._library.close()
+
+    def abandonLibrary(self) -> None:
+        self._library.abandon()
 
 
 class _Model2(_Loaded, fmi2.FMU2Model):  # type: ignore[misc] # fmpy has no types
@@ -192,7 +198,12 @@ class _Model3(_Loaded, fmi3.FMU3Model):  # type: ignore[misc]
 
 
 @contextmanager
-def model_exchange_instance(folder: Path, description: ModelDescription, messages: Messages) -> Iterator[Any]:
+def model_exchange_instance(
+    folder: Path,
+    description: ModelDescription,
+    messages: Messages,
+    load: Callable[[Path, str, str], Library] = Library,
+) -> Iterator[Any]:
     """An instance of an unpacked FMU of FMI 2.0 or 3.0, freed at the end.
 
     Parameters
@@ -203,6 +214,8 @@ def model_exchange_instance(folder: Path, description: ModelDescription, message
         Its model description.
     messages : Messages
         Takes what the FMU says.
+    load : callable
+        As of `Instance`.
 
     Raises
     ------
@@ -211,10 +224,10 @@ def model_exchange_instance(folder: Path, description: ModelDescription, message
     """
     instance: Any
     if description.fmiMajorVersion == 2:
-        instance = _Model2(folder, description)
+        instance = _Model2(folder, description, load)
         options = {"callbacks": messages.callbacks_fmi2()}
     else:
-        instance = _Model3(folder, description)
+        instance = _Model3(folder, description, load)
         options = {"logMessage": messages.callback_fmi3()}
     keep_callbacks(*options.values())
     try:
@@ -225,5 +238,7 @@ def model_exchange_instance(folder: Path, description: ModelDescription, message
     try:
         yield instance
     finally:
-        if not instance.corrupted:  # after a fatal error the standards forbid any further call
+        if instance.corrupted:  # after a fatal error the standards forbid any further call
+            instance.abandonLibrary()
+        else:
             instance.freeInstance()

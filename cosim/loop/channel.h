@@ -13,6 +13,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
+/* clang-format off */
 /* Functions of FMI that can be called; those of FMI 1.0 begin with fmi1 here. Their numbers go over the channel. */
 #define FUNCTIONS(F) \
     F(fmi1InstantiateSlave) F(fmi2Instantiate) F(fmi3InstantiateCoSimulation) F(fmi3InstantiateModelExchange) \
@@ -52,6 +53,7 @@
     F(fmi3GetNumberOfContinuousStates) F(fmi3CompletedIntegratorStep) F(fmi3GetDirectionalDerivative) \
     F(fmi3GetAdjointDerivative) \
     F(fmi1SetDebugLogging) F(fmi2SetDebugLogging) F(fmi3SetDebugLogging)
+/* clang-format on */
 
 #define NUMBERED(name) N_##name,
 typedef enum { FUNCTIONS(NUMBERED) N_FUNCTIONS_OF_FMI } FunctionNumber;

@@ -29,7 +29,7 @@ typedef struct {
     Take *take;
     WarnedOf *warned;
     void *const *asking; /* FMI 3.0: points to a pointer to the operation that answers when the FMU asks for inputs */
-    int64_t spin; /* ns */
+    Patience patience;
     uint64_t used, read; /* bytes of the calls in the area, and of messages */
     uint64_t starts[MOST_CALLS], last; /* of the calls; of the last one that was made */
     uint32_t n_calls, asked;
@@ -119,7 +119,7 @@ EXPORT void channel_hear(Remote *r) {
 static bool is_answered(Remote *r) {
     Channel *channel = r->channel;
     uint32_t before = r->asked - 1;
-    if (!changes_soon(&channel->answered, before, r->spin)) {
+    if (!changes_soon(&channel->answered, before, &r->patience)) {
         int64_t began = nanoseconds(), looked = began;
         while (seen(&channel->answered) == before) {
             __atomic_store_n(&channel->master_sleeps, 1, __ATOMIC_SEQ_CST);
@@ -230,8 +230,8 @@ static int call(Remote *r, FunctionNumber function, bool at_once, const Passed p
     Argument *argument = (Argument *)(made + 1);
     for (uint32_t i = 0; i < n; i++) {
         bool is_number = passed[i].passing <= ABSENT;
-        argument[i] = (Argument){passed[i].passing, is_number ? passed[i].value : start + places[i], passed[i].size,
-                                 passed[i].n};
+        argument[i] =
+            (Argument){passed[i].passing, is_number ? passed[i].value : start + places[i], passed[i].size, passed[i].n};
         if (!is_number) put(r, &passed[i], start + places[i]);
     }
     if (!at_once) return 0;
@@ -266,14 +266,12 @@ EXPORT Remote *channel_begin(void *memory, uint64_t size, GiveUp *gives_up, Take
 
 /* How long both sides look for each other before they sleep (ns). */
 EXPORT void channel_spin(Remote *r, uint32_t master, uint32_t worker) {
-    r->spin = master;
+    r->patience.longest = master;
     r->channel->spin = worker;
 }
 
 /* Wait until the FMU is loaded, or was found not to be loadable; LOST, or 0. */
-EXPORT int channel_loaded(Remote *r) {
-    return r->is_lost || !is_answered(r) ? LOST : 0;
-}
+EXPORT int channel_loaded(Remote *r) { return r->is_lost || !is_answered(r) ? LOST : 0; }
 
 /* Have the worker end; LOST, or 0. */
 EXPORT int channel_end(Remote *r) {
@@ -401,12 +399,12 @@ static Passed beside(const Operation *op) {
 EXPORT int isolated_fmi3DoStep(Remote *r, double time, double step, bool keeps_no_state, bool *event, bool *ends,
                                bool *early, double *last) {
     enum { OWN = 7 };
-    Passed passed[MOST_ARGUMENTS] = {real(time), real(step), integer(keeps_no_state), filled(event, 1), filled(ends, 1),
-                                     filled(early, 1), filled(last, sizeof *last)};
+    Passed passed[MOST_ARGUMENTS] = {real(time),      real(step),       integer(keeps_no_state),   filled(event, 1),
+                                     filled(ends, 1), filled(early, 1), filled(last, sizeof *last)};
     uint32_t n = OWN;
     const Operation *first = r->asking ? *r->asking : NULL, *op = first;
-    if (op)
-        do passed[n++] = beside(op);
+    if (op) do
+            passed[n++] = beside(op);
         while (op++->more && n < MOST_ARGUMENTS);
     int status = call(r, N_fmi3DoStep, true, passed, n);
     uint64_t at = ALIGNED(sizeof(Call) + n * sizeof(Argument));
@@ -444,11 +442,11 @@ STATUS(fmi2GetBooleanStatus, 4)
 #define REFERRED given(references, n_references * sizeof *references), integer((int64_t)n_references)
 #define GET2(name, size) \
     EXPORT int isolated_##name(Remote *r, References references, size_t n_references, void *values) { \
-        return CALL(name, REFERRED, filled(values, n_references *(size))); \
+        return CALL(name, REFERRED, filled(values, n_references * (size))); \
     }
 #define SET2(side, at_once, name, size) \
     EXPORT int side##_##name(Remote *r, References references, size_t n_references, const void *values) { \
-        return call(r, N_##name, at_once, PASSED(REFERRED, given(values, n_references *(size)))); \
+        return call(r, N_##name, at_once, PASSED(REFERRED, given(values, n_references * (size)))); \
     }
 #define EXCHANGE2(version, type, size) \
     GET2(version##Get##type, size) \
@@ -468,11 +466,11 @@ SET2(isolated, true, fmi3SetShiftDecimal, 8)
 
 #define GET3(name, size) \
     EXPORT int isolated_##name(Remote *r, References references, size_t n_references, void *values, size_t n) { \
-        return CALL(name, REFERRED, filled(values, n *(size)), integer((int64_t)n)); \
+        return CALL(name, REFERRED, filled(values, n * (size)), integer((int64_t)n)); \
     }
 #define SET3(side, at_once, name, size) \
     EXPORT int side##_##name(Remote *r, References references, size_t n_references, const void *values, size_t n) { \
-        return call(r, N_##name, at_once, PASSED(REFERRED, given(values, n *(size)), integer((int64_t)n))); \
+        return call(r, N_##name, at_once, PASSED(REFERRED, given(values, n * (size)), integer((int64_t)n))); \
     }
 #define EXCHANGE3(type, size) \
     GET3(fmi3Get##type, size) \

@@ -53,19 +53,25 @@ static inline void tell(uint32_t *number, uint32_t value, const uint32_t *sleeps
     if (seen(sleeps)) wake_at(number);
 }
 
-/* Look so long (ns) for a number to change; whether it has. */
-static inline bool changes_soon(const uint32_t *number, uint32_t old, int64_t spin) {
-    enum { WITHOUT_CLOCK = 64, BETWEEN = 16 };
-    for (int i = 0; i < WITHOUT_CLOCK; i++) {
-        if (seen(number) != old) return true;
-        rest();
-    }
-    for (int64_t end = nanoseconds() + spin; nanoseconds() < end;)
+/* For how long (ns) a side looks for the other before it sleeps: `longest`, or not at all where that has been in vain, as
+ * for long steps and on cores that others want; then it is tried again now and then. */
+typedef struct {
+    int64_t longest;
+    bool pays;
+    uint32_t calls;
+} Patience;
+
+/* Look for a number to change, as long as there is patience; whether it has. */
+static inline bool changes_soon(const uint32_t *number, uint32_t old, Patience *patience) {
+    enum { BETWEEN = 16, TRIED_EVERY = 64 };
+    if (seen(number) != old) return true;
+    if (!patience->longest || (!patience->pays && ++patience->calls % TRIED_EVERY)) return false;
+    for (int64_t end = nanoseconds() + patience->longest; nanoseconds() < end;)
         for (int i = 0; i < BETWEEN; i++) {
-            if (seen(number) != old) return true;
+            if (seen(number) != old) return patience->pays = true;
             rest();
         }
-    return seen(number) != old;
+    return patience->pays = seen(number) != old;
 }
 
 #endif

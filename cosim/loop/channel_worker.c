@@ -15,7 +15,8 @@
 #include <sys/prctl.h>
 #endif
 
-typedef uintptr_t Word; /* integers, truth values and pointers are passed alike by all platforms that FMUs are built for */
+typedef uintptr_t
+    Word; /* integers, truth values and pointers are passed alike by all platforms that FMUs are built for */
 
 static Channel *channel;
 static uint64_t capacity; /* of its area */
@@ -90,24 +91,25 @@ static bool instantiate(int function, void *make, const Word word[]) {
     const char *name = kept(word[0]), *second = kept(word[1]), *third = kept(word[2]);
     switch (function) {
         case N_fmi1InstantiateSlave:
-            instance = ((void *(*)(const char *, const char *, const char *, const char *, double, char, char,
-                                   Callbacks1, char))make)(name, second, third, kept(word[3]), 0.0, 0, 0, callbacks1, 1);
+            instance =
+                ((void *(*)(const char *, const char *, const char *, const char *, double, char, char, Callbacks1,
+                            char))make)(name, second, third, kept(word[3]), 0.0, 0, 0, callbacks1, 1);
             break;
         case N_fmi2Instantiate:
             instance = ((void *(*)(const char *, int, const char *, const char *, const Callbacks2 *, int, int))make)(
                 name, (int)word[3], second, third, &callbacks2, 0, 1);
             break;
         case N_fmi3InstantiateCoSimulation:
-            instance = ((void *(*)(const char *, const char *, const char *, bool, bool, bool, bool, const uint32_t *,
-                                   size_t, void *, void (*)(void *, int, const char *, const char *),
-                                   UpdateOfFmi3 *))make)(
-                name, second, third, false, true, word[3], word[3], (const uint32_t *)word[4], word[5], &asking,
-                log_of_fmi3, word[5] ? intermediate_update : NULL);
+            instance =
+                ((void *(*)(const char *, const char *, const char *, bool, bool, bool, bool, const uint32_t *, size_t,
+                            void *, void (*)(void *, int, const char *, const char *), UpdateOfFmi3 *))make)(
+                    name, second, third, false, true, word[3], word[3], (const uint32_t *)word[4], word[5], &asking,
+                    log_of_fmi3, word[5] ? intermediate_update : NULL);
             break;
         default:
             instance = ((void *(*)(const char *, const char *, const char *, bool, bool, void *,
-                                   void (*)(void *, int, const char *, const char *)))make)(
-                name, second, third, false, true, &asking, log_of_fmi3);
+                                   void (*)(void *, int, const char *, const char *)))make)(name, second, third, false,
+                                                                                            true, &asking, log_of_fmi3);
     }
     return instance != NULL;
 }
@@ -296,9 +298,10 @@ EXPORT void channel_serve(Channel *own, uint64_t size, void *const functions_of_
     functions = functions_of_fmu;
     log_to(pass_on);
     uint32_t before = channel->asked;
+    Patience patience = {.longest = channel->spin};
     channel_answer(channel);
     for (;;) {
-        if (!changes_soon(&channel->asked, before, channel->spin)) {
+        if (!changes_soon(&channel->asked, before, &patience)) {
             __atomic_store_n(&channel->worker_sleeps, 1, __ATOMIC_SEQ_CST);
             while (seen(&channel->asked) == before) sleep_at(&channel->asked, before, (int64_t)1000000000);
             __atomic_store_n(&channel->worker_sleeps, 0, __ATOMIC_SEQ_CST);

@@ -256,6 +256,18 @@ class Simulation:
                 (again.add(name) if fmu.sha256 in alone else alone.add(fmu.sha256))
         return frozenset(own | asked | (again if can_isolate() else set()))
 
+    def isolate(self) -> None:
+        """Have all FMUs live in processes of their own; before the simulation is entered.
+
+        Raises
+        ------
+        SetupError
+            The simulation is open, or the platform can't isolate FMUs.
+        """
+        if self._stack is not None:
+            raise SetupError("the simulation is open; isolate its FMUs before")
+        self._isolated = self._to_isolate(isolate=True)
+
     def _lay_out(self) -> None:
         """Decide what is extrapolated and recorded, and where all values stand, by what the FMUs have not refused."""
         orders = {name: fmu.input_derivative_order for name, fmu in self._fmus.items()}

@@ -1,20 +1,23 @@
-"""A run in a process of its own, which an FMU may crash or block without harm to the other cases."""
+"""A run whose FMU lives in a process of its own, which it may crash or block without harm to the other cases."""
 
 from __future__ import annotations
 
+import dataclasses
 import logging
-import pickle
-import signal
-import subprocess
-import sys
+import time as clock
+from collections.abc import Iterator
+from contextlib import contextmanager
+from io import StringIO
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 from cosim.errors import CosimError
+from cosim.fmi.instance import ProcessEnded
+from cosim.fmi.isolation.limits import Limits
 from cosim.regression.case import Case, Method, RunError
 from cosim.regression.run import RunOptions, run
 from cosim.regression.tolerances import Interface
 from cosim.results.results import Results
+from cosim.temporary import TemporaryFolder
 
 #: So much of what an FMU prints is kept (characters).
 _MOST_OUTPUT = 10_000
@@ -28,56 +31,43 @@ def run_isolated(
     method: Method = "CVode",
     options: RunOptions = RunOptions(),  # noqa: B008 (frozen)
 ) -> tuple[Results, str]:
-    """The same as `run`, in a child process; also what it printed.
+    """The same as `run`, with an isolated FMU; also what it printed and logged.
 
     Raises
     ------
     RunError
-        The run failed, ended its process, or took longer than `timeout` (s).
+        The run failed, the FMU ended its process, or it took longer than `timeout` (s).
     """
-    with TemporaryDirectory(prefix="cosim_", ignore_cleanup_errors=True) as name:
-        answer = Path(name) / "answer"
-        (Path(name) / "task").write_bytes(pickle.dumps((case, path, interface, method, options)))
-        command = [sys.executable, "-m", "cosim.regression.isolated", name]
+    began = clock.monotonic()
+    with TemporaryFolder() as folder, _logged(options.log) as log:
+        output = Path(folder) / "output"
+        limits = Limits(lifetime=timeout, output=output)
+        chosen = dataclasses.replace(options, isolate=True, limits=limits, timeout=timeout)
+        late = RunError(f"{path}: did not end within {timeout:g} s; allow more with --fmu-timeout")
         try:
-            done = subprocess.run(
-                command,
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.STDOUT,
-                check=False,
-                timeout=timeout,
-            )
-        except subprocess.TimeoutExpired:
-            raise RunError(f"{path}: did not end within {timeout:g} s; allow more with --fmu-timeout") from None
-        said = done.stdout.decode(errors="replace").strip()[-_MOST_OUTPUT:]
-        if not answer.is_file():
-            last = said.splitlines()[-1:]
-            raise RunError(": ".join([f"{path}: ended its process ({_death(done.returncode)})", *last]))
-        results = pickle.loads(answer.read_bytes())
-    if isinstance(results, str):
-        raise RunError(results)
-    return results, said
+            results = run(case, path, interface, method, chosen)
+        except CosimError as error:
+            if clock.monotonic() - began > timeout:
+                raise late from error
+            if isinstance(error.__cause__, ProcessEnded):
+                raise RunError(f"{path}: {error}") from error
+            raise
+        if clock.monotonic() - began > timeout:
+            raise late
+        printed = output.read_text(errors="replace") if output.is_file() else ""
+    return results, "\n".join(filter(None, (printed.strip(), log.getvalue().strip())))[-_MOST_OUTPUT:]
 
 
-def _death(code: int) -> str:
-    if code < 0 and -code in set(signal.Signals):
-        return signal.Signals(-code).name
-    return f"exit code {code}"
-
-
-def main(folder: Path) -> None:
-    """The child: run what is in a folder, and put the results there, or the one line that says why there are none."""
-    case, path, interface, method, options = pickle.loads((folder / "task").read_bytes())
-    if options.log is not None:
-        logging.basicConfig(stream=sys.stdout, level=logging.INFO, format="%(message)s")
+@contextmanager
+def _logged(level: str | None) -> Iterator[StringIO]:
+    """What comes to the log of messages, if any is wanted."""
+    text, logger = StringIO(), logging.getLogger("cosim.messages")
+    handler, before = logging.StreamHandler(text), logger.level
+    if level is not None:
+        logger.addHandler(handler)
+        logger.setLevel(logging.INFO)
     try:
-        answer: Results | str = run(case, path, interface, method, options)
-    except CosimError as error:
-        answer = str(error)
-    (folder / "unfinished").write_bytes(pickle.dumps(answer))
-    (folder / "unfinished").replace(folder / "answer")
-
-
-if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+        yield text
+    finally:
+        logger.removeHandler(handler)
+        logger.setLevel(before)

@@ -3,21 +3,29 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cosim.fmi.fmu_file import LoadedFMU
+from cosim.fmi.isolation.library import IsolatedLibrary
+from cosim.fmi.isolation.limits import Limits
 from cosim.fmi.message_log import Log, LogWriter
 from cosim.fmi.messages import Messages
 from cosim.fmi.model_exchange import model_exchange_instance
+from cosim.fmi.shared_library import Library
 from cosim.fmi.unpacking import folder_for_fmus
 from cosim.loop.current_calls import watched_calls
 from cosim.regression.case import Between, Case, CaseError, Method, RunError
 from cosim.regression.experiment import Experiment
 from cosim.regression.inputs import input_elements
 from cosim.system.variables import Element, Ports
+
+if TYPE_CHECKING:
+    from cosim.regression.run import RunOptions
 
 
 def model_exchange(
@@ -28,9 +36,7 @@ def model_exchange(
     experiment: Experiment,
     wanted: list[Element],
     method: Method,
-    *,
-    build: bool = False,
-    log: Log | None = None,
+    options: RunOptions,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Times (n,) in s and values (n, len(wanted)) under the inputs of a case.
 
@@ -43,13 +49,16 @@ def model_exchange(
 
     signals = _structured_inputs(case, between, ports)
     start = _start_values(case, ports)
-    messages = Messages(fmu.path.stem, None if log is None else LogWriter(log))
+    messages = Messages(fmu.path.stem, None if options.log is None else LogWriter(Log(options.log)))
+    load: Callable[[Path, str, str], Library] = Library
+    if options.isolate:
+        load = partial(IsolatedLibrary, messages=messages, limits=options.limits or Limits())
     with watched_calls(), folder_for_fmus() as folder:
-        fmu.unpack(Path(folder), build=build)
+        fmu.unpack(Path(folder), build=options.build)
         steps = _euler_steps(case, fmu, experiment.interval) if method == "Euler" else 1
         outputs = [element.variable.name for element in wanted]
         try:
-            with model_exchange_instance(Path(folder), fmu.description, messages) as instance:
+            with model_exchange_instance(Path(folder), fmu.description, messages, load) as instance:
                 last = _keep_last_row(instance, fmu, outputs)
                 table = simulate_fmu(
                     folder,
@@ -61,6 +70,7 @@ def model_exchange(
                     relative_tolerance=experiment.solver_tolerance,
                     output_interval=experiment.interval / steps,
                     step_size=experiment.interval / steps,
+                    timeout=None if math.isinf(options.timeout) else options.timeout,
                     record_events=False,
                     start_values=start,
                     input=signals,

@@ -98,7 +98,9 @@ def check(
     """
     began = clock.perf_counter()
 
-    from cosim.regression.run import RunOptions, run  # takes a while to import
+    from cosim.fmi.isolation.process import can_isolate  # takes a while to import
+    from cosim.regression.isolated import run_isolated
+    from cosim.regression.run import RunOptions, run
 
     options = RunOptions(build, log)
 
@@ -107,13 +109,10 @@ def check(
             # what is wrong with the files is said before anything runs
             reference = case.reference() if case.is_compared else None
             tolerances = case.tolerances(interface)
-            said = ""
-            if isolated:
-                from cosim.regression.isolated import run_isolated
-
+            if isolated and can_isolate():
                 results, said = run_isolated(case, fmu, interface, timeout, method, options)
             else:
-                results = run(case, fmu, interface, method, options)
+                results, said = run(case, fmu, interface, method, options), ""
             if reference is None:
                 return _not_finite(results), [], said
             if interface == "model_exchange":

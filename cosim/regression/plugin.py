@@ -61,6 +61,13 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         help="show what the FMUs say with each failing test (with -rP: with all): none, error, warning, info, all",
     )
     group.addoption(
+        "--fmu-isolated",
+        action="store_false",
+        dest="cosim_fmu_in_process",
+        default=False,
+        help="run each FMU in a process of its own, which is the default",
+    )
+    group.addoption(
         "--fmu-in-process",
         action="store_true",
         dest="cosim_fmu_in_process",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import time as clock
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,7 +11,7 @@ import numpy as np
 
 from cosim.errors import nearest
 from cosim.fmi.fmu_file import LoadedFMU, read_fmu
-from cosim.fmi.message_log import Log
+from cosim.fmi.isolation.limits import Limits
 from cosim.master.simulation import Simulation
 from cosim.regression.case import Between, Case, CaseError, Method, RunError
 from cosim.regression.experiment import Experiment, experiment_of
@@ -58,10 +60,19 @@ class RunOptions:
         Compile the C sources of an FMU that has no binary for this machine.
     log : str, optional
         Level of the messages of the FMU that go to Python's logger `cosim.messages`; see `cosim.Log`.
+    isolate : bool
+        The FMU lives in a process of its own.
+    limits : Limits, optional
+        Limits of the isolated FMU.
+    timeout : float
+        Longest time (s) that the run may take.
     """
 
     build: bool = False
     log: str | None = None
+    isolate: bool = False
+    limits: Limits | None = None
+    timeout: float = math.inf
 
 
 def run(
@@ -104,10 +115,7 @@ def run(
     if interface == "co_simulation":
         results = _co_simulation(case, case.between, fmu, ports, experiment, wanted, options)
     else:
-        log = None if options.log is None else Log(options.log)
-        time, values = model_exchange(
-            case, case.between, fmu, ports, experiment, wanted, method, build=options.build, log=log
-        )
+        time, values = model_exchange(case, case.between, fmu, ports, experiment, wanted, method, options)
         results = Results(time, [], values)
     units = {e.name: unit.name if (unit := ports.unit(e)) is not None else _bare_unit(e) for e in wanted}
     typed = {e.name: results.typed[n] for e in wanted if (n := f"{_COMPONENT}.{e.name}") in results.typed}
@@ -129,6 +137,12 @@ def _co_simulation(
     wanted: list[Element],
     options: RunOptions,
 ) -> Results:
+    began = clock.monotonic()
+
+    def check_time(_: float) -> None:
+        if clock.monotonic() - began > options.timeout:
+            raise RunError(f"{fmu.path}: did not end within {options.timeout:g} s; allow more with --fmu-timeout")
+
     inputs = case.inputs() or Results(np.zeros(1), [], np.zeros((1, 0)))
     inputs = with_names_of(inputs, [element.name for element in ports.of_causality("input")])
     system = System()
@@ -142,7 +156,13 @@ def _co_simulation(
     record = [f"{_COMPONENT}.{element.name}" for element in wanted]
     extrapolation = "auto" if between == "linear" else "hold"
     with Simulation(
-        system, extrapolation=extrapolation, record=record, build=options.build, log=options.log
+        system,
+        extrapolation=extrapolation,
+        record=record,
+        build=options.build,
+        log=options.log,
+        isolate=options.isolate,
+        limits=options.limits,
     ) as simulation:
         return simulation.run(
             experiment.stop_time,
@@ -150,4 +170,5 @@ def _co_simulation(
             start_time=experiment.start_time,
             record_every=experiment.every,
             tolerance=experiment.tolerance,
+            progress=check_time,
         )

@@ -20,11 +20,10 @@ from cosim.master.interrupts import DeferredInterrupt
 from cosim.sweep.batch import Batch, BatchSize, Rows
 from cosim.sweep.cluster import are_workers_starting, connect, deliver
 from cosim.sweep.errors import SweepError, WorkerTrouble
-from cosim.sweep.isolated import run_isolated
 from cosim.sweep.points import Points
 from cosim.sweep.store import Store, SweepSummary
 from cosim.sweep.study import Study
-from cosim.sweep.worker import run_batch
+from cosim.sweep.worker import run_batch, run_isolated
 from cosim.versions import versions
 
 with needs("sweep"):

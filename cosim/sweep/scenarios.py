@@ -13,6 +13,7 @@ from typing import Any, ClassVar, TypeVar, get_type_hints
 
 from cosim.errors import SetupError, nearest
 from cosim.fmi.fmu_file import load
+from cosim.fmi.isolation.limits import Limits
 from cosim.master.simulation import Simulation, number_of_steps
 from cosim.results.results import Results
 from cosim.scenario.metrics import Metric, measured
@@ -62,6 +63,8 @@ class ScenarioStudy:
         Rows also have curves over time, with a point each so many seconds.
     build : bool
         Workers compile the C sources of FMUs that have no binary for their machine.
+    isolate, limits
+        As of `Simulation`.
     """
 
     scenarios: Mapping[str, Scenario]
@@ -71,6 +74,8 @@ class ScenarioStudy:
     optional_inputs: Mapping[str, Any] = field(default_factory=dict)
     curve_period: float | None = None
     build: bool = False
+    isolate: bool | tuple[str, ...] = False
+    limits: Limits | None = None
     _signals: dict[Hashable, list[Signal]] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     #: Names of metrics that all scenarios of a family have.
@@ -119,6 +124,8 @@ class ScenarioStudy:
             solver=scenario.solver,
             solver_step=scenario.solver_step,
             iterations=scenario.iterations,
+            isolate=self.isolate,
+            limits=self.limits,
         )
 
     def plan(self, point: Mapping[str, Value]) -> PlannedRun:

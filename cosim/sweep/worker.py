@@ -16,6 +16,8 @@ from socket import gethostname
 from typing import cast
 
 from cosim.errors import CosimError
+from cosim.fmi.instance import ProcessEnded
+from cosim.fmi.isolation.process import can_isolate
 from cosim.loop.binding import LoopLibraryError
 from cosim.master.simulation import Simulation
 from cosim.sweep import stock
@@ -38,7 +40,7 @@ _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD, _LARGEST = -1, -3, 32 << 20
 _turn = threading.Lock()
 
 _studies: dict[str, Study] = {}
-_open: OrderedDict[tuple[str, Hashable], Simulation] = OrderedDict()
+_open: OrderedDict[tuple[str, Hashable, bool], Simulation] = OrderedDict()
 
 
 class Timer:
@@ -62,10 +64,27 @@ def run_batch(batch: Batch) -> Rows:
     WorkerTrouble
         This worker can't run anything.
     """
+    return _run(batch, isolate=False)
+
+
+def run_isolated(batch: Batch) -> Rows:
+    """Run a batch in which workers have died, with each FMU in a process of its own: the deadly point gets an error.
+
+    Dask blames all tasks that a lost worker had at hand.
+
+    Raises
+    ------
+    WorkerTrouble
+        This worker can't run anything.
+    """
+    return _run(batch, isolate=can_isolate())
+
+
+def _run(batch: Batch, *, isolate: bool) -> Rows:
     with _turn:
         timer = Timer()
-        rows = list(rows_of(batch, timer))
-        return Rows.of(names_of(study_of(batch)), rows, timer.seconds)
+        rows = list(_rows_of(batch, timer, isolate=isolate))
+        return Rows.of(_names_of(study_of(batch)), rows, timer.seconds)
 
 
 def study_of(batch: Batch) -> Study:
@@ -87,28 +106,30 @@ def study_of(batch: Batch) -> Study:
     return _studies[batch.study]
 
 
-def names_of(study: Study) -> list[str]:
+def _names_of(study: Study) -> list[str]:
     """Names of all that a row has."""
     return [*study.metrics, *study.curves]
 
 
-def rows_of(batch: Batch, timer: Timer) -> Iterator[Row]:
-    """Run the points of a batch in order.
-
-    Raises
-    ------
-    WorkerTrouble
-        This worker can't run anything.
-    """
+def _rows_of(batch: Batch, timer: Timer, *, isolate: bool) -> Iterator[Row]:
     study = study_of(batch)
     for index, point in batch.points():
-        yield _row(batch.study, study, index, point, timer)
+        yield _row(batch.study, study, index, point, timer, isolate=isolate)
 
 
-def _row(key: str, study: Study, index: int, point: Mapping[str, Value], timer: Timer) -> Row:
+def _row(
+    key: str,
+    study: Study,
+    index: int,
+    point: Mapping[str, Value],
+    timer: Timer,
+    *,
+    isolate: bool,
+    again: bool = False,
+) -> Row:
     try:
         planned = study.plan(point)
-        simulation = _simulation(key, study, planned.variant)
+        simulation = _simulation(key, study, planned.variant, isolate=isolate)
         with timer:
             results = simulation.run(
                 planned.stop_time,
@@ -123,19 +144,32 @@ def _row(key: str, study: Study, index: int, point: Mapping[str, Value], timer: 
     except WorkerTrouble:
         raise
     except Exception as error:  # whatever goes wrong in a run is that run's result
+        if not again and _was_killed(error):  # as by a system that is short of memory: the point need not be to blame
+            return _row(key, study, index, point, timer, isolate=isolate, again=True)
         if _is_of_the_machine(error):
             raise WorkerTrouble(f"{gethostname()}: {_line(error)}") from error
         return Row(index, None, _line(error))
 
 
-def _simulation(key: str, study: Study, variant: Hashable) -> Simulation:
-    if (key, variant) not in _open:
+def _simulation(key: str, study: Study, variant: Hashable, *, isolate: bool) -> Simulation:
+    place = (key, variant, isolate)
+    if place not in _open:
         simulation = study.simulation(variant, stock.path)
-        _open[key, variant] = simulation.__enter__()
+        if isolate:
+            simulation.isolate()
+        _open[place] = simulation.__enter__()
         if len(_open) > _MOST_OPEN:
             _open.popitem(last=False)[1].close()
-    _open.move_to_end((key, variant))
-    return _open[key, variant]
+    _open.move_to_end(place)
+    return _open[place]
+
+
+def _was_killed(error: BaseException | None) -> bool:
+    while error is not None:
+        if isinstance(error, ProcessEnded):
+            return error.was_killed
+        error = error.__cause__
+    return False
 
 
 def _is_of_the_machine(error: BaseException | None) -> bool:

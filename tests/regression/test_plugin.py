@@ -125,7 +125,7 @@ def test_what_is_broken_fails_in_one_line_and_the_rest_runs(session, pytester):
     done.assert_outcomes(passed=1, failed=7, skipped=1, deselected=5)
     done.stdout.fnmatch_lines_random(
         [
-            "fmus?Ball.fmu: ended its process (*",
+            "fmus?Ball.fmu: fmu failed at t = 0 s: its process was ended (*",
             "*fmus?Refuses.fmu *nstantiate*",
             "*Toml_ref.toml: can't be read as TOML: *",
             "*Csv_ref.csv: line 2: a cell 'x' is no number, as others of its column are",

@@ -11,7 +11,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from cosim.fmi.instance import CallFailed, CallInterrupted
+from cosim.fmi.instance import CallFailed, CallInterrupted, ProcessEnded
 from cosim.fmi.isolation.limits import Limits
 from cosim.fmi.isolation.process import WorkerProcess
 from cosim.fmi.isolation.worker import LOADING
@@ -25,7 +25,7 @@ from cosim.loop.team import cores
 _LONGEST_AFTER_CTRL_C = 1.0
 
 #: How long (ns) each side looks for the other before it sleeps.
-_SPIN = 50_000
+_SPIN = 20_000
 
 #: Which arguments of FMI the functions that make an instance take over a channel.
 _MAKING = {
@@ -74,7 +74,7 @@ class IsolatedLibrary(Library):
         self._began_loading: float | None = None
         self.end: CallFailed | None = None
         self._functions: dict[str, Callable[..., Any]] = {}
-        self._process = WorkerProcess(path, identifier, limits.memory)
+        self._process = WorkerProcess(path, identifier, limits)
         this = weakref.ref(self)  # what C calls must not keep the library
         self._callbacks = (
             GivesUp(lambda seconds: _of(this)._gives_up(seconds)),
@@ -179,10 +179,14 @@ class IsolatedLibrary(Library):
             why = "; it called exit(), which an FMU must not do" if self._process.has_called_exit() else ""
             limit = self._limits.memory
             limited = "" if limit is None else f"; its memory is limited to {limit} bytes"
-            return self._failed(f"its process {end} in {self._current}{why}{limited}; ask its supplier")
+            killed = self._process.was_killed()
+            ask = "" if killed else "; ask its supplier"
+            return ProcessEnded(f"its process {end} in {self._current}{why}{limited}{ask}", was_killed=killed)
         longest = self._limits.call_time
         if longest is not None and seconds - self._before_loading(seconds) > longest:
-            return self._failed(f"{self._current} took longer than {longest:g} s, and its process was ended")
+            return ProcessEnded(f"{self._current} took longer than {longest:g} s, and its process was ended")
+        if self._limits.lifetime is not None and self._process.age > self._limits.lifetime:
+            return ProcessEnded(f"its process was ended after {self._limits.lifetime:g} s, in {self._current}")
         if not self._stop():
             self._stopped_at = None
         elif self._stopped_at is None:
@@ -208,9 +212,6 @@ class IsolatedLibrary(Library):
             return in_standard(functions()[number])
         return "the unloading of its library" if "_available" in self.__dict__ else "the loading of its library"
 
-    def _failed(self, text: str) -> CallFailed:
-        return CallFailed(text, status=4)
-
     # The end
 
     def close(self) -> None:
@@ -222,7 +223,7 @@ class IsolatedLibrary(Library):
     def abandon(self) -> None:
         """End the process as it is."""
         self._process.kill()
-        self.end = self.end or self._failed("its process has been ended")
+        self.end = self.end or ProcessEnded("its process has been ended")
 
 
 def _of(reference: weakref.ref[IsolatedLibrary]) -> IsolatedLibrary:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass
+from pathlib import Path
 
 from cosim.errors import SetupError
 
@@ -22,6 +23,10 @@ class Limits:
     memory : int, optional
         Memory (bytes) that an FMU may take besides what its process has when it is loaded; as much as there is by
         default.
+    lifetime : float, optional
+        Longest time (s) that the process may live.
+    output : path, optional
+        File to which is added what the FMU prints; it prints where this process does by default.
 
     Raises
     ------
@@ -31,6 +36,8 @@ class Limits:
 
     call_time: float | None = None
     memory: int | None = None
+    lifetime: float | None = None
+    output: Path | None = None
 
     def __post_init__(self) -> None:
         if self.call_time is not None and not (math.isfinite(self.call_time) and self.call_time > 0.0):

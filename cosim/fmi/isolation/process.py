@@ -9,10 +9,12 @@ import signal
 import subprocess
 import sys
 import tempfile
-from contextlib import suppress
+import time
+from contextlib import nullcontext, suppress
 from pathlib import Path
 
 from cosim.errors import SetupError
+from cosim.fmi.isolation.limits import Limits
 
 #: Size (bytes) of the memory of a channel; of it only what is used takes room.
 CHANNEL_SIZE = 1 << 28
@@ -62,21 +64,27 @@ class WorkerProcess:
         The library of the FMU.
     identifier : str
         Its model identifier.
-    memory_limit : int, optional
-        In bytes.
+    limits : Limits
     """
 
-    def __init__(self, library: Path, identifier: str, memory_limit: int | None) -> None:
+    def __init__(self, library: Path, identifier: str, limits: Limits) -> None:
         check_platform()
+        self._began = time.monotonic()
         file = _unnamed_file(CHANNEL_SIZE)
         try:
             self.memory = mmap.mmap(file, CHANNEL_SIZE)
             life, self._life = os.pipe()
             command = [sys.executable, "-P", str(_SCRIPT), str(file), str(life)]
             try:
-                self._process = subprocess.Popen(
-                    command, stdin=subprocess.DEVNULL, pass_fds=(file, life), process_group=0
-                )
+                with nullcontext() if limits.output is None else limits.output.open("ab") as output:
+                    self._process = subprocess.Popen(
+                        command,
+                        stdin=subprocess.DEVNULL,
+                        stdout=output,
+                        stderr=output,
+                        pass_fds=(file, life),
+                        process_group=0,
+                    )
             except OSError as error:
                 os.close(self._life)
                 raise SetupError(f"a process for the FMU can't be started: {error}") from error
@@ -84,13 +92,18 @@ class WorkerProcess:
                 os.close(life)
         finally:
             os.close(file)
-        task = {"path": sys.path, "library": str(library.absolute()), "identifier": identifier, "memory": memory_limit}
+        task = {"path": sys.path, "library": str(library.absolute()), "identifier": identifier, "memory": limits.memory}
         with suppress(BrokenPipeError):  # it has ended, which will be noticed
             os.write(self._life, json.dumps(task).encode() + b"\n")
 
     def __del__(self) -> None:
         if hasattr(self, "_process"):
             self.kill()
+
+    @property
+    def age(self) -> float:
+        """Time (s) since its start."""
+        return time.monotonic() - self._began
 
     @property
     def number(self) -> int:
@@ -113,6 +126,10 @@ class WorkerProcess:
     def has_called_exit(self) -> bool:
         """Whether it ended by a call of exit()."""
         return (self._process.poll() or 0) >= 0
+
+    def was_killed(self) -> bool:
+        """Whether it was killed, as by a system that is short of memory, and perhaps by no fault of its FMU."""
+        return self._process.poll() == -signal.SIGKILL
 
     def wait(self) -> None:
         """Wait for the end of a process that has been told to end; it is killed when that takes long."""
