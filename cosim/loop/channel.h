@@ -100,6 +100,7 @@ enum { MESSAGES_SIZE = 1 << 18, MOST_ARGUMENTS = 48 };
 /* A message of the FMU in the ring; then the category and the text, without ends. */
 typedef struct {
     int32_t status;
+    uint32_t call; /* that was being made */
     uint32_t category_size, text_size;
 } Message;
 

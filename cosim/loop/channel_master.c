@@ -1,7 +1,9 @@
 /* The master's side of a channel: functions that are called as those of an FMU, with a `Remote` in place of the instance.
  *
  * Each comes as isolated_<name>, and those that only set values also as deferred_<name>: they wait in the area until a
- * call comes whose result is wanted, and go over the channel together with it. */
+ * call comes whose result is wanted, and go over the channel together with it. Steps and what reads values come also as
+ * foreseen_<name>: what has been read right after the step before is asked for together with the next step, and its answer
+ * kept until it is wanted. So the FMU sees the same calls in the same order. */
 #ifndef _WIN32
 #define _GNU_SOURCE
 #include "channel_sides.h"
@@ -12,14 +14,23 @@
 #include <string.h>
 
 /* Statuses beyond those of FMI: the worker is gone; a call that was deferred has failed; the arguments are too large. */
-enum { LOST = 110, FAILED_BEFORE, TOO_LARGE };
+enum { LOST = 110, FAILED_BEFORE, TOO_LARGE, NOT_MADE };
 
-enum { MOST_CALLS = 128, LOOK = 20000000 /* ns */ };
+enum { MOST_CALLS = 128, MOST_FORESEEN = 16, LOOK = 20000000 /* ns */ };
 
 /* Called while a call takes long, and has taken so many seconds; whether the worker is to be given up. */
 typedef int GiveUp(double seconds);
 typedef void Take(int status, const char *category, const char *text);
 typedef void WarnedOf(int function);
+
+/* A call that reads values; `at` is where its answer is, and `place` where the values are. */
+typedef struct {
+    FunctionNumber function;
+    const uint32_t *references;
+    size_t n_references, n;
+    uint64_t size, at, place;
+    void *values;
+} Reading;
 
 /* An FMU in another process. */
 typedef struct {
@@ -35,6 +46,10 @@ typedef struct {
     uint32_t n_calls, asked;
     int32_t failed, status; /* the deferred function that failed, and how */
     bool is_lost;
+    Reading foreseen[MOST_FORESEEN]; /* what is read right after a step */
+    int32_t n_foreseen, n_ready, n_taken; /* how many are known; have been answered with the last step; have been taken */
+    bool is_learning; /* since the last step nothing but these was called */
+    uint32_t heard; /* messages of later calls are not wanted yet */
     void *values; /* what the FMU gave: pointers, and then the texts and binary values that they point to */
 } Remote;
 
@@ -98,6 +113,7 @@ EXPORT void channel_hear(Remote *r) {
         Message message = {0};
         uint64_t left = written - r->read;
         if (left <= MESSAGES_SIZE && left >= sizeof message) read_message(r, &message, sizeof message, r->read);
+        if (message.call > r->heard) break;
         uint64_t at = r->read + sizeof message, size = (uint64_t)message.category_size + message.text_size;
         if (left > MESSAGES_SIZE || left < sizeof message + size || message.category_size >= LONGEST ||
             message.text_size >= LONGEST) {
@@ -125,6 +141,7 @@ static bool is_answered(Remote *r) {
             __atomic_store_n(&channel->master_sleeps, 1, __ATOMIC_SEQ_CST);
             if (seen(&channel->answered) == before) sleep_at(&channel->answered, before, LOOK);
             __atomic_store_n(&channel->master_sleeps, 0, __ATOMIC_SEQ_CST);
+            if (r->channel->written - r->read > MESSAGES_SIZE / 2) r->heard = UINT32_MAX; /* it may wait for room */
             channel_hear(r);
             int64_t now = nanoseconds();
             if (now - looked < LOOK || seen(&channel->answered) != before) continue;
@@ -140,20 +157,18 @@ static bool is_answered(Remote *r) {
 
 static Call *call_in(const Remote *r, uint64_t start) { return (Call *)(r->channel->area + start); }
 
-/* Have the calls made that stand in the area; LOST, or 0. */
-static int have_made(Remote *r) {
+/* Have the calls made that stand in the area; LOST, FAILED_BEFORE where one of the first failed, or 0. */
+static int have_made(Remote *r, uint32_t n_before) {
     Channel *channel = r->channel;
     channel->n_calls = r->n_calls;
     tell(&channel->asked, ++r->asked, &channel->worker_sleeps);
     bool made = is_answered(r);
-    uint32_t n = r->n_calls;
     r->n_calls = 0;
     r->used = 0;
     if (!made) return LOST;
-    for (uint32_t k = 0; k < n; k++) {
+    for (uint32_t k = 0; k < n_before; k++) {
         const Call *call = call_in(r, r->starts[k]);
         int status = call->status;
-        if (k + 1 == n) break;
         if (status == 1) r->warned((int)call->function);
         else if (status) {
             r->failed = (int32_t)call->function;
@@ -207,11 +222,18 @@ static bool take_back(Remote *r, const Passed *passed, uint64_t at) {
     return true;
 }
 
-/* Call a function of the FMU; where it need not be at once, its status is OK, and it is made before the next one that
- * must. */
-static int call(Remote *r, FunctionNumber function, bool at_once, const Passed passed[], uint32_t n) {
-    if (r->is_lost) return LOST;
-    uint64_t places[MOST_ARGUMENTS], size = sizeof(Call) + n * sizeof(Argument);
+/* What comes now is not what was foreseen. */
+static void stop_foreseeing(Remote *r) {
+    if (r->n_taken < r->n_ready) r->n_foreseen = r->n_taken;
+    r->n_ready = r->n_taken = 0;
+    r->is_learning = false;
+    r->heard = UINT32_MAX;
+    channel_hear(r);
+}
+
+/* Put a call behind those that are in the area, and say where its arguments are; 0, LOST, FAILED_BEFORE or TOO_LARGE. */
+static int append(Remote *r, FunctionNumber function, const Passed passed[], uint32_t n, uint64_t places[]) {
+    uint64_t size = sizeof(Call) + n * sizeof(Argument);
     for (uint32_t i = 0; i < n; i++) {
         places[i] = size = ALIGNED(size);
         if (passed[i].size > r->capacity) return TOO_LARGE;
@@ -219,31 +241,113 @@ static int call(Remote *r, FunctionNumber function, bool at_once, const Passed p
     }
     size = ALIGNED(size);
     if (r->n_calls == MOST_CALLS || r->used + size > r->capacity) {
-        int status = r->n_calls ? have_made(r) : 0;
+        int status = r->n_calls ? have_made(r, r->n_calls) : 0;
         if (status) return status;
         if (size > r->capacity) return TOO_LARGE;
     }
     uint64_t start = r->last = r->starts[r->n_calls++] = r->used;
     r->used += size;
-    Call *made = (Call *)(r->channel->area + start);
-    *made = (Call){.function = function, .n_arguments = n, .end = r->used};
+    Call *made = call_in(r, start);
+    *made = (Call){.function = function, .n_arguments = n, .status = NOT_MADE, .end = r->used};
     Argument *argument = (Argument *)(made + 1);
     for (uint32_t i = 0; i < n; i++) {
         bool is_number = passed[i].passing <= ABSENT;
-        argument[i] =
-            (Argument){passed[i].passing, is_number ? passed[i].value : start + places[i], passed[i].size, passed[i].n};
-        if (!is_number) put(r, &passed[i], start + places[i]);
+        places[i] += start;
+        argument[i] = (Argument){passed[i].passing, is_number ? passed[i].value : places[i], passed[i].size, passed[i].n};
+        if (!is_number) put(r, &passed[i], places[i]);
     }
-    if (!at_once) return 0;
+    return 0;
+}
+
+/* Have the calls in the area made, of which one is wanted now: its status, and what it gives. */
+static int have_one_made(Remote *r, uint32_t number, const Passed passed[], uint32_t n, const uint64_t places[]) {
+    Call *made = call_in(r, r->starts[number]);
     uint64_t end = r->used;
-    int status = have_made(r);
+    int status = have_made(r, number);
     if (status) return status;
     status = made->status;
     for (uint32_t i = 0; i < n; i++) {
         if (passed[i].passing == FILLED)
-            memcpy((void *)passed[i].pointer, r->channel->area + start + places[i], passed[i].size);
+            memcpy((void *)passed[i].pointer, r->channel->area + places[i], passed[i].size);
         else if (passed[i].passing == TEXTS_BACK || passed[i].passing == BLOBS_BACK)
             if (status <= 1 && !(made->result && take_back(r, &passed[i], end))) return TOO_LARGE;
+    }
+    return status;
+}
+
+/* Call a function of the FMU; where it need not be at once, its status is OK, and it is made before the next one that
+ * must. */
+static int call(Remote *r, FunctionNumber function, bool at_once, const Passed passed[], uint32_t n) {
+    if (r->is_lost) return LOST;
+    if (r->is_learning) stop_foreseeing(r);
+    if (at_once) r->n_foreseen = 0; /* who calls is not the loop, and what it has read may be gone */
+    uint64_t places[MOST_ARGUMENTS];
+    int status = append(r, function, passed, n, places);
+    if (status || !at_once) return status;
+    return have_one_made(r, r->n_calls - 1, passed, n, places);
+}
+
+/* A step, and with it what was read right after the one before. */
+static int take_step(Remote *r, FunctionNumber function, const Passed passed[], uint32_t n) {
+    if (r->is_lost) return LOST;
+    if (r->is_learning) stop_foreseeing(r);
+    uint64_t places[MOST_ARGUMENTS], of_reading[MOST_ARGUMENTS];
+    int status = append(r, function, passed, n, places);
+    if (status) return status;
+    uint64_t start = r->last;
+    uint32_t number = r->heard = r->n_calls - 1;
+    int32_t n_asked = 0;
+    for (; n_asked < r->n_foreseen && r->n_calls < MOST_CALLS; n_asked++) {
+        Reading *reading = &r->foreseen[n_asked];
+        const Passed arguments[] = {given(reading->references, reading->n_references * sizeof *reading->references),
+                                    integer((int64_t)reading->n_references), filled(reading->values, reading->size),
+                                    integer((int64_t)reading->n)};
+        if (r->used + reading->size + 4096 + reading->n_references * 4 > r->capacity) break;
+        append(r, reading->function, arguments, reading->n ? 4 : 3, of_reading);
+        reading->at = r->last;
+        reading->place = of_reading[2];
+    }
+    r->last = start;
+    status = have_one_made(r, number, passed, n, places);
+    if (status == LOST || status > 1) {
+        r->heard = UINT32_MAX;
+        return status;
+    }
+    r->is_learning = true;
+    r->n_taken = r->n_ready = 0;
+    while (r->n_ready < n_asked && call_in(r, r->foreseen[r->n_ready].at)->status != NOT_MADE) r->n_ready++;
+    return status;
+}
+
+/* Read values; `n` where the function wants their number. */
+static int take_reading(Remote *r, FunctionNumber function, const uint32_t *references, size_t n_references,
+                        void *values, uint64_t size, size_t n) {
+    if (r->is_lost) return LOST;
+    Reading reading = {.function = function, .references = references, .n_references = n_references, .n = n};
+    reading.size = size;
+    reading.values = values;
+    if (r->is_learning && r->n_taken < r->n_ready) {
+        const Reading *known = &r->foreseen[r->n_taken];
+        if (known->function == function && known->references == references && known->n_references == n_references &&
+            known->values == values && known->size == size) {
+            memcpy(values, r->channel->area + known->place, size);
+            r->n_taken++;
+            r->heard++;
+            if (__atomic_load_n(&r->channel->written, __ATOMIC_SEQ_CST) != r->read) channel_hear(r);
+            return call_in(r, known->at)->status;
+        }
+        stop_foreseeing(r);
+    }
+    r->heard = UINT32_MAX;
+    const Passed arguments[] = {given(references, n_references * sizeof *references), integer((int64_t)n_references),
+                                filled(values, size), integer((int64_t)n)};
+    uint64_t places[4];
+    int status = append(r, function, arguments, n ? 4 : 3, places);
+    if (status) return status;
+    status = have_one_made(r, r->n_calls - 1, arguments, n ? 4 : 3, places);
+    if (r->is_learning && r->n_taken < MOST_FORESEEN) {
+        r->foreseen[r->n_taken++] = reading;
+        r->n_foreseen = r->n_ready = r->n_taken;
     }
     return status;
 }
@@ -261,6 +365,7 @@ EXPORT Remote *channel_begin(void *memory, uint64_t size, GiveUp *gives_up, Take
     r->take = take;
     r->warned = warned;
     r->asked = r->channel->asked = 1;
+    r->heard = UINT32_MAX;
     return r;
 }
 
@@ -276,7 +381,7 @@ EXPORT int channel_loaded(Remote *r) { return r->is_lost || !is_answered(r) ? LO
 /* Have the worker end; LOST, or 0. */
 EXPORT int channel_end(Remote *r) {
     r->n_calls = 0;
-    return r->is_lost ? LOST : have_made(r);
+    return r->is_lost ? LOST : have_made(r, 0);
 }
 
 EXPORT void channel_free(Remote *r) {
@@ -370,13 +475,15 @@ EXPORT int isolated_fmi1InitializeSlave(Remote *r, double start, char has_stop, 
 EXPERIMENT(fmi2SetupExperiment, int)
 EXPERIMENT(fmi3EnterInitializationMode, bool)
 
-EXPORT int isolated_fmi1DoStep(Remote *r, double time, double step, char is_new) {
-    return CALL(fmi1DoStep, real(time), real(step), integer(is_new));
-}
-
-EXPORT int isolated_fmi2DoStep(Remote *r, double time, double step, int is_last) {
-    return CALL(fmi2DoStep, real(time), real(step), integer(is_last));
-}
+#define STEP_ALONE(name, truth) \
+    EXPORT int isolated_##name(Remote *r, double time, double step, truth is_new) { \
+        return CALL(name, real(time), real(step), integer(is_new)); \
+    } \
+    EXPORT int foreseen_##name(Remote *r, double time, double step, truth is_new) { \
+        return take_step(r, N_##name, PASSED(real(time), real(step), integer(is_new))); \
+    }
+STEP_ALONE(fmi1DoStep, char)
+STEP_ALONE(fmi2DoStep, int)
 
 /* The numbers of an operation that answers for inputs during a step, in memory of their own. */
 static Passed beside(const Operation *op) {
@@ -396,8 +503,8 @@ static Passed beside(const Operation *op) {
     return passed;
 }
 
-EXPORT int isolated_fmi3DoStep(Remote *r, double time, double step, bool keeps_no_state, bool *event, bool *ends,
-                               bool *early, double *last) {
+static int step_of_fmi3(Remote *r, bool is_foreseen, double time, double step, bool keeps_no_state, bool *event,
+                        bool *ends, bool *early, double *last) {
     enum { OWN = 7 };
     Passed passed[MOST_ARGUMENTS] = {real(time),      real(step),       integer(keeps_no_state),   filled(event, 1),
                                      filled(ends, 1), filled(early, 1), filled(last, sizeof *last)};
@@ -406,7 +513,8 @@ EXPORT int isolated_fmi3DoStep(Remote *r, double time, double step, bool keeps_n
     if (op) do
             passed[n++] = beside(op);
         while (op++->more && n < MOST_ARGUMENTS);
-    int status = call(r, N_fmi3DoStep, true, passed, n);
+    int status =
+        is_foreseen ? take_step(r, N_fmi3DoStep, passed, n) : call(r, N_fmi3DoStep, true, passed, n);
     uint64_t at = ALIGNED(sizeof(Call) + n * sizeof(Argument));
     for (uint32_t i = 0; i < n; at = ALIGNED(at + passed[i].size), i++)
         if (passed[i].passing == BESIDE) {
@@ -417,6 +525,16 @@ EXPORT int isolated_fmi3DoStep(Remote *r, double time, double step, bool keeps_n
             free((void *)passed[i].pointer);
         }
     return status;
+}
+
+EXPORT int isolated_fmi3DoStep(Remote *r, double time, double step, bool keeps_no_state, bool *event, bool *ends,
+                               bool *early, double *last) {
+    return step_of_fmi3(r, false, time, step, keeps_no_state, event, ends, early, last);
+}
+
+EXPORT int foreseen_fmi3DoStep(Remote *r, double time, double step, bool keeps_no_state, bool *event, bool *ends,
+                               bool *early, double *last) {
+    return step_of_fmi3(r, true, time, step, keeps_no_state, event, ends, early, last);
 }
 
 EXPORT int isolated_fmi3UpdateDiscreteStates(Remote *r, bool *needed, bool *ends, bool *nominals, bool *values,
@@ -448,8 +566,13 @@ STATUS(fmi2GetBooleanStatus, 4)
     EXPORT int side##_##name(Remote *r, References references, size_t n_references, const void *values) { \
         return call(r, N_##name, at_once, PASSED(REFERRED, given(values, n_references * (size)))); \
     }
+#define READ2(name, size) \
+    EXPORT int foreseen_##name(Remote *r, References references, size_t n_references, void *values) { \
+        return take_reading(r, N_##name, references, n_references, values, n_references *(size), 0); \
+    }
 #define EXCHANGE2(version, type, size) \
     GET2(version##Get##type, size) \
+    READ2(version##Get##type, size) \
     SET2(isolated, true, version##Set##type, size) \
     SET2(deferred, false, version##Set##type, size)
 EXCHANGE2(fmi1, Real, 8)
@@ -472,8 +595,13 @@ SET2(isolated, true, fmi3SetShiftDecimal, 8)
     EXPORT int side##_##name(Remote *r, References references, size_t n_references, const void *values, size_t n) { \
         return call(r, N_##name, at_once, PASSED(REFERRED, given(values, n * (size)), integer((int64_t)n))); \
     }
+#define READ3(name, size) \
+    EXPORT int foreseen_##name(Remote *r, References references, size_t n_references, void *values, size_t n) { \
+        return take_reading(r, N_##name, references, n_references, values, n *(size), n); \
+    }
 #define EXCHANGE3(type, size) \
     GET3(fmi3Get##type, size) \
+    READ3(fmi3Get##type, size) \
     SET3(isolated, true, fmi3Set##type, size) \
     SET3(deferred, false, fmi3Set##type, size)
 EXCHANGE3(Float32, 4)

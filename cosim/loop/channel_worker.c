@@ -38,7 +38,7 @@ static void write_message(const void *bytes, uint64_t size, uint64_t at) {
 static void pass_on(void *environment, const char *name, int status, const char *category, const char *text) {
     (void)environment, (void)name;
     enum { LONGEST_CATEGORY = 255, LONGEST_TEXT = 8191 };
-    Message message = {.status = status};
+    Message message = {.status = status, .call = channel->at};
     message.category_size = category ? (uint32_t)strnlen(category, LONGEST_CATEGORY) : 0;
     message.text_size = text ? (uint32_t)strnlen(text, LONGEST_TEXT) : 0;
     uint64_t size = sizeof message + message.category_size + message.text_size;

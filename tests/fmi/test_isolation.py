@@ -60,7 +60,7 @@ def one(fmu: Path, start: Mapping[str, Any] | None = None, **signals: Callable[[
     return system
 
 
-# The same numbers
+# The same numbers, by the same calls
 
 
 def facts(results: Results) -> Any:
@@ -139,6 +139,17 @@ def test_a_state_goes_back_and_to_an_fmu_in_this_process(tmp_path: Path) -> None
         run.restore(state)
         run.step(5)
         assert run.results.values.tobytes() == whole.values.tobytes()
+
+
+def test_an_fmu_gets_the_same_calls_in_the_same_order(tmp_path: Path) -> None:
+    fmu = compiled(tmp_path, "fmi2_probe")
+    journals = []
+    for isolate in (False, True):
+        journal = tmp_path / f"{isolate}.txt"
+        simulate(one(fmu, {"journal": str(journal)}, u=lambda t: t), 1.0, 0.1, isolate=isolate)
+        journals.append(journal.read_text())
+    assert len(journals[0]) > 100
+    assert journals[0] == journals[1]
 
 
 def test_components_may_be_isolated_one_by_one_and_at_the_same_time(tmp_path: Path) -> None:
@@ -253,7 +264,7 @@ def ctrl_c_when_it_never_returns() -> threading.Thread:
     return thread
 
 
-@pytest.mark.parametrize("threads", [1, 2])
+@pytest.mark.parametrize("threads", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_ctrl_c_ends_a_run_whose_fmu_never_returns(tmp_path: Path, threads: int) -> None:
     system = one(ender(tmp_path / "f.fmu", "STEPPING", "FOREVER"))
     system.add("tank", tank(tmp_path / "tank.fmu"), start={"u": 1.0})
@@ -314,6 +325,7 @@ def test_no_process_outlives_the_program(tmp_path: Path, number: signal.Signals)
         assert json.loads((tmp_path / "o/summary.json").read_text())["status"] == "interrupted"
 
 
+@pytest.mark.slow
 def test_a_crash_leaves_results_and_a_line(tmp_path: Path) -> None:
     with program(ender(tmp_path / "f.fmu", "STEPPING", "EXIT_0")) as process:
         _, said = process.communicate(timeout=PATIENCE)
@@ -351,8 +363,9 @@ def test_what_can_not_be_isolated_is_refused(tmp_path: Path) -> None:
         System().add("a", "a.fmu", isolate="yes")  # type: ignore[arg-type]
 
 
-def test_a_call_too_large_is_refused(tmp_path: Path) -> None:
-    system = one(compiled(tmp_path, "fmi3_types"), {"Binary": bytes(300_000_000)})
+def test_a_call_too_large_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cosim.fmi.isolation.process.CHANNEL_SIZE", 400_000)
+    system = one(compiled(tmp_path, "fmi3_types"), {"Binary": bytes(300_000)})
     with pytest.raises(SimulationError, match=r"fmi3SetBinary: its values are more than \d+ bytes"):
         simulate(system, 1.0, 0.1, isolate=True)
 

@@ -119,9 +119,9 @@ class IsolatedLibrary(Library):
         return self._functions[name]
 
     def address(self, name: str) -> int:
-        """See `Library`; functions that set values are made together with the next call."""
-        deferred = hasattr(channel_library(), f"deferred_{name}")
-        function = self._stub(name, "deferred" if deferred else "isolated")
+        """See `Library`; functions that set values are made together with the next call, and values read ahead."""
+        sides = ("deferred", "foreseen", "isolated")
+        function = self._stub(name, next(side for side in sides if hasattr(channel_library(), f"{side}_{name}")))
         return ctypes.cast(function, ctypes.c_void_p).value or 0  # type: ignore[arg-type]
 
     def _stub(self, name: str, side: str) -> Callable[..., Any]:
