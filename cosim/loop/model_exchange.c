@@ -182,7 +182,32 @@ static bool step_dopri5(Group *g, double time, double end, double *restrict resu
     return true;
 }
 
+typedef double *CVodeValues(void *);
+typedef int CVodeStep(void *, double, void *, double *, int);
+typedef int CVodeBegin(void *, double, void *);
+typedef int CVodeAllow(void *, double, void *);
+typedef int CVodeStop(void *, double);
+typedef int CVodeLook(void *, double, int, void *);
+
+/* One step that CVode chooses itself; and more than that, which goes on for so many tries. */
+enum { ONE_STEP = 2 };
+
+int group_rates(double time, void *states, void *rates, void *group) {
+    Group *g = group;
+    CVodeValues *values = (CVodeValues *)g->cvode_values;
+    if (rates_at(g, time, values(states), values(rates))) return 0;
+    return g->status == DISCARD || g->status == NOT_FINITE ? 1 : -1; /* a shorter step may be possible, or not */
+}
+
+/* States within the last step of CVode. */
+static bool look(Group *g, double time, double *result) {
+    if (((CVodeLook *)g->cvode_look)(g->cvode_memory, time, 0, g->cvode_within)) return false;
+    memcpy(result, g->trial, (size_t)g->n_states * sizeof *result);
+    return true;
+}
+
 static bool step_to(Group *g, double time, double end, double *result) {
+    if (g->method == CVODE) return look(g, end, result);
     return g->method == DOPRI5 ? step_dopri5(g, time, end, result) : step_rk4(g, time, end, result);
 }
 
@@ -226,19 +251,38 @@ static bool fail(Group *g, int status, double time) {
     return false;
 }
 
+static bool step_cvode(Group *g, double time, double stop, double *reached) {
+    size_t size = (size_t)g->n_states * sizeof *g->next;
+    if (g->begins) {
+        memcpy(g->next, g->states, size);
+        for (int32_t i = 0; i < g->n_states; i++) g->allowed[i] = g->tolerance * g->nominals[i];
+        if (((CVodeBegin *)g->cvode_begin)(g->cvode_memory, time, g->cvode_states) ||
+            ((CVodeAllow *)g->cvode_allow)(g->cvode_memory, g->tolerance, g->cvode_errors))
+            return fail(g, CVODE_FAILED, time);
+        g->begins = false;
+    }
+    ((CVodeStop *)g->cvode_stop)(g->cvode_memory, stop);
+    g->status = 0;
+    int status = ((CVodeStep *)g->cvode_step)(g->cvode_memory, stop, g->cvode_states, reached, ONE_STEP);
+    g->n_steps++;
+    if (status >= 0) return all_finite(g->next, g->n_states) || fail(g, STATES_NOT_FINITE, time);
+    return g->status ? false : fail(g, CVODE_FAILED, time);
+}
+
 /* One step of the method towards `stop`, into `next`; where it has come to. */
 static bool step(Group *g, double time, double stop, double *reached) {
-    if (!g->rates_known) {
+    if (!g->rates_known && g->method != CVODE) {
         if (!g->is_exchanged && !move_all(g, time, g->states)) return false;
         if (!get_rates(g, g->rates)) return false;
         g->rates_known = true;
     }
-    if (g->method == RK4) {
+    if (g->method == RK4 || !g->n_states) {
         *reached = stop;
         g->n_steps++;
         return step_rk4(g, time, stop, g->next) &&
                (all_finite(g->next, g->n_states) || fail(g, STATES_NOT_FINITE, time));
     }
+    if (g->method == CVODE) return step_cvode(g, time, stop, reached);
     double h = stop - time;
     if (!(g->proposed > 0.0)) g->proposed = first_step(g, h);
     while (true) {
@@ -343,6 +387,7 @@ static bool leave_event_mode(Group *g) {
         for (int32_t i = 0; i < g->n_states; i++)
             g->nominals[i] = isfinite(g->nominals[i]) && g->nominals[i] != 0.0 ? fabs(g->nominals[i]) : 1.0;
     }
+    g->begins = true;
     g->exchanged_at = NAN;
     g->is_exchanged = true;
     g->rates_known = g->indicators_known = false;
@@ -457,6 +502,7 @@ int group_advance(const Loop *loop, const Operation *op, int64_t point, double t
     bool due = false;
     EACH(c) due |= c->mode == EVENT_MODE;
     if (!set_time(g, time) || (due && !happen(g, time)) || (!g->states_known && !get_states(g))) return g->status;
+    EACH(c) g->begins |= c->is_fed; /* inputs from outside may jump, or change their slopes */
     g->is_exchanged = true;
     g->rates_known = false;
     g->exchanged_at = NAN;
@@ -598,6 +644,17 @@ static const Field layout[] = {
     FIELD(Group, indicators),
     FIELD(Group, later),
     FIELD(Group, tried),
+    FIELD(Group, cvode_memory),
+    FIELD(Group, cvode_states),
+    FIELD(Group, cvode_within),
+    FIELD(Group, cvode_errors),
+    FIELD(Group, cvode_step),
+    FIELD(Group, cvode_begin),
+    FIELD(Group, cvode_allow),
+    FIELD(Group, cvode_stop),
+    FIELD(Group, cvode_look),
+    FIELD(Group, cvode_values),
+    FIELD(Group, allowed),
     FIELD(Group, values_before),
     FIELD(Group, tolerance),
     FIELD(Group, proposed),
@@ -623,6 +680,7 @@ static const Field layout[] = {
     FIELD(Group, indicators_known),
     FIELD(Group, states_known),
     FIELD(Group, ended_by),
+    FIELD(Group, begins),
     FIELD(Group, at_once),
     FIELD(Group, failed_component),
     FIELD(Group, failed_function),

@@ -23,7 +23,7 @@ typedef enum {
 
 typedef enum { INITIALIZATION, EVENT_MODE, CONTINUOUS_TIME_MODE } Mode;
 
-typedef enum { RK4, DOPRI5 } Method;
+typedef enum { RK4, DOPRI5, CVODE } Method;
 
 typedef struct {
     void *instance;
@@ -69,6 +69,10 @@ typedef struct {
     GroupExchange stage, event; /* in continuous-time mode, and in event mode */
     double *states, *next, *trial, *rates, *nominals; /* rates: 7 rows, of stages */
     double *indicators, *later, *tried;
+    /* of CVode: its memory, vectors on `next`, on `trial` and on errors that are allowed, and its functions */
+    void *cvode_memory, *cvode_states, *cvode_within, *cvode_errors;
+    void *cvode_step, *cvode_begin, *cvode_allow, *cvode_stop, *cvode_look, *cvode_values;
+    double *allowed; /* errors of CVode */
     double *values_before; /* as many as the system has, to see what an event changes */
     double tolerance, proposed,
         last_error; /* of the adaptive method: its next step (s), and its last error over what is allowed */
@@ -85,6 +89,7 @@ typedef struct {
     int32_t is_exchanged; /* whether inputs belong to the time and the states that the components have */
     int32_t rates_known, indicators_known, states_known;
     int32_t ended_by; /* component that ended the simulation, or NONE */
+    int32_t begins; /* CVode begins anew */
     int32_t at_once; /* events that have followed each other without time passing */
     /* how it failed: a function of a component, or else an operation of an exchange */
     int32_t failed_component, failed_function, failed_exchange, status;
@@ -96,12 +101,15 @@ typedef struct {
 enum { IN_STAGE = 1, IN_STAGE_AGAIN, IN_EVENT, AT_POINT };
 
 /* Statuses beyond those of the loop. */
-enum { ENDLESS_UPDATES = 120, ENDLESS_EVENTS, STEP_TOO_SHORT, STATES_NOT_FINITE };
+enum { ENDLESS_UPDATES = 120, ENDLESS_EVENTS, STEP_TOO_SHORT, STATES_NOT_FINITE, CVODE_FAILED };
 
 /* Functions of GROUP operations, in the thread of Python: before and after the exchange at a communication point, and from it to the next one. */
 EXPORT int group_begin(const Loop *loop, const Operation *op, int64_t point, double time);
 EXPORT int group_finish(const Loop *loop, const Operation *op, int64_t point, double time);
 EXPORT int group_advance(const Loop *loop, const Operation *op, int64_t point, double time);
+
+/* Right-hand side for CVode. */
+EXPORT int group_rates(double time, void *states, void *rates, void *group);
 
 /* In place of an FMU's function: set inputs in event mode, which the component enters if they change. */
 EXPORT int set_discrete_fmi2(void *inputs, const uint32_t *references, size_t n_references, const void *values);

@@ -29,10 +29,10 @@ FUNCTIONS = {
 }
 
 #: Methods of integration by name.
-METHODS = {"rk4": 0, "dopri5": 1}
+METHODS = {"rk4": 0, "dopri5": 1, "cvode": 2}
 
 #: Statuses beyond those of the loop.
-ENDLESS_UPDATES, ENDLESS_EVENTS, STEP_TOO_SHORT, STATES_NOT_FINITE = 120, 121, 122, 123
+ENDLESS_UPDATES, ENDLESS_EVENTS, STEP_TOO_SHORT, STATES_NOT_FINITE, CVODE_FAILED = 120, 121, 122, 123, 124
 
 #: Exchanges in which an operation failed.
 IN_STAGE, IN_STAGE_AGAIN, IN_EVENT, AT_POINT = 1, 2, 3, 4
@@ -109,13 +109,19 @@ class Group(ctypes.Structure):
         ("stage", GroupExchange),
         ("event", GroupExchange),
         *((name, POINTER(c_double)) for name in ("states", "next", "trial", "rates", "nominals")),
-        *((name, POINTER(c_double)) for name in ("indicators", "later", "tried", "values_before")),
+        *((name, POINTER(c_double)) for name in ("indicators", "later", "tried")),
+        *((f"cvode_{name}", c_void_p) for name in ("memory", "states", "within", "errors")),
+        *((f"cvode_{name}", c_void_p) for name in ("step", "begin", "allow", "stop", "look", "values")),
+        *((name, POINTER(c_double)) for name in ("allowed", "values_before")),
         *((name, c_double) for name in ("tolerance", "proposed", "last_error", "last_event", "time", "exchanged_at")),
         ("ended_at", c_double),
         *((name, c_int64) for name in ("n_steps", "n_rejected", "n_events", "first_again", "n_again")),
         *((name, c_int32) for name in ("method", "steps", "n_components", "n_states", "n_indicators")),
         *((name, c_int32) for name in ("exchanges_at_end", "exchanges_at_start", "is_exchanged")),
-        *((name, c_int32) for name in ("rates_known", "indicators_known", "states_known", "ended_by", "at_once")),
+        *(
+            (name, c_int32)
+            for name in ("rates_known", "indicators_known", "states_known", "ended_by", "begins", "at_once")
+        ),
         *((name, c_int32) for name in ("failed_component", "failed_function", "failed_exchange", "status")),
         ("failed_operation", c_int64),
         ("failed_at", c_double),

@@ -116,7 +116,7 @@ EXTRAPOLATIONS: dict[str, Extrapolation] = {}
 AUTO = "auto"
 
 #: What integrates components in model exchange, by name; see `cosim.master.model_exchange.Solver`.
-SOLVERS = (AUTO, "rk4", "dopri5")
+SOLVERS = (AUTO, "rk4", "dopri5", "cvode")
 
 #: Derivatives of inputs of a higher order than this are passed to no FMU.
 MOST_DEGREE = 3

@@ -25,6 +25,7 @@ from cosim.loop.arena import Arena
 from cosim.loop.binding import NONE, NOT_FINITE, Operation, OperationKind
 from cosim.loop.model_exchange import (
     AT_POINT,
+    CVODE_FAILED,
     ENDLESS_EVENTS,
     ENDLESS_UPDATES,
     FUNCTIONS,
@@ -65,9 +66,10 @@ class Solver:
     Attributes
     ----------
     method : str
-        "rk4", the classical method of Runge and Kutta with a fixed step, or "dopri5", that of Dormand and Prince with
-        error control. "auto" is rk4 where somebody has chosen model exchange, and dopri5 where an FMU has nothing else:
-        then nobody has chosen a step for it.
+        "rk4", the classical method of Runge and Kutta with a fixed step; "dopri5", that of Dormand and Prince with
+        error control; or "cvode", CVode of SUNDIALS, which is implicit, for stiff equations. "auto" is rk4 where
+        somebody has chosen model exchange, and dopri5 where an FMU has nothing else: then nobody has chosen a step for
+        it.
     step : float, optional
         Longest step of a fixed method, in s, which divides the communication step; that itself by default.
 
@@ -95,6 +97,17 @@ class Solver:
         if self.method != AUTO:
             return self
         return Solver("rk4" if interface_chosen or self.step is not None else "dopri5", self.step)
+
+    def check_states(self) -> None:
+        """Whether a run with it can be saved.
+
+        Raises
+        ------
+        SetupError
+            It can't.
+        """
+        if self.method == "cvode":
+            raise SetupError("solver 'cvode' keeps earlier steps, which can't be saved; use solver 'rk4' or 'dopri5'")
 
     def steps_in(self, step_size: float) -> int:
         """Number of steps in a communication step (s).
@@ -344,6 +357,7 @@ class ModelExchangeGroup:
         group.last_event, group.last_error, group.proposed = -math.inf, 1.0, 0.0
         group.n_steps = group.n_rejected = group.n_events = group.at_once = 0
         group.ended_by = NONE
+        group.begins = 1
         group.is_exchanged = group.rates_known = group.indicators_known = group.states_known = 0
         for inputs, _ in self._discrete:
             inputs.known = 0
@@ -364,15 +378,27 @@ class ModelExchangeGroup:
             group.n_states += n_states
             group.n_indicators += n_indicators
         self._arrays = []
-        for name, rows in (("states", 1), ("next", 1), ("trial", 1), ("rates", 7), ("nominals", 1)):
+        for name, rows in (("states", 1), ("next", 1), ("trial", 1), ("rates", 7), ("nominals", 1), ("allowed", 1)):
             self._arrays.append(np.zeros(max(1, rows * group.n_states)))
             setattr(group, name, _doubles(self._arrays[-1]))
+        if self._solver.method == "cvode" and group.n_states:
+            from cosim.master.cvode import CVode  # loads SUNDIALS
+
+            _, next_states, trial, *_, allowed = self._arrays
+            self._cvode = CVode(group, next_states, trial, allowed)
         for name, rows in (("indicators", 1), ("later", 1), ("tried", 2)):
             self._arrays.append(np.zeros(max(1, rows * group.n_indicators)))
             setattr(group, name, _doubles(self._arrays[-1]))
 
     def numbers(self) -> list[float]:
-        """What of it belongs to the state of a run."""
+        """What of it belongs to the state of a run.
+
+        Raises
+        ------
+        SetupError
+            Its method keeps something that can't be saved.
+        """
+        self._solver.check_states()
         group = self._group
         last = [float(byte) for inputs, last in self._discrete for byte in (inputs.known, *last.raw)]
         indicators = [group.indicators[i] for i in range(group.n_indicators)]
@@ -468,6 +494,8 @@ _REASONS = {
     "model exchange; one of them never comes to rest",
     ENDLESS_EVENTS: "events of the components in model exchange follow each other without time passing; one of them "
     "chatters",
+    CVODE_FAILED: "CVode can't integrate the components in model exchange from there on: their states change too fast, "
+    "or jump without an event",
     STEP_TOO_SHORT: "the components in model exchange need a step that is too short to be taken; their states change "
     "too fast, or jump without an event",
     STATES_NOT_FINITE: f"states of the components in model exchange are not finite; {_SHORTER}",

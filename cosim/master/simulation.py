@@ -121,8 +121,8 @@ class Simulation:
         "auto", which is co-simulation where an FMU has it and else model exchange. Components in model exchange are
         integrated together, and are coupled exactly.
     solver : str
-        What integrates them: "rk4", with a fixed step, or "dopri5", with error control by the tolerance. "auto" is rk4
-        where model exchange was chosen, and dopri5 where an FMU has nothing else.
+        What integrates them: "rk4", with a fixed step, "dopri5", with error control by the tolerance, or "cvode", for
+        stiff equations. "auto" is rk4 where model exchange was chosen, and dopri5 where an FMU has nothing else.
     solver_step : float, optional
         Step (s) of a fixed method, which divides the communication step; that itself by default.
     iterations : int or "auto", optional
@@ -796,6 +796,8 @@ class Simulation:
         SetupError
             One can't.
         """
+        if any(port.is_model_exchange for port in self._ports.values()):
+            self._solver.check_states()
         for name, fmu in self._fmus.items():
             try:
                 self._instances[name].check_states()

@@ -308,7 +308,7 @@ def test_every_example_is_compared_with_something() -> None:
     assert {example.module for example in EXAMPLES} == {path.stem for path in FOLDER.glob("*.py")}
 
 
-@pytest.mark.parametrize("importer", ["fmpy", "fmpy_me", "our_master", "our_master_me"])
+@pytest.mark.parametrize("importer", ["fmpy", "fmpy_me", "our_master", "our_dopri5_me", "our_cvode_me"])
 @pytest.mark.parametrize(("example", "flavour"), BUILT)
 def test_example_is_right(example: Example, flavour: str, importer: str, fmu_of: Callable[[str, str], Path]) -> None:
     fmu = fmu_of(example.module, flavour)
@@ -318,9 +318,11 @@ def test_example_is_right(example: Example, flavour: str, importer: str, fmu_of:
     shapes = {name: values.shape[1:] for name, values in expected.items()}
     if importer == "our_master":
         found, tolerance = by_our_master(fmu, example, shapes), example.tolerance
-    elif importer == "our_master_me":
-        found = by_our_master(fmu, example, shapes, model_exchange=True)
-        tolerance = min(example.tolerance_me, 1e-8) if example.module != "van_der_pol" else 1e-7
+    elif importer in ("our_dopri5_me", "our_cvode_me"):
+        solver = importer.split("_")[1]
+        found = by_our_master(fmu, example, shapes, solver=solver)
+        tolerance = example.tolerance_me if solver == "cvode" or example.module == "van_der_pol" else 1e-8
+        tolerance = min(tolerance, example.tolerance_me)
     elif importer == "fmpy":
         found, tolerance = by_fmpy(fmu, example, shapes, "CoSimulation"), example.tolerance
     else:

@@ -119,16 +119,14 @@ def by_fmpy(fmu: Path, example: Example, shapes: Mapping[str, tuple[int, ...]], 
     return _together({n: table[n] for n in outputs}, shapes)
 
 
-def by_our_master(
-    fmu: Path, example: Example, shapes: Mapping[str, tuple[int, ...]], *, model_exchange: bool = False
-) -> Values:
-    """The master of this project, in co-simulation or in model exchange by an adaptive method."""
+def by_our_master(fmu: Path, example: Example, shapes: Mapping[str, tuple[int, ...]], *, solver: str = "") -> Values:
+    """The master of this project, in co-simulation, or in model exchange by a solver."""
     system = System()
     system.add("model", fmu, start=dict(example.start))
     for name, f in example.inputs.items():
         system.drive(f"model.{name}", f)
-    by_equations = {"interface": "model-exchange", "solver": "dopri5", "tolerance": 1e-10}
-    results = simulate(system, example.stop, example.step, **(by_equations if model_exchange else {}))  # type: ignore[arg-type]
+    by_equations = {"interface": "model-exchange", "solver": solver, "tolerance": 1e-10}
+    results = simulate(system, example.stop, example.step, **(by_equations if solver else {}))  # type: ignore[arg-type]
     return _together(
         {n: results[f"model.{n}"] for name, shape in shapes.items() for n in elements(name, shape)}, shapes
     )
