@@ -51,7 +51,8 @@ def add_model_exchange_options(parser: argparse._ActionsContainer) -> None:
         "--solver",
         choices=SOLVERS,
         help="what integrates components in model exchange: rk4 (fixed step), dopri5 (error control by the tolerance), "
-        "cvode (stiff equations), auto (default: rk4 where model exchange was chosen, dopri5 where an FMU has nothing else)",
+        "cvode (stiff equations), auto (default: rk4 where model exchange was chosen, dopri5 where an FMU has nothing "
+        "else)",
     )
     parser.add_argument(
         "--solver-step",
