@@ -297,7 +297,7 @@ def feedback(K: float) -> LinearSystem:
 
 def feedback_of_fmus(folder: Path, K: float) -> System:
     system = System()
-    system.add("tank", folder / "fmi2" / "Tank.fmu", start={"x_start": 1.0, "b": 0.0})
+    system.add("tank", folder / "fmi2" / "Tank.fmu", start={"x_start": 1.0, "b": 0.0, "max_step": 1.0})
     system.add("gain", folder / "fmi3" / "Gain.fmu", start={"K": -K, "u[2]": 0.0})
     system.connect("tank.x", "gain.u[1]")
     system.connect("gain.y[1]", "tank.a")

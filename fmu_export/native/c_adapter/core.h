@@ -78,8 +78,6 @@ typedef struct {
     double values[N_VALUES + N_STEP_REQUIREMENTS + N_Z + 1]; /* then margins of the requirements, discrete states */
     double x[2][N_X + 1];   /* states, and room for those at the end of a step */
     double u_rate[N_U + 1]; /* first derivatives of the inputs, of the next step only */
-    double u_higher[MOST_ORDER - 1][N_U + 1]; /* those of higher order */
-    double u_start[N_U + 1], u_time;          /* inputs, and time, where these polynomials begin */
     double time;
     int phase;
     int which; /* of the two are the states */
@@ -95,6 +93,9 @@ typedef struct {
     Discrete discrete, before; /* before it happened, as are the next two: with other inputs it may be something else */
     double x_before[N_X + 1], z_before[N_Z + 1];
 #endif
+    /* last, since linear and held inputs don't touch them: derivatives of higher order, and the inputs and the time where
+     * these polynomials begin */
+    double u_higher[MOST_ORDER - 1][N_U + 1], u_start[N_U + 1], u_time;
 } CoreState;
 
 typedef void CoreLogger(void *environment, CoreStatus status, const char *message);
@@ -109,8 +110,7 @@ typedef struct {
     void *environment;
     int model_exchange;
     int within_step; /* the importer is being asked for inputs */
-    int curved; /* the inputs are not linear over the internal step that is being tried, but: */
-    double u_at[N_INPUT_TIMES][N_U + 1];
+    int curved; /* the inputs are not linear over the internal step that is being tried, but those below */
     char *resources; /* folder */
 #ifdef N_TABLES
     int has_tables; /* it is among the instances that use them */
@@ -125,6 +125,7 @@ typedef struct {
 #ifdef SOLVER_RODAS4
     double jacobian[N_JACOBIAN + 1], factors[N_FACTORS];
 #endif
+    double u_at[N_INPUT_TIMES][N_U + 1];
 } Core;
 
 #define PARAMETERS(core) ((core)->state.values)
