@@ -70,7 +70,7 @@ _CLOSED = {
     "More of start and path": ("v_x_start", "v_y_start", "x_c", "y_c", "phase"),
 }
 
-_STOP = {"name": "stop_time", "unit": "s", "start": 15.0, "min": 5.0, "max": 60.0}
+_STOP = {"name": "stop_time", "type": "integer", "unit": "s", "start": 15, "min": 5, "max": 60}
 
 #: View [left, bottom, right, top] (m) of the whole robot and of the path, and the torque (N m) of usual size.
 _VIEWS = {"whole": [-0.08, -0.08, 0.51, 0.58], "path": [0.14, 0.27, 0.31, 0.44]}

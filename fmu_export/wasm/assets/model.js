@@ -130,8 +130,9 @@ export class Model {
     const stopTime = settings.stopTime ?? experiment.stopTime;
     const stepSize = settings.stepSize ?? experiment.stepSize;
     const n = Math.round((stopTime - startTime) / stepSize);
-    if (!(stepSize > 0 && n >= 1 && Number.isSafeInteger(n))) {
-      throw new ModelError(`No whole step of ${stepSize} s lies between ${startTime} s and ${stopTime} s`);
+    const isWhole = Math.abs(startTime + n * stepSize - stopTime) <= 1e-6 * stepSize;
+    if (!(stepSize > 0 && n >= 1 && Number.isSafeInteger(n) && isWhole)) {
+      throw new ModelError(`From ${startTime} s to ${stopTime} s is no whole number of steps of ${stepSize} s`);
     }
     const names = settings.record ?? this.names("output");
     const time = Float64Array.from({ length: n + 1 }, (_, i) => startTime + i * stepSize);

@@ -33,7 +33,7 @@ function startLive(root) {
       }
     }
     const { step, tolerance, steadyAfter } = live;
-    engine.ask({ start, acts, stopTime: Math.max(step, Math.round(values.stop_time / step) * step), step, tolerance, steadyAfter });
+    engine.ask({ start, acts, stopTime: values.stop_time, step, tolerance, steadyAfter });
     map.show(values.alpha, values.beta);
     const J = map.value(Math.max(values.alpha, 1e-9), values.beta);
     const [now, least] = root.querySelectorAll(".J b");
