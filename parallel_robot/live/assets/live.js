@@ -109,7 +109,7 @@ function startLive(root) {
     if (state.run) {
       const end = state.run.step * (state.run.rows - 1);
       state.time = state.time + passed > end ? 0 : state.time + passed;
-      draw();
+      if (!engine.waiting) draw(); // else the result draws, sooner if nothing else does
     }
     state.frame = requestAnimationFrame(frame);
   }
