@@ -354,9 +354,16 @@ def _fields(
 
 def _value(where: str, value: Any, kind: type) -> Any:
     """A value of a TOML file, of the type that its key demands."""
-    right = isinstance(value, (int, float) if kind is float else kind) and not isinstance(value, bool)
+    right = isinstance(value, (int, float) if kind is float else kind) and isinstance(value, bool) == (kind is bool)
     if not right:
-        what = {float: "a number", int: "a whole number", str: "a text", list: "a list of names"}[kind]
+        words = {
+            float: "a number",
+            int: "a whole number",
+            str: "a text",
+            list: "a list of names",
+            bool: "true or false",
+        }
+        what = words[kind]
         raise ScenarioError(f"{where} = {value!r} must be {what}")
     if kind is float and not (math.isfinite(value) if isinstance(value, float) else abs(value) <= sys.float_info.max):
         raise ScenarioError(f"{where} = {value!r} must be finite")

@@ -18,7 +18,11 @@ import numpy as np
 import pytest
 
 from cosim import Log, Results, SetupError, Simulation, SimulationError, SimulationInterrupted, System, simulate
+from cosim.__main__ import command_line
+from cosim.commands.options import IsolationOptions, take_from_isolated
 from cosim.fmi.isolation.limits import Limits, parse_bytes
+from cosim.scenario import ScenarioError, load_scenario
+from cosim.ssp import Experiment, read_ssp, write_ssp
 from tests.support.c_fmus import ender, talker, tank
 from tests.support.fmi1_fmu import build_fmi1_tank
 from tests.support.fmi3_events import clocks, state_space
@@ -346,6 +350,39 @@ def test_amounts_of_memory(text: str, number: int) -> None:
 def test_no_amounts_of_memory(text: str) -> None:
     with pytest.raises(SetupError, match="is no amount of memory; write"):
         parse_bytes(text)
+
+
+def test_scenarios_and_ssps_say_what_is_isolated(tmp_path: Path) -> None:
+    tank(tmp_path / "tank.fmu")
+    toml = tmp_path / "tanks.toml"
+    text = '[run]\nstop_time = 1\nstep_size = 0.5\n[components.a]\nfmu = "tank.fmu"\nisolate = {}\n'
+    toml.write_text(text.format("true") + '[components.b]\nfmu = "tank.fmu"\n')
+    system = load_scenario(str(toml)).system()
+    assert {name: c.isolate for name, c in system.components.items()} == {"a": True, "b": False}
+    system.connect("a.y", "b.u")
+    write_ssp(tmp_path / "tanks.ssp", system, "tanks", Experiment(1.0, 0.5))
+    read = read_ssp(tmp_path / "tanks.ssp", tmp_path / "unpacked").system
+    assert {name: c.isolate for name, c in read.components.items()} == {"a": True, "b": False}
+    toml.write_text(text.format("1"))
+    with pytest.raises(ScenarioError, match="isolate = 1 must be true or false"):
+        load_scenario(str(toml))
+
+
+@pytest.mark.parametrize(
+    ("options", "scenario", "isolate"),
+    [
+        ("x.toml --isolated", "x.toml", True),
+        ("--isolated x.toml", "x.toml", True),
+        ("x.toml --isolated plant --isolated controller", "x.toml", ("plant", "controller")),
+        ("--isolated plant x.toml", "x.toml", ("plant",)),
+        ("x.toml", "x.toml", False),
+    ],
+)
+def test_what_stands_behind_the_option(options: str, scenario: str, isolate: Any) -> None:
+    args = command_line().parse_args(["run", *options.split()])
+    behind = take_from_isolated(args, lambda _: False) if args.scenario is None else []
+    assert (args.scenario or behind[0]) == scenario
+    assert IsolationOptions.of(args).isolate == isolate
 
 
 def test_what_can_not_be_isolated_is_refused(tmp_path: Path) -> None:
