@@ -84,7 +84,8 @@ def results() -> Results:
             "load": {"path": "c\\Load.fmu", "sha256": "cd" * 32},
         },
         "connections": {"load.torque": "motor.tau", "motor.angle": "load.phi", "load.own": "load.out"},
-        "breakpoints": {"motor.u": [0.75]},
+        "breakpoints": {"motor.u": [0.75], "load.w": [0.6, 1.9]},
+        "signals": {"load.w": {"shape": "multisine", "start_time": 0.6}},
         "messages": {
             "motor": {
                 "warnings": 1,
@@ -249,12 +250,14 @@ def test_it_says_what_happened_and_how_it_was_made(html):
     events = data(html)["events"][0]
     assert [(e["time"], e["kind"]) for e in events] == [
         (0.25, "message"),
+        (0.6, "input"),
         (0.75, "input"),
         (0.904, "message"),
         (1.25, "message"),
         (1.5, "input"),
+        (1.9, "input"),
     ]
-    assert events[4]["text"] == "motor.u = 2"
+    assert [events[i]["text"] for i in (1, 5, 6)] == ["load.w sets in", "motor.u = 2", "load.w jumps or bends"]
     bars = re.findall(
         r'<li><span>(.*?)</span><svg.*?<rect width="(.*?)".*?x="(.*?)" width="(.*?)".*?<b>(.*?)</b>', html
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from html import escape
 from typing import TYPE_CHECKING, Any
 
@@ -73,12 +73,11 @@ def events(run: Recorded) -> list[dict[str, Any]]:
     """What happened when: `time` (s), `text`, and `kind`, which is input, message or end."""
     info = run.info
     found: list[tuple[float, str, str]] = []
+    shapes = {**info.get("signals", {}), **info.get("disturbances", {})}
+    begins = {t: s["start_time"] for t, s in shapes.items() if isinstance(s, Mapping) and s.get("start_time")}
+    found += [(float(time), f"{target} sets in", "input") for target, time in begins.items()]
     for target, moments in info.get("breakpoints", {}).items():
-        found += [(float(t), f"{target} jumps or bends", "input") for t in moments]
-    for target, shape in {**info.get("signals", {}), **info.get("disturbances", {})}.items():
-        start = shape.get("start_time") if isinstance(shape, Mapping) else None
-        if start:
-            found.append((float(start), f"{target} sets in", "input"))
+        found += [(float(t), f"{target} jumps or bends", "input") for t in moments if t != begins.get(target)]
     for component, about in info.get("messages", {}).items():
         for kind in about.get("first", ()):
             if kind.get("time") is not None:
@@ -97,15 +96,7 @@ def events(run: Recorded) -> list[dict[str, Any]]:
     if info.get("error") and len(run.time):
         found.append((float(run.time[-1]), str(info["error"]), "end"))
     inside = [e for e in found if len(run.time) and run.time[0] < e[0] <= run.time[-1]]
-    said = {(time, text.rpartition(" sets in")[0] or text.rpartition(" jumps or bends")[0]) for time, text, _ in inside}
-    unique = [e for e in inside if not (e[1].endswith("jumps or bends") and _named_better(e, inside, said))]
-    return [{"time": t, "text": text, "kind": kind} for t, text, kind in sorted(unique)[:_MOST_EVENTS]]
-
-
-def _named_better(event: tuple[float, str, str], others: Sequence[tuple[float, str, str]], said: set[Any]) -> bool:
-    """Whether another event says the same of a signal: that it sets in there."""
-    target = event[1].rpartition(" jumps or bends")[0]
-    return (event[0], target) in said and any(t == event[0] and text == f"{target} sets in" for t, text, _ in others)
+    return [{"time": t, "text": text, "kind": kind} for t, text, kind in sorted(inside)[:_MOST_EVENTS]]
 
 
 def remarks(info: Mapping[str, Any]) -> list[str]:
