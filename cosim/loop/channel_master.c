@@ -47,7 +47,8 @@ typedef struct {
     int32_t failed, status; /* the deferred function that failed, and how */
     bool is_lost;
     Reading foreseen[MOST_FORESEEN]; /* what is read right after a step */
-    int32_t n_foreseen, n_ready, n_taken; /* how many are known; have been answered with the last step; have been taken */
+    int32_t n_foreseen, n_ready,
+        n_taken; /* how many are known; have been answered with the last step; have been taken */
     bool is_learning; /* since the last step nothing but these was called */
     uint32_t heard; /* messages of later calls are not wanted yet */
     void *values; /* what the FMU gave: pointers, and then the texts and binary values that they point to */
@@ -253,7 +254,8 @@ static int append(Remote *r, FunctionNumber function, const Passed passed[], uin
     for (uint32_t i = 0; i < n; i++) {
         bool is_number = passed[i].passing <= ABSENT;
         places[i] += start;
-        argument[i] = (Argument){passed[i].passing, is_number ? passed[i].value : places[i], passed[i].size, passed[i].n};
+        argument[i] =
+            (Argument){passed[i].passing, is_number ? passed[i].value : places[i], passed[i].size, passed[i].n};
         if (!is_number) put(r, &passed[i], places[i]);
     }
     return 0;
@@ -513,8 +515,7 @@ static int step_of_fmi3(Remote *r, bool is_foreseen, double time, double step, b
     if (op) do
             passed[n++] = beside(op);
         while (op++->more && n < MOST_ARGUMENTS);
-    int status =
-        is_foreseen ? take_step(r, N_fmi3DoStep, passed, n) : call(r, N_fmi3DoStep, true, passed, n);
+    int status = is_foreseen ? take_step(r, N_fmi3DoStep, passed, n) : call(r, N_fmi3DoStep, true, passed, n);
     uint64_t at = ALIGNED(sizeof(Call) + n * sizeof(Argument));
     for (uint32_t i = 0; i < n; at = ALIGNED(at + passed[i].size), i++)
         if (passed[i].passing == BESIDE) {
@@ -568,7 +569,7 @@ STATUS(fmi2GetBooleanStatus, 4)
     }
 #define READ2(name, size) \
     EXPORT int foreseen_##name(Remote *r, References references, size_t n_references, void *values) { \
-        return take_reading(r, N_##name, references, n_references, values, n_references *(size), 0); \
+        return take_reading(r, N_##name, references, n_references, values, n_references * (size), 0); \
     }
 #define EXCHANGE2(version, type, size) \
     GET2(version##Get##type, size) \
@@ -597,7 +598,7 @@ SET2(isolated, true, fmi3SetShiftDecimal, 8)
     }
 #define READ3(name, size) \
     EXPORT int foreseen_##name(Remote *r, References references, size_t n_references, void *values, size_t n) { \
-        return take_reading(r, N_##name, references, n_references, values, n *(size), n); \
+        return take_reading(r, N_##name, references, n_references, values, n * (size), n); \
     }
 #define EXCHANGE3(type, size) \
     GET3(fmi3Get##type, size) \

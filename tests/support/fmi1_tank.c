@@ -175,7 +175,8 @@ fmi1Status NAME(CancelStep)(fmi1Component c) {
     return fmi1Error;
 }
 
-fmi1Status NAME(GetRealOutputDerivatives)(fmi1Component c, const fmi1ValueReference r[], size_t n, const fmi1Integer order[], fmi1Real v[]) {
+fmi1Status NAME(GetRealOutputDerivatives)(fmi1Component c, const fmi1ValueReference r[], size_t n,
+                                          const fmi1Integer order[], fmi1Real v[]) {
     (void)c, (void)r, (void)n, (void)order, (void)v;
     return fmi1Error;
 }

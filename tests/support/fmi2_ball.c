@@ -136,14 +136,20 @@ fmi2Status fmi2CompletedIntegratorStep(fmi2Component c, fmi2Boolean no_set_state
     return fmi2OK;
 }
 
-#define MODE(name) fmi2Status fmi2##name(fmi2Component c) { (void)c; return fmi2OK; }
-MODE(EnterInitializationMode) MODE(ExitInitializationMode) MODE(EnterEventMode) MODE(EnterContinuousTimeMode)
-MODE(Terminate)
+#define MODE(name) \
+    fmi2Status fmi2##name(fmi2Component c) { \
+        (void)c; \
+        return fmi2OK; \
+    }
+MODE(EnterInitializationMode)
+MODE(ExitInitializationMode) MODE(EnterEventMode) MODE(EnterContinuousTimeMode) MODE(Terminate)
 
 /* What no test needs: importers look for these names, but nobody calls them. */
-#define UNUSED(name) int fmi2##name(void) { return fmi2Error; }
-UNUSED(CancelStep) UNUSED(DeSerializeFMUstate) UNUSED(FreeFMUstate) UNUSED(GetBooleanStatus)
-UNUSED(GetDirectionalDerivative) UNUSED(GetFMUstate) UNUSED(GetIntegerStatus) UNUSED(GetRealOutputDerivatives)
-UNUSED(GetRealStatus) UNUSED(GetStatus) UNUSED(GetString) UNUSED(GetStringStatus) UNUSED(SerializeFMUstate)
-UNUSED(SerializedFMUstateSize) UNUSED(SetDebugLogging) UNUSED(SetFMUstate) UNUSED(SetRealInputDerivatives)
-UNUSED(GetInteger) UNUSED(SetInteger) UNUSED(GetBoolean) UNUSED(SetBoolean) UNUSED(SetString)
+#define UNUSED(name) \
+    int fmi2##name(void) { return fmi2Error; }
+    UNUSED(CancelStep) UNUSED(DeSerializeFMUstate) UNUSED(FreeFMUstate) UNUSED(GetBooleanStatus)
+        UNUSED(GetDirectionalDerivative) UNUSED(GetFMUstate) UNUSED(GetIntegerStatus) UNUSED(GetRealOutputDerivatives)
+            UNUSED(GetRealStatus) UNUSED(GetStatus) UNUSED(GetString) UNUSED(GetStringStatus) UNUSED(SerializeFMUstate)
+                UNUSED(SerializedFMUstateSize) UNUSED(SetDebugLogging) UNUSED(SetFMUstate)
+                    UNUSED(SetRealInputDerivatives) UNUSED(GetInteger) UNUSED(SetInteger) UNUSED(GetBoolean)
+                        UNUSED(SetBoolean) UNUSED(SetString)

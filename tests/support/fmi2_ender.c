@@ -12,7 +12,22 @@
 #include "fmi2FunctionTypes.h"
 
 enum { LOADING, INSTANTIATING, SETTING_UP, GETTING, STEPPING, TERMINATING, FREEING, UNLOADING };
-enum { SEGMENTATION, ABORT, DIVISION, TRAP, BUS, RECURSION, IN_THREAD, EXIT_0, EXIT_3, END_0, END_3, IN_CHILD, FOREVER, MEMORY };
+enum {
+    SEGMENTATION,
+    ABORT,
+    DIVISION,
+    TRAP,
+    BUS,
+    RECURSION,
+    IN_THREAD,
+    EXIT_0,
+    EXIT_3,
+    END_0,
+    END_3,
+    IN_CHILD,
+    FOREVER,
+    MEMORY
+};
 
 static volatile int zero;
 static volatile char *volatile nowhere;
@@ -32,29 +47,44 @@ static void at(int where) {
     if (where != WHERE) return;
     pthread_t thread;
     switch (HOW) {
-    case SEGMENTATION: *nowhere = 1; break;
-    case ABORT: abort();
-    case DIVISION: zero = 7 / zero; break;
-    case TRAP: __builtin_trap();
-    case BUS: raise(SIGBUS); break;
-    case RECURSION: zero = recurse(0); break;
-    case IN_THREAD:
-        pthread_create(&thread, NULL, crash, NULL);
-        pthread_join(thread, NULL);
-        break;
-    case EXIT_0: exit(0);
-    case EXIT_3: exit(3);
-    case END_0: _exit(0);
-    case END_3: _exit(3);
-    case IN_CHILD:
-        if (fork() == 0) exit(0);
-        break;
-    case FOREVER:
-        close(creat("forever", 0600)); /* tells that it has begun */
-        for (;;) zero++;
-    case MEMORY:
-        for (;;) memset(malloc(1 << 24), 1, 1 << 24);
-    default: break;
+        case SEGMENTATION:
+            *nowhere = 1;
+            break;
+        case ABORT:
+            abort();
+        case DIVISION:
+            zero = 7 / zero;
+            break;
+        case TRAP:
+            __builtin_trap();
+        case BUS:
+            raise(SIGBUS);
+            break;
+        case RECURSION:
+            zero = recurse(0);
+            break;
+        case IN_THREAD:
+            pthread_create(&thread, NULL, crash, NULL);
+            pthread_join(thread, NULL);
+            break;
+        case EXIT_0:
+            exit(0);
+        case EXIT_3:
+            exit(3);
+        case END_0:
+            _exit(0);
+        case END_3:
+            _exit(3);
+        case IN_CHILD:
+            if (fork() == 0) exit(0);
+            break;
+        case FOREVER:
+            close(creat("forever", 0600)); /* tells that it has begun */
+            for (;;) zero++;
+        case MEMORY:
+            for (;;) memset(malloc(1 << 24), 1, 1 << 24);
+        default:
+            break;
     }
 }
 

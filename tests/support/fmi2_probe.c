@@ -30,12 +30,21 @@ static fmi2Status outcome(const Model *m, int where, double time) {
 
 static int *whole(Model *m, fmi2ValueReference reference) {
     switch (reference) {
-    case N: case N_OUT: return &m->n;
-    case E: case E_OUT: return &m->e;
-    case B: case B_OUT: return &m->b;
-    case STATUS: return &m->status;
-    case WHERE: return &m->where;
-    default: return NULL;
+        case N:
+        case N_OUT:
+            return &m->n;
+        case E:
+        case E_OUT:
+            return &m->e;
+        case B:
+        case B_OUT:
+            return &m->b;
+        case STATUS:
+            return &m->status;
+        case WHERE:
+            return &m->where;
+        default:
+            return NULL;
     }
 }
 
@@ -51,26 +60,27 @@ fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference r[], size_t n, 
     return outcome(m, SET_REAL, m->time);
 }
 
-#define WHOLE(Type, boolean)                                                                                           \
-    fmi2Status fmi2Get##Type(fmi2Component c, const fmi2ValueReference r[], size_t n, fmi2##Type v[]) {                \
-        for (size_t i = 0; i < n; i++) {                                                                               \
-            const int *value = whole(c, r[i]);                                                                         \
-            if (value == NULL || (r[i] == B || r[i] == B_OUT) != boolean) return fmi2Error;                            \
-            v[i] = *value;                                                                                             \
-        }                                                                                                              \
-        return fmi2OK;                                                                                                 \
-    }                                                                                                                  \
-    fmi2Status fmi2Set##Type(fmi2Component c, const fmi2ValueReference r[], size_t n, const fmi2##Type v[]) {          \
-        for (size_t i = 0; i < n; i++) {                                                                               \
-            int *value = whole(c, r[i]);                                                                               \
-            if (value == NULL || (r[i] == B || r[i] == B_OUT) != boolean) return fmi2Error;                            \
-            *value = v[i];                                                                                             \
-        }                                                                                                              \
-        return fmi2OK;                                                                                                 \
+#define WHOLE(Type, boolean) \
+    fmi2Status fmi2Get##Type(fmi2Component c, const fmi2ValueReference r[], size_t n, fmi2##Type v[]) { \
+        for (size_t i = 0; i < n; i++) { \
+            const int *value = whole(c, r[i]); \
+            if (value == NULL || (r[i] == B || r[i] == B_OUT) != boolean) return fmi2Error; \
+            v[i] = *value; \
+        } \
+        return fmi2OK; \
+    } \
+    fmi2Status fmi2Set##Type(fmi2Component c, const fmi2ValueReference r[], size_t n, const fmi2##Type v[]) { \
+        for (size_t i = 0; i < n; i++) { \
+            int *value = whole(c, r[i]); \
+            if (value == NULL || (r[i] == B || r[i] == B_OUT) != boolean) return fmi2Error; \
+            *value = v[i]; \
+        } \
+        return fmi2OK; \
     }
-WHOLE(Integer, 0) WHOLE(Boolean, 1)
+WHOLE(Integer, 0)
+WHOLE(Boolean, 1)
 
-fmi2Status fmi2SetString(fmi2Component c, const fmi2ValueReference r[], size_t n, const fmi2String v[]) {
+    fmi2Status fmi2SetString(fmi2Component c, const fmi2ValueReference r[], size_t n, const fmi2String v[]) {
     Model *m = c;
     if (n != 1 || r[0] != JOURNAL || strlen(v[0]) >= sizeof m->journal) return fmi2Error;
     strcpy(m->journal, v[0]);
@@ -131,8 +141,10 @@ fmi2Status fmi2Terminate(fmi2Component c) {
 }
 
 /* What no test needs: importers look for these names, but nobody calls them. */
-#define UNUSED(name) int fmi2##name(void) { return fmi2Error; }
-UNUSED(CancelStep) UNUSED(DeSerializeFMUstate) UNUSED(FreeFMUstate) UNUSED(GetBooleanStatus)
-UNUSED(GetDirectionalDerivative) UNUSED(GetFMUstate) UNUSED(GetIntegerStatus) UNUSED(GetRealOutputDerivatives)
-UNUSED(GetRealStatus) UNUSED(GetStatus) UNUSED(GetString) UNUSED(GetStringStatus) UNUSED(SerializeFMUstate)
-UNUSED(SerializedFMUstateSize) UNUSED(SetDebugLogging) UNUSED(SetFMUstate) UNUSED(SetRealInputDerivatives)
+#define UNUSED(name) \
+    int fmi2##name(void) { return fmi2Error; }
+UNUSED(CancelStep)
+UNUSED(DeSerializeFMUstate) UNUSED(FreeFMUstate) UNUSED(GetBooleanStatus) UNUSED(GetDirectionalDerivative)
+    UNUSED(GetFMUstate) UNUSED(GetIntegerStatus) UNUSED(GetRealOutputDerivatives) UNUSED(GetRealStatus)
+        UNUSED(GetStatus) UNUSED(GetString) UNUSED(GetStringStatus) UNUSED(SerializeFMUstate)
+            UNUSED(SerializedFMUstateSize) UNUSED(SetDebugLogging) UNUSED(SetFMUstate) UNUSED(SetRealInputDerivatives)

@@ -93,18 +93,28 @@ fmi2Status fmi2CompletedIntegratorStep(fmi2Component c, fmi2Boolean no_set_state
 }
 
 #define NONE(name, type) \
-    fmi2Status fmi2##name(fmi2Component c, type v[], size_t n) { (void)c, (void)v, (void)n; return fmi2OK; }
-NONE(GetContinuousStates, fmi2Real) NONE(SetContinuousStates, const fmi2Real) NONE(GetDerivatives, fmi2Real)
-NONE(GetNominalsOfContinuousStates, fmi2Real) NONE(GetEventIndicators, fmi2Real)
+    fmi2Status fmi2##name(fmi2Component c, type v[], size_t n) { \
+        (void)c, (void)v, (void)n; \
+        return fmi2OK; \
+    }
+NONE(GetContinuousStates, fmi2Real)
+NONE(SetContinuousStates, const fmi2Real) NONE(GetDerivatives, fmi2Real) NONE(GetNominalsOfContinuousStates, fmi2Real)
+    NONE(GetEventIndicators, fmi2Real)
 
-#define MODE(name) fmi2Status fmi2##name(fmi2Component c) { (void)c; return fmi2OK; }
-MODE(EnterInitializationMode) MODE(ExitInitializationMode) MODE(EnterEventMode) MODE(EnterContinuousTimeMode)
-MODE(Terminate)
+#define MODE(name) \
+    fmi2Status fmi2##name(fmi2Component c) { \
+        (void)c; \
+        return fmi2OK; \
+    }
+        MODE(EnterInitializationMode) MODE(ExitInitializationMode) MODE(EnterEventMode) MODE(EnterContinuousTimeMode)
+            MODE(Terminate)
 
 /* What no test needs: importers look for these names, but nobody calls them. */
-#define UNUSED(name) int fmi2##name(void) { return fmi2Error; }
-UNUSED(CancelStep) UNUSED(DeSerializeFMUstate) UNUSED(FreeFMUstate) UNUSED(GetReal) UNUSED(SetReal)
-UNUSED(GetDirectionalDerivative) UNUSED(GetFMUstate) UNUSED(GetIntegerStatus) UNUSED(GetRealOutputDerivatives)
-UNUSED(GetStatus) UNUSED(GetString) UNUSED(GetStringStatus) UNUSED(SerializeFMUstate)
-UNUSED(SerializedFMUstateSize) UNUSED(SetDebugLogging) UNUSED(SetFMUstate) UNUSED(SetRealInputDerivatives)
-UNUSED(SetInteger) UNUSED(GetBoolean) UNUSED(SetBoolean) UNUSED(SetString)
+#define UNUSED(name) \
+    int fmi2##name(void) { return fmi2Error; }
+                UNUSED(CancelStep) UNUSED(DeSerializeFMUstate) UNUSED(FreeFMUstate) UNUSED(GetReal) UNUSED(SetReal)
+                    UNUSED(GetDirectionalDerivative) UNUSED(GetFMUstate) UNUSED(GetIntegerStatus)
+                        UNUSED(GetRealOutputDerivatives) UNUSED(GetStatus) UNUSED(GetString) UNUSED(GetStringStatus)
+                            UNUSED(SerializeFMUstate) UNUSED(SerializedFMUstateSize) UNUSED(SetDebugLogging)
+                                UNUSED(SetFMUstate) UNUSED(SetRealInputDerivatives) UNUSED(SetInteger)
+                                    UNUSED(GetBoolean) UNUSED(SetBoolean) UNUSED(SetString)

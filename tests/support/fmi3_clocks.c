@@ -255,7 +255,7 @@ fmi3Status fmi3Reset(fmi3Instance instance) {
     return fmi3Error; /* so that each run has an instance of its own */
 }
 
-const char* fmi3GetVersion(void) { return "3.0"; }
+const char *fmi3GetVersion(void) { return "3.0"; }
 
 fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3String resources, fmi3Boolean visible,
                                          fmi3Boolean logging, fmi3Boolean events, fmi3Boolean early,

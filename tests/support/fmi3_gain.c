@@ -41,21 +41,37 @@ static void record(const Model *m, const char *call) {
 static void *address(Model *m, fmi3ValueReference reference, size_t *count) {
     *count = 1;
     switch (reference) {
-    case TIME: return &m->time;
-    case U: *count = 3; return m->u;
-    case Y:
-        *count = 3;
-        for (int i = 0; i < 3; i++) m->y[i] = m->k * m->u[i];
-        return m->y;
-    case K: return &m->k;
-    case V: return &m->v;
-    case X: return &m->x;
-    case N: case N_OUT: return &m->n;
-    case B: case B_OUT: return &m->b;
-    case F: case F_OUT: return &m->f;
-    case FAIL_AT: return &m->fail_at;
-    case FAILURE: return &m->failure;
-    default: *count = 0; return NULL;
+        case TIME:
+            return &m->time;
+        case U:
+            *count = 3;
+            return m->u;
+        case Y:
+            *count = 3;
+            for (int i = 0; i < 3; i++) m->y[i] = m->k * m->u[i];
+            return m->y;
+        case K:
+            return &m->k;
+        case V:
+            return &m->v;
+        case X:
+            return &m->x;
+        case N:
+        case N_OUT:
+            return &m->n;
+        case B:
+        case B_OUT:
+            return &m->b;
+        case F:
+        case F_OUT:
+            return &m->f;
+        case FAIL_AT:
+            return &m->fail_at;
+        case FAILURE:
+            return &m->failure;
+        default:
+            *count = 0;
+            return NULL;
     }
 }
 
@@ -77,19 +93,20 @@ static fmi3Status transfer(Model *m, const fmi3ValueReference r[], size_t n, cha
     return done == count ? fmi3OK : fail(m, "too many values");
 }
 
-#define VALUES(Type)                                                                                                  \
-    fmi3Status fmi3Get##Type(fmi3Instance m, const fmi3ValueReference r[], size_t n, fmi3##Type v[], size_t count) {  \
-        return transfer(m, r, n, (char *)v, count, sizeof(fmi3##Type), true);                                         \
-    }                                                                                                                 \
-    fmi3Status fmi3Set##Type(fmi3Instance m, const fmi3ValueReference r[], size_t n, const fmi3##Type v[],            \
-                             size_t count) {                                                                          \
-        return transfer(m, r, n, (char *)(uintptr_t)v, count, sizeof(fmi3##Type), false);                             \
+#define VALUES(Type) \
+    fmi3Status fmi3Get##Type(fmi3Instance m, const fmi3ValueReference r[], size_t n, fmi3##Type v[], size_t count) { \
+        return transfer(m, r, n, (char *)v, count, sizeof(fmi3##Type), true); \
+    } \
+    fmi3Status fmi3Set##Type(fmi3Instance m, const fmi3ValueReference r[], size_t n, const fmi3##Type v[], \
+                             size_t count) { \
+        return transfer(m, r, n, (char *)(uintptr_t)v, count, sizeof(fmi3##Type), false); \
     }
-VALUES(Float32) VALUES(Float64) VALUES(Int8) VALUES(UInt8) VALUES(Int16) VALUES(UInt16)
-VALUES(Int32) VALUES(UInt32) VALUES(Int64) VALUES(UInt64) VALUES(Boolean)
+VALUES(Float32)
+VALUES(Float64) VALUES(Int8) VALUES(UInt8) VALUES(Int16) VALUES(UInt16) VALUES(Int32) VALUES(UInt32) VALUES(Int64)
+    VALUES(UInt64) VALUES(Boolean)
 
-fmi3Status fmi3SetString(fmi3Instance instance, const fmi3ValueReference r[], size_t n, const fmi3String v[],
-                         size_t count) {
+        fmi3Status
+    fmi3SetString(fmi3Instance instance, const fmi3ValueReference r[], size_t n, const fmi3String v[], size_t count) {
     Model *m = instance;
     if (n != 1 || count != 1 || r[0] != JOURNAL || strlen(v[0]) >= sizeof m->journal) return fail(m, "wrong text");
     strcpy(m->journal, v[0]);
@@ -144,8 +161,8 @@ fmi3Status fmi3ExitInitializationMode(fmi3Instance instance) {
     return fmi3OK;
 }
 
-fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 t, fmi3Float64 h, fmi3Boolean no_set_state,
-                      fmi3Boolean *event, fmi3Boolean *end, fmi3Boolean *early, fmi3Float64 *last) {
+fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 t, fmi3Float64 h, fmi3Boolean no_set_state, fmi3Boolean *event,
+                      fmi3Boolean *end, fmi3Boolean *early, fmi3Float64 *last) {
     (void)no_set_state;
     Model *m = instance;
     *event = *end = *early = false;
@@ -176,16 +193,21 @@ fmi3Status fmi3Terminate(fmi3Instance instance) {
 }
 
 /* What no test needs: importers look for these names, but nobody calls them. */
-#define UNUSED(name) int fmi3##name(void) { return fmi3Error; }
-UNUSED(ActivateModelPartition) UNUSED(CompletedIntegratorStep) UNUSED(DeserializeFMUState)
-UNUSED(EnterConfigurationMode) UNUSED(EnterContinuousTimeMode) UNUSED(EnterEventMode) UNUSED(EnterStepMode)
-UNUSED(EvaluateDiscreteStates) UNUSED(ExitConfigurationMode) UNUSED(FreeFMUState) UNUSED(GetAdjointDerivative)
-UNUSED(GetBinary) UNUSED(GetClock) UNUSED(GetContinuousStateDerivatives) UNUSED(GetContinuousStates)
-UNUSED(GetDirectionalDerivative) UNUSED(GetEventIndicators) UNUSED(GetFMUState) UNUSED(GetIntervalDecimal)
-UNUSED(GetIntervalFraction) UNUSED(GetNominalsOfContinuousStates) UNUSED(GetNumberOfContinuousStates)
-UNUSED(GetNumberOfEventIndicators) UNUSED(GetNumberOfVariableDependencies) UNUSED(GetOutputDerivatives)
-UNUSED(GetShiftDecimal) UNUSED(GetShiftFraction) UNUSED(GetString) UNUSED(GetVariableDependencies)
-UNUSED(Reset) UNUSED(SerializeFMUState) UNUSED(SerializedFMUStateSize) UNUSED(SetBinary) UNUSED(SetClock)
-UNUSED(SetContinuousStates) UNUSED(SetDebugLogging) UNUSED(SetFMUState) UNUSED(SetIntervalDecimal)
-UNUSED(SetIntervalFraction) UNUSED(SetShiftDecimal) UNUSED(SetShiftFraction) UNUSED(SetTime)
-UNUSED(UpdateDiscreteStates) UNUSED(InstantiateModelExchange) UNUSED(InstantiateScheduledExecution)
+#define UNUSED(name) \
+    int fmi3##name(void) { return fmi3Error; }
+UNUSED(ActivateModelPartition)
+UNUSED(CompletedIntegratorStep) UNUSED(DeserializeFMUState) UNUSED(EnterConfigurationMode)
+    UNUSED(EnterContinuousTimeMode) UNUSED(EnterEventMode) UNUSED(EnterStepMode) UNUSED(EvaluateDiscreteStates)
+        UNUSED(ExitConfigurationMode) UNUSED(FreeFMUState) UNUSED(GetAdjointDerivative) UNUSED(GetBinary)
+            UNUSED(GetClock) UNUSED(GetContinuousStateDerivatives) UNUSED(GetContinuousStates)
+                UNUSED(GetDirectionalDerivative) UNUSED(GetEventIndicators) UNUSED(GetFMUState)
+                    UNUSED(GetIntervalDecimal) UNUSED(GetIntervalFraction) UNUSED(GetNominalsOfContinuousStates)
+                        UNUSED(GetNumberOfContinuousStates) UNUSED(GetNumberOfEventIndicators)
+                            UNUSED(GetNumberOfVariableDependencies) UNUSED(GetOutputDerivatives) UNUSED(GetShiftDecimal)
+                                UNUSED(GetShiftFraction) UNUSED(GetString) UNUSED(GetVariableDependencies) UNUSED(Reset)
+                                    UNUSED(SerializeFMUState) UNUSED(SerializedFMUStateSize) UNUSED(SetBinary)
+                                        UNUSED(SetClock) UNUSED(SetContinuousStates) UNUSED(SetDebugLogging)
+                                            UNUSED(SetFMUState) UNUSED(SetIntervalDecimal) UNUSED(SetIntervalFraction)
+                                                UNUSED(SetShiftDecimal) UNUSED(SetShiftFraction) UNUSED(SetTime)
+                                                    UNUSED(UpdateDiscreteStates) UNUSED(InstantiateModelExchange)
+                                                        UNUSED(InstantiateScheduledExecution)

@@ -25,15 +25,23 @@ typedef struct {
 static size_t count(const Model *m, fmi3ValueReference r) {
     const uint64_t *s = m->size;
     switch (r) {
-        case A: return s[N] * s[N];
-        case B: return s[N] * s[M];
-        case C: return s[R] * s[N];
-        case D: return s[R] * s[M];
-        case U: return s[M];
-        case Y: return s[R];
+        case A:
+            return s[N] * s[N];
+        case B:
+            return s[N] * s[M];
+        case C:
+            return s[R] * s[N];
+        case D:
+            return s[R] * s[M];
+        case U:
+            return s[M];
+        case Y:
+            return s[R];
         case X0:
-        case X: return s[N];
-        default: return 0;
+        case X:
+            return s[N];
+        default:
+            return 0;
     }
 }
 
@@ -52,7 +60,8 @@ static void begin(Model *m) {
     for (size_t i = 0; i < m->size[M]; i++) m->values[U][i] = (double)i + 1.0;
 }
 
-fmi3Status fmi3GetFloat64(fmi3Instance instance, const fmi3ValueReference r[], size_t n, fmi3Float64 v[], size_t total) {
+fmi3Status fmi3GetFloat64(fmi3Instance instance, const fmi3ValueReference r[], size_t n, fmi3Float64 v[],
+                          size_t total) {
     Model *m = instance;
     for (size_t i = 0; i < n; i++) {
         size_t size = count(m, r[i]);

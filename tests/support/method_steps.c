@@ -10,8 +10,8 @@ static void no_log(void *environment, CoreStatus status, const char *message) {
 
 /* n steps of length h from the states x, which are those at the end then; inputs begin at u and change at u_rate. The
  * estimated error of the last step comes back. */
-__attribute__((visibility("default"))) double
-method_steps(int n, double time, double h, double x[], const double u[], const double u_rate[], const double p[]);
+__attribute__((visibility("default"))) double method_steps(int n, double time, double h, double x[], const double u[],
+                                                           const double u_rate[], const double p[]);
 
 double method_steps(int n, double time, double h, double x[], const double u[], const double u_rate[],
                     const double p[]) {

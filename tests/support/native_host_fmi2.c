@@ -30,7 +30,8 @@ static void expect(int holds, const char *what, const char *where, int phase, in
     printf("%s: %s (phase %d, status %d, last message: %s)\n", where, what, phase, status, last_message);
 }
 
-static void logger(fmi2ComponentEnvironment environment, fmi2String name, fmi2Status status, fmi2String category, fmi2String format, ...) {
+static void logger(fmi2ComponentEnvironment environment, fmi2String name, fmi2Status status, fmi2String category,
+                   fmi2String format, ...) {
     va_list arguments;
     va_start(arguments, format);
     int length = vsnprintf(last_message, sizeof last_message, format, arguments);
@@ -38,10 +39,16 @@ static void logger(fmi2ComponentEnvironment environment, fmi2String name, fmi2St
     messages++;
     expect(length > 0, "an empty message", "logger", 0, status);
     expect(percent_allowed || !strchr(last_message, '%'), "an unexpanded percent sign", "logger", 0, status);
-    for (const char *c = last_message; *c; c++) expect((*c >= ' ' && *c <= '~') || (foreign_allowed && *c < 0), "a character that is no text", "logger", 0, status);
+    for (const char *c = last_message; *c; c++)
+        expect((*c >= ' ' && *c <= '~') || (foreign_allowed && *c < 0), "a character that is no text", "logger", 0,
+               status);
     expect(environment == &calls, "another environment", "logger", 0, status);
-    expect(name && (!strcmp(name, "one") || !strcmp(name, "other") || !*name || !strcmp(name, "?")), "another name", "logger", 0, status);
-    expect((status == fmi2Error && !strcmp(category, "logStatusError")) || (status == fmi2Discard && !strcmp(category, "logStatusDiscard")) || (status == fmi2Warning && !strcmp(category, "logStatusWarning")), "a wrong category", "logger", 0, status);
+    expect(name && (!strcmp(name, "one") || !strcmp(name, "other") || !*name || !strcmp(name, "?")), "another name",
+           "logger", 0, status);
+    expect((status == fmi2Error && !strcmp(category, "logStatusError")) ||
+               (status == fmi2Discard && !strcmp(category, "logStatusDiscard")) ||
+               (status == fmi2Warning && !strcmp(category, "logStatusWarning")),
+           "a wrong category", "logger", 0, status);
 }
 
 static const fmi2CallbackFunctions callbacks = {logger, calloc, free, NULL, &calls};
@@ -82,9 +89,11 @@ static fmi2Component at(int phase, fmi2Type type, const char *name) {
 }
 
 /* Arguments; heap blocks of exact sizes show what reads or writes beyond them. */
-static fmi2ValueReference *all, parameter[] = {0}, fixed[] = {0}, input[] = {N_P}, output[] = {N_PU}, state_variable[] = {N_PU}, derivative[] = {N_PU + N_Y}, timing[] = {N_VALUES};
+static fmi2ValueReference *all, parameter[] = {0}, fixed[] = {0}, input[] = {N_P}, output[] = {N_PU},
+                                state_variable[] = {N_PU}, derivative[] = {N_PU + N_Y}, timing[] = {N_VALUES};
 static fmi2ValueReference beyond[] = {N_VALUES + 1 + N_EVENTS}, huge[] = {0xFFFFFFFFu}, mixed[] = {0, 0xFFFFFFFFu};
-static double *x, *bad_x, *values, *seeds, *sensitivities, one_value[] = {0.25}, not_a_number[2], infinite[2], two[2] = {1.0, 1.0};
+static double *x, *bad_x, *values, *seeds, *sensitivities, one_value[] = {0.25}, not_a_number[2], infinite[2],
+                                                           two[2] = {1.0, 1.0};
 static fmi2ValueReference *computed; /* outputs and derivatives */
 static int order1[] = {1}, order3[] = {3}, order4[] = {4}, integers[1];
 static const char *strings[] = {"text"};
@@ -162,7 +171,8 @@ static double now(fmi2Component c) {
     X(NOTHING, fmi2Error, SAME, 1, fmi2GetReal(c, parameter, 1, NULL)) \
     X(NOTHING, fmi2Error, SAME, 1, fmi2GetReal(c, beyond, 1, values)) \
     X(NOTHING, fmi2Error, SAME, 1, fmi2GetReal(c, mixed, 2, values)) \
-    X(INST | INIT | STEP | EVENT, fmi2OK, SAME, 1, (fmi2GetReal(c, parameter, 1, values), fmi2SetReal(c, parameter, 1, values))) \
+    X(INST | INIT | STEP | EVENT, fmi2OK, SAME, 1, \
+      (fmi2GetReal(c, parameter, 1, values), fmi2SetReal(c, parameter, 1, values))) \
     X(INST | INIT, fmi2OK, SAME, 1, (fmi2GetReal(c, fixed, 1, values), fmi2SetReal(c, fixed, 1, values))) \
     X(INST | INIT | RUN, fmi2OK, SAME, N_U, fmi2SetReal(c, input, 1, one_value)) \
     X(INST | INIT | RUN, fmi2OK, SAME, 1, fmi2SetReal(c, NULL, 0, NULL)) \
@@ -204,10 +214,12 @@ static double now(fmi2Component c) {
     X(NOTHING, fmi2Error, SAME, 1, fmi2GetRealOutputDerivatives(c, output, 1, order3, values)) \
     X(NOTHING, fmi2Error, SAME, 1, fmi2GetRealOutputDerivatives(c, parameter, 1, order1, values)) \
     X(NOTHING, fmi2Error, SAME, 1, fmi2GetRealOutputDerivatives(c, output, 1, NULL, values)) \
-    X(INIT | RUN | TERM, fmi2OK, SAME, 1, fmi2GetDirectionalDerivative(c, computed, N_Y + N_X, all, N_VALUES, seeds, sensitivities)) \
+    X(INIT | RUN | TERM, fmi2OK, SAME, 1, \
+      fmi2GetDirectionalDerivative(c, computed, N_Y + N_X, all, N_VALUES, seeds, sensitivities)) \
     X(INIT | RUN | TERM, fmi2OK, SAME, 1, fmi2GetDirectionalDerivative(c, NULL, 0, NULL, 0, NULL, NULL)) \
     X(NOTHING, fmi2Error, SAME, 1, fmi2GetDirectionalDerivative(c, output, 1, parameter, 1, infinite, sensitivities)) \
-    X(NOTHING, fmi2Error, SAME, 1, fmi2GetDirectionalDerivative(c, parameter, 1, parameter, 1, one_value, sensitivities)) \
+    X(NOTHING, fmi2Error, SAME, 1, \
+      fmi2GetDirectionalDerivative(c, parameter, 1, parameter, 1, one_value, sensitivities)) \
     X(NOTHING, fmi2Error, SAME, 1, fmi2GetDirectionalDerivative(c, timing, 1, parameter, 1, one_value, sensitivities)) \
     X(NOTHING, fmi2Error, SAME, 1, fmi2GetDirectionalDerivative(c, huge, 1, parameter, 1, one_value, sensitivities)) \
     X(NOTHING, fmi2Error, SAME, 1, fmi2GetDirectionalDerivative(c, output, 1, mixed, 2, two, sensitivities)) \
@@ -282,7 +294,10 @@ static double now(fmi2Component c) {
     X(NOTHING, fmi2Error, SAME, 1, fmi2GetNominalsOfContinuousStates(c, x, N_X + 1))
 
 #define LIST(allowed, status, next, possible, call) {allowed, status, next, possible, #call},
-static const struct { int allowed, status, next, possible; const char *text; } cases[] = {CASES(LIST)};
+static const struct {
+    int allowed, status, next, possible;
+    const char *text;
+} cases[] = {CASES(LIST)};
 enum { N_CASES = sizeof cases / sizeof *cases };
 
 static fmi2Status run(int which, fmi2Component c) {
@@ -297,7 +312,8 @@ static int same(double a, double b) { return !memcmp(&a, &b, sizeof a); }
 
 /* What can be set, and the time; never refused. */
 static void observe(fmi2Component c, double seen[]) {
-    expect(fmi2GetReal(c, all, N_PU, seen) == fmi2OK && fmi2GetReal(c, timing, 1, seen + N_PU) == fmi2OK, "values can't be read", "observe", 0, 0);
+    expect(fmi2GetReal(c, all, N_PU, seen) == fmi2OK && fmi2GetReal(c, timing, 1, seen + N_PU) == fmi2OK,
+           "values can't be read", "observe", 0, 0);
 }
 
 /* Make one call, compare its status and what it changed; return the phase after it. */
@@ -311,10 +327,12 @@ static int check(int which, fmi2Component c, int phase, fmi2Type type) {
     calls++;
     expect(status == expected, "an unexpected status", cases[which].text, phase, status);
     if (status == fmi2Error) expect(messages > logged, "an error without a message", cases[which].text, phase, status);
-    if (status == fmi2OK && !strchr(cases[which].text, ',')) expect(messages == logged, "a message without an error", cases[which].text, phase, status);
+    if (status == fmi2OK && !strchr(cases[which].text, ','))
+        expect(messages == logged, "a message without an error", cases[which].text, phase, status);
     if (status != fmi2OK) {
         observe(c, after);
-        for (int i = 0; i <= N_PU; i++) expect(same(before[i], after[i]), "a refused call has changed a value", cases[which].text, phase, status);
+        for (int i = 0; i <= N_PU; i++)
+            expect(same(before[i], after[i]), "a refused call has changed a value", cases[which].text, phase, status);
         return phase;
     }
     int next = cases[which].next;
@@ -357,7 +375,8 @@ static void walk_without_instance(void) {
         expect(status == fmi2Error, "no error without an instance", cases[i].text, 0, status);
     }
     fmi2FreeInstance(NULL);
-    expect(!strcmp(fmi2GetVersion(), "2.0") && !strcmp(fmi2GetTypesPlatform(), "default"), "a wrong version", "fmi2GetVersion", 0, 0);
+    expect(!strcmp(fmi2GetVersion(), "2.0") && !strcmp(fmi2GetTypesPlatform(), "default"), "a wrong version",
+           "fmi2GetVersion", 0, 0);
 }
 
 /* Initial states are there as soon as the initialisation mode is. */
@@ -369,13 +388,15 @@ static void check_initial_states(void) {
     LEGAL(fmi2GetContinuousStates(c, after, N_X));
     LEGAL(fmi2GetDerivatives(c, rate_after, N_X));
     for (int i = 0; i < N_X; i++)
-        expect(same(before[i], after[i]) && isfinite(rate_after[i]), "other initial states", "check_initial_states", INIT, i);
+        expect(same(before[i], after[i]) && isfinite(rate_after[i]), "other initial states", "check_initial_states",
+               INIT, i);
     fmi2FreeInstance(c);
 }
 
 /* FMU states go from instance to instance; damaged ones must not. */
 static void check_states(void) {
-    fmi2Component one = at(STEP, fmi2CoSimulation, "one"), other = at(INST, fmi2CoSimulation, "other"), exchange = at(EVENT, fmi2ModelExchange, "one");
+    fmi2Component one = at(STEP, fmi2CoSimulation, "one"), other = at(INST, fmi2CoSimulation, "other"),
+                  exchange = at(EVENT, fmi2ModelExchange, "one");
     double before[N_VALUES + 1], after[N_VALUES + 1], last = -1.0;
     fmi2FMUstate kept = NULL, read = NULL;
     LEGAL(fmi2DoStep(one, 0.0, 1e-3, fmi2True));
@@ -397,7 +418,8 @@ static void check_states(void) {
     LEGAL(fmi2DeSerializeFMUstate(other, bytes, size, &read));
     LEGAL(fmi2SetFMUstate(other, read)); /* straight into the phase after a step */
     LEGAL(fmi2GetReal(other, all, N_VALUES + 1, after));
-    for (int i = 0; i <= N_VALUES; i++) expect(same(before[i], after[i]), "a value is not restored", "fmi2SetFMUstate", STEP, i);
+    for (int i = 0; i <= N_VALUES; i++)
+        expect(same(before[i], after[i]), "a value is not restored", "fmi2SetFMUstate", STEP, i);
     LEGAL(fmi2DoStep(other, 1e-3, 1e-3, fmi2True));
     LEGAL(fmi2Reset(other));
     LEGAL(fmi2GetRealStatus(other, fmi2LastSuccessfulTime, &last));
@@ -415,7 +437,8 @@ static void check_states(void) {
         damaged[i] = (char)~damaged[i];
         calls++;
         status = fmi2DeSerializeFMUstate(other, damaged, size, &read);
-        expect(status == fmi2OK || (status == fmi2Error && !read), "damaged bytes", "fmi2DeSerializeFMUstate", INST, status);
+        expect(status == fmi2OK || (status == fmi2Error && !read), "damaged bytes", "fmi2DeSerializeFMUstate", INST,
+               status);
         if (status != fmi2OK) continue;
         fmi2SetFMUstate(other, read);
         fmi2DoStep(other, 0.0, 1e-3, fmi2True);
@@ -427,7 +450,8 @@ static void check_states(void) {
     memset(damaged, 0xFF, size);
     memcpy(damaged, MODEL_GUID, sizeof MODEL_GUID); /* all values NaN, no phase */
     calls++;
-    expect(fmi2DeSerializeFMUstate(other, damaged, size, &read) == fmi2Error, "a state of ones is accepted", "fmi2DeSerializeFMUstate", INST, 0);
+    expect(fmi2DeSerializeFMUstate(other, damaged, size, &read) == fmi2Error, "a state of ones is accepted",
+           "fmi2DeSerializeFMUstate", INST, 0);
     fmi2FreeFMUstate(other, &read);
     LEGAL(fmi2FreeFMUstate(one, &kept));
     fmi2FreeInstance(one);
@@ -484,7 +508,8 @@ static void try_first_value(const char *good_text, const char *value, int works,
 }
 
 static void check_start_values(void) {
-    char *text = text_of_start_values(), *other = malloc(300000), *line = strchr(text, '\n') + 1, first[256], value[300];
+    char *text = text_of_start_values(), *other = malloc(300000), *line = strchr(text, '\n') + 1, first[256],
+         value[300];
     size_t n = strlen(text), m = 0;
     sprintf(first, "%.*s", (int)(line - 1 - strstr(text, " = ") - 3), strstr(text, " = ") + 3);
     try_start_values(text, n, 1, "an intact file");
@@ -517,7 +542,8 @@ static void check_start_values(void) {
     try_first_value(text, other, 0, "10 kB of blanks after a number");
     memset(other, '1', 10240);
     try_first_value(text, other, 0, "a number of 10 kB");
-    static const char *const wrong[] = {"nan", "NAN", "inf", "-inf", "1e999", "-1e999", "", "abc", "1.5abc", "1,5", "1.5 2.5", "--1", "%s%n", "=", "1.5 = 2"};
+    static const char *const wrong[] = {"nan",    "NAN", "inf",     "-inf", "1e999", "-1e999", "",       "abc",
+                                        "1.5abc", "1,5", "1.5 2.5", "--1",  "%s%n",  "=",      "1.5 = 2"};
     for (size_t i = 0; i < sizeof wrong / sizeof *wrong; i++) {
         percent_allowed = 1;
         try_first_value(text, wrong[i], 0, wrong[i]);
@@ -528,7 +554,8 @@ static void check_start_values(void) {
     try_first_value(text, first, 1, "the same number");
     snprintf(other, 300000, "no_such_name = 1.0\n%s", text);
     try_start_values(other, strlen(other), 1, "an unknown name"); /* a newer file in an older FMU */
-    static const char *const commas[] = {"de_DE.UTF-8", "de_DE.utf8", "de_DE", "fr_FR.UTF-8", "fr_FR.utf8", "German", "French"};
+    static const char *const commas[] = {"de_DE.UTF-8", "de_DE.utf8", "de_DE", "fr_FR.UTF-8",
+                                         "fr_FR.utf8",  "German",     "French"};
     size_t k = 0;
     while (k < sizeof commas / sizeof *commas && !setlocale(LC_NUMERIC, commas[k])) k++;
     if (k < sizeof commas / sizeof *commas && *localeconv()->decimal_point == ',') {
@@ -540,7 +567,8 @@ static void check_start_values(void) {
         setlocale(LC_NUMERIC, "C");
         LEGAL(fmi2Reset(c));
         observe(c, point);
-        for (int i = 0; i <= N_PU; i++) expect(same(comma[i], point[i]), "the locale changes start values", "setlocale", INST, i);
+        for (int i = 0; i <= N_PU; i++)
+            expect(same(comma[i], point[i]), "the locale changes start values", "setlocale", INST, i);
         fmi2FreeInstance(c);
     } else {
         printf("no locale with a decimal comma here\n");
@@ -550,13 +578,34 @@ static void check_start_values(void) {
 }
 
 static void check_resources(void) {
-    static const struct { const char *head, *tail; int works; } uris[] = {
-        {"", "/good", 1}, {"file:", "/good", 1}, {"file://", "/good", 1}, {"file://localhost", "/good", 1}, {"file://", "/good/", 1},
-        {"file://", "/%67ood", 1}, {"file://", "/a%20b", 1}, {"file://", "/a b", 1}, {"", "/a b", 1}, {"", "/a%20b", 0},
-        {"file://", "/%zz", 1}, {"file://", "/%25zz", 1}, {"file://", "/50%", 1}, {"file://", "/50%25", 1}, {"", "/50%", 1},
-        {"file://", "/%c3%BC", 1}, {"file://", "/\xc3\xbc", 1}, {"", "/\xc3\xbc", 1}, {"file://", "/nowhere", 0}, {"file://", "/good%00/nowhere", 0},
-        {"file://", "/good/start_values.txt", 0}, {"https://", "/good", 0},
-        {"file://", "/%", 0}, {"file://", "/%2", 0}, {"file://", "/%n%s%d", 0}};
+    static const struct {
+        const char *head, *tail;
+        int works;
+    } uris[] = {{"", "/good", 1},
+                {"file:", "/good", 1},
+                {"file://", "/good", 1},
+                {"file://localhost", "/good", 1},
+                {"file://", "/good/", 1},
+                {"file://", "/%67ood", 1},
+                {"file://", "/a%20b", 1},
+                {"file://", "/a b", 1},
+                {"", "/a b", 1},
+                {"", "/a%20b", 0},
+                {"file://", "/%zz", 1},
+                {"file://", "/%25zz", 1},
+                {"file://", "/50%", 1},
+                {"file://", "/50%25", 1},
+                {"", "/50%", 1},
+                {"file://", "/%c3%BC", 1},
+                {"file://", "/\xc3\xbc", 1},
+                {"", "/\xc3\xbc", 1},
+                {"file://", "/nowhere", 0},
+                {"file://", "/good%00/nowhere", 0},
+                {"file://", "/good/start_values.txt", 0},
+                {"https://", "/good", 0},
+                {"file://", "/%", 0},
+                {"file://", "/%2", 0},
+                {"file://", "/%n%s%d", 0}};
     percent_allowed = foreign_allowed = 1;
     for (size_t i = 0; i < sizeof uris / sizeof *uris; i++) {
         char uri[4096];
@@ -567,8 +616,10 @@ static void check_resources(void) {
         expect((messages > logged) == !c, "a failure without a message, or the reverse", uri, 0, 0);
         fmi2FreeInstance(c);
     }
-    static const char *const none[] = {"", "file:", "file:/", "file://", "file:///", "file://host", "%", "file:%", "file:///%"};
-    for (size_t i = 0; i < sizeof none / sizeof *none; i++) expect(!instantiate(fmi2CoSimulation, "one", none[i]), "an instance from nowhere", none[i], 0, 0);
+    static const char *const none[] = {"",  "file:",  "file:/",   "file://", "file:///", "file://host",
+                                       "%", "file:%", "file:///%"};
+    for (size_t i = 0; i < sizeof none / sizeof *none; i++)
+        expect(!instantiate(fmi2CoSimulation, "one", none[i]), "an instance from nowhere", none[i], 0, 0);
     static const int lengths[] = {4000, 4070, 4078, 4079, 4080, 4081, 4094, 4095, 4096, 5000, 100000};
     for (size_t i = 0; i < sizeof lengths / sizeof *lengths; i++) {
         size_t n = (size_t)lengths[i];
@@ -590,14 +641,21 @@ static void check_instantiation(void) {
     fmi2CallbackFunctions mute = callbacks;
     mute.logger = NULL;
     calls += 8;
-    expect(!fmi2Instantiate("one", fmi2CoSimulation, MODEL_GUID, good, NULL, 0, 0), "no callbacks", "fmi2Instantiate", 0, 0);
-    expect(!fmi2Instantiate("one", fmi2CoSimulation, MODEL_GUID, good, &mute, 0, 0), "no logger", "fmi2Instantiate", 0, 0);
-    expect(!fmi2Instantiate(NULL, fmi2CoSimulation, MODEL_GUID, good, &callbacks, 0, 0), "no name", "fmi2Instantiate", 0, 0);
-    expect(!fmi2Instantiate("", fmi2CoSimulation, MODEL_GUID, good, &callbacks, 0, 0), "an empty name", "fmi2Instantiate", 0, 0);
+    expect(!fmi2Instantiate("one", fmi2CoSimulation, MODEL_GUID, good, NULL, 0, 0), "no callbacks", "fmi2Instantiate",
+           0, 0);
+    expect(!fmi2Instantiate("one", fmi2CoSimulation, MODEL_GUID, good, &mute, 0, 0), "no logger", "fmi2Instantiate", 0,
+           0);
+    expect(!fmi2Instantiate(NULL, fmi2CoSimulation, MODEL_GUID, good, &callbacks, 0, 0), "no name", "fmi2Instantiate",
+           0, 0);
+    expect(!fmi2Instantiate("", fmi2CoSimulation, MODEL_GUID, good, &callbacks, 0, 0), "an empty name",
+           "fmi2Instantiate", 0, 0);
     expect(!fmi2Instantiate("one", fmi2CoSimulation, NULL, good, &callbacks, 0, 0), "no GUID", "fmi2Instantiate", 0, 0);
-    expect(!fmi2Instantiate("one", fmi2CoSimulation, "", good, &callbacks, 0, 0), "an empty GUID", "fmi2Instantiate", 0, 0);
-    expect(!fmi2Instantiate("one", fmi2CoSimulation, MODEL_GUID "x", good, &callbacks, 0, 0), "another GUID", "fmi2Instantiate", 0, 0);
-    expect(!fmi2Instantiate("one", fmi2CoSimulation, MODEL_GUID, NULL, &callbacks, 0, 0), "no resources", "fmi2Instantiate", 0, 0);
+    expect(!fmi2Instantiate("one", fmi2CoSimulation, "", good, &callbacks, 0, 0), "an empty GUID", "fmi2Instantiate", 0,
+           0);
+    expect(!fmi2Instantiate("one", fmi2CoSimulation, MODEL_GUID "x", good, &callbacks, 0, 0), "another GUID",
+           "fmi2Instantiate", 0, 0);
+    expect(!fmi2Instantiate("one", fmi2CoSimulation, MODEL_GUID, NULL, &callbacks, 0, 0), "no resources",
+           "fmi2Instantiate", 0, 0);
 }
 
 int main(int argc, char *argv[]) {
@@ -615,7 +673,8 @@ int main(int argc, char *argv[]) {
     bad_x = calloc(N_X + 1, sizeof *bad_x);
     for (unsigned i = 0; i <= N_VALUES; i++) all[i] = i;
     if (N_X > 0) state_variable[0] = N_PU + (unsigned)model_state_outputs[0];
-    for (unsigned i = 0; i + 1 < N_Y && model_output_states[output[0] - N_PU] >= 0; i++) output[0]++; /* one that is no state */
+    for (unsigned i = 0; i + 1 < N_Y && model_output_states[output[0] - N_PU] >= 0; i++)
+        output[0]++; /* one that is no state */
     for (unsigned i = 0; i < N_P; i++)
         if (!model_tunable[i]) fixed[0] = i; /* all models have one, and the first parameter is tunable */
     for (unsigned i = 0; i < N_Y + N_X; i++) computed[i] = N_PU + i;
@@ -641,7 +700,8 @@ int main(int argc, char *argv[]) {
 
     LEGAL(fmi2FreeFMUstate(c, &state));
     fmi2FreeInstance(c);
-    free(all), free(values), free(seeds), free(computed), free(sensitivities), free(x), free(bad_x), free(bytes), free(damaged);
+    free(all), free(values), free(seeds), free(computed), free(sensitivities), free(x), free(bad_x), free(bytes),
+        free(damaged);
     printf("%ld calls, %ld messages, %ld not as expected\n", calls, messages, failures);
     return failures != 0;
 }

@@ -34,9 +34,14 @@ static void logger(fmi3InstanceEnvironment environment, fmi3Status status, fmi3S
     messages++;
     expect(length > 0, "an empty message", "logger", 0, status);
     expect(percent_allowed || !strchr(last_message, '%'), "an unexpanded percent sign", "logger", 0, status);
-    for (const char *c = last_message; *c; c++) expect((*c >= ' ' && *c <= '~') || (foreign_allowed && *c < 0), "a character that is no text", "logger", 0, status);
+    for (const char *c = last_message; *c; c++)
+        expect((*c >= ' ' && *c <= '~') || (foreign_allowed && *c < 0), "a character that is no text", "logger", 0,
+               status);
     expect(environment == &calls, "another environment", "logger", 0, status);
-    expect((status == fmi3Error && !strcmp(category, "logStatusError")) || (status == fmi3Discard && !strcmp(category, "logStatusDiscard")) || (status == fmi3Warning && !strcmp(category, "logStatusWarning")), "a wrong category", "logger", 0, status);
+    expect((status == fmi3Error && !strcmp(category, "logStatusError")) ||
+               (status == fmi3Discard && !strcmp(category, "logStatusDiscard")) ||
+               (status == fmi3Warning && !strcmp(category, "logStatusWarning")),
+           "a wrong category", "logger", 0, status);
 }
 
 typedef enum { fmi3ModelExchange, fmi3CoSimulation } Type;
@@ -47,8 +52,10 @@ static double moment;
 
 static fmi3Instance instantiate(Type type, const char *name, const char *resources) {
     calls++;
-    if (type == fmi3ModelExchange) return fmi3InstantiateModelExchange(name, MODEL_GUID, resources, fmi3False, fmi3True, &calls, logger);
-    return fmi3InstantiateCoSimulation(name, MODEL_GUID, resources, fmi3False, fmi3True, fmi3False, fmi3False, NULL, 0, &calls, logger, NULL);
+    if (type == fmi3ModelExchange)
+        return fmi3InstantiateModelExchange(name, MODEL_GUID, resources, fmi3False, fmi3True, &calls, logger);
+    return fmi3InstantiateCoSimulation(name, MODEL_GUID, resources, fmi3False, fmi3True, fmi3False, fmi3False, NULL, 0,
+                                       &calls, logger, NULL);
 }
 
 static void legal(fmi3Status status, const char *what) {
@@ -78,9 +85,11 @@ static fmi3Instance at(int phase, Type type, const char *name) {
 }
 
 /* Arguments; heap blocks of exact sizes show what reads or writes beyond them. */
-static fmi3ValueReference *all, parameter[] = {0}, fixed[] = {0}, input[] = {N_P}, output[] = {N_PU}, state_variable[] = {N_PU}, derivative[] = {N_PU + N_Y}, timing[] = {N_VALUES};
+static fmi3ValueReference *all, parameter[] = {0}, fixed[] = {0}, input[] = {N_P}, output[] = {N_PU},
+                                state_variable[] = {N_PU}, derivative[] = {N_PU + N_Y}, timing[] = {N_VALUES};
 static fmi3ValueReference beyond[] = {N_VALUES + 1 + N_EVENTS}, huge[] = {0xFFFFFFFFu}, mixed[] = {0, 0xFFFFFFFFu};
-static double *x, *bad_x, *values, *seeds, *sensitivities, one_value[] = {0.25}, not_a_number[2], infinite[2], two[2] = {1.0, 1.0};
+static double *x, *bad_x, *values, *seeds, *sensitivities, one_value[] = {0.25}, not_a_number[2], infinite[2],
+                                                           two[2] = {1.0, 1.0};
 static fmi3ValueReference *computed; /* outputs and derivatives */
 static int order1[] = {1}, order2[] = {2}, integers[1];
 static const char *strings[] = {"text"};
@@ -166,7 +175,8 @@ static double now(fmi3Instance c) {
     X(NOTHING, fmi3Error, SAME, 1, fmi3GetFloat64(c, parameter, 1, NULL, 1)) \
     X(NOTHING, fmi3Error, SAME, 1, fmi3GetFloat64(c, beyond, 1, values, 1)) \
     X(NOTHING, fmi3Error, SAME, 1, fmi3GetFloat64(c, mixed, 2, values, 2)) \
-    X(INST | INIT | STEP | EVENT, fmi3OK, SAME, 1, (fmi3GetFloat64(c, parameter, 1, values, 1), fmi3SetFloat64(c, parameter, 1, values, 1))) \
+    X(INST | INIT | STEP | EVENT, fmi3OK, SAME, 1, \
+      (fmi3GetFloat64(c, parameter, 1, values, 1), fmi3SetFloat64(c, parameter, 1, values, 1))) \
     X(INST | INIT, fmi3OK, SAME, 1, (fmi3GetFloat64(c, fixed, 1, values, 1), fmi3SetFloat64(c, fixed, 1, values, 1))) \
     X(INST | INIT | RUN, fmi3OK, SAME, N_U, fmi3SetFloat64(c, input, 1, one_value, 1)) \
     X(INST | INIT | RUN, fmi3OK, SAME, 1, fmi3SetFloat64(c, NULL, 0, NULL, 0)) \
@@ -315,8 +325,10 @@ static double now(fmi3Instance c) {
     X(NOTHING, fmi3Error, SAME, 1, fmi3GetNumberOfVariableDependencies(c, output[0], &count)) \
     X(NOTHING, fmi3Error, SAME, 1, fmi3GetNumberOfVariableDependencies(c, huge[0], NULL)) \
     X(NOTHING, fmi3Error, SAME, 1, fmi3GetVariableDependencies(c, output[0], sizes, parameter, sizes, kinds, 1)) \
-    X(INIT | RUN | TERM, fmi3OK, SAME, 1, fmi3GetAdjointDerivative(c, output, 1, parameter, 1, one_value, 1, sensitivities, 1)) \
-    X(NOTHING, fmi3Error, SAME, 1, fmi3GetAdjointDerivative(c, parameter, 1, parameter, 1, one_value, 1, sensitivities, 1)) \
+    X(INIT | RUN | TERM, fmi3OK, SAME, 1, \
+      fmi3GetAdjointDerivative(c, output, 1, parameter, 1, one_value, 1, sensitivities, 1)) \
+    X(NOTHING, fmi3Error, SAME, 1, \
+      fmi3GetAdjointDerivative(c, parameter, 1, parameter, 1, one_value, 1, sensitivities, 1)) \
     X(NOTHING, fmi3Error, SAME, 1, fmi3GetAdjointDerivative(c, output, 1, huge, 1, one_value, 1, sensitivities, 1)) \
     X(NOTHING, fmi3Error, SAME, 1, fmi3GetAdjointDerivative(c, output, 1, parameter, 1, NULL, 1, sensitivities, 1)) \
     X(NOTHING, fmi3Error, SAME, 1, fmi3EnterConfigurationMode(c)) \
@@ -329,21 +341,31 @@ static double now(fmi3Instance c) {
     X(NOTHING, fmi3Error, SAME, 1, fmi3GetOutputDerivatives(c, parameter, 1, order1, values, 1)) \
     X(NOTHING, fmi3Error, SAME, 1, fmi3GetOutputDerivatives(c, output, 1, NULL, values, 1)) \
     X(NOTHING, fmi3Error, SAME, 1, fmi3ActivateModelPartition(c, huge[0], 0.0)) \
-    X(INIT | RUN | TERM, fmi3OK, SAME, 1, fmi3GetDirectionalDerivative(c, computed, N_Y + N_X, all, N_VALUES, seeds, N_VALUES, sensitivities, N_Y + N_X)) \
+    X(INIT | RUN | TERM, fmi3OK, SAME, 1, \
+      fmi3GetDirectionalDerivative(c, computed, N_Y + N_X, all, N_VALUES, seeds, N_VALUES, sensitivities, N_Y + N_X)) \
     X(INIT | RUN | TERM, fmi3OK, SAME, 1, fmi3GetDirectionalDerivative(c, NULL, 0, NULL, 0, NULL, 0, NULL, 0)) \
-    X(NOTHING, fmi3Error, SAME, 1, fmi3GetDirectionalDerivative(c, output, 1, parameter, 1, infinite, 1, sensitivities, 1)) \
-    X(NOTHING, fmi3Error, SAME, 1, fmi3GetDirectionalDerivative(c, parameter, 1, parameter, 1, one_value, 1, sensitivities, 1)) \
-    X(NOTHING, fmi3Error, SAME, 1, fmi3GetDirectionalDerivative(c, timing, 1, parameter, 1, one_value, 1, sensitivities, 1)) \
-    X(NOTHING, fmi3Error, SAME, 1, fmi3GetDirectionalDerivative(c, huge, 1, parameter, 1, one_value, 1, sensitivities, 1)) \
+    X(NOTHING, fmi3Error, SAME, 1, \
+      fmi3GetDirectionalDerivative(c, output, 1, parameter, 1, infinite, 1, sensitivities, 1)) \
+    X(NOTHING, fmi3Error, SAME, 1, \
+      fmi3GetDirectionalDerivative(c, parameter, 1, parameter, 1, one_value, 1, sensitivities, 1)) \
+    X(NOTHING, fmi3Error, SAME, 1, \
+      fmi3GetDirectionalDerivative(c, timing, 1, parameter, 1, one_value, 1, sensitivities, 1)) \
+    X(NOTHING, fmi3Error, SAME, 1, \
+      fmi3GetDirectionalDerivative(c, huge, 1, parameter, 1, one_value, 1, sensitivities, 1)) \
     X(NOTHING, fmi3Error, SAME, 1, fmi3GetDirectionalDerivative(c, output, 1, mixed, 2, two, 2, sensitivities, 1)) \
     X(NOTHING, fmi3Error, SAME, 1, fmi3GetDirectionalDerivative(c, output, 1, parameter, 1, two, 2, sensitivities, 1)) \
-    X(NOTHING, fmi3Error, SAME, 1, fmi3GetDirectionalDerivative(c, output, 1, parameter, 1, one_value, 1, sensitivities, 2)) \
-    X(NOTHING, fmi3Error, SAME, 1, fmi3GetDirectionalDerivative(c, NULL, 1, parameter, 1, one_value, 1, sensitivities, 1)) \
-    X(NOTHING, fmi3Error, SAME, 1, fmi3GetDirectionalDerivative(c, output, 1, NULL, 1, one_value, 1, sensitivities, 1)) \
-    X(NOTHING, fmi3Error, SAME, 1, fmi3GetDirectionalDerivative(c, output, 1, parameter, 1, NULL, 1, sensitivities, 1)) \
+    X(NOTHING, fmi3Error, SAME, 1, \
+      fmi3GetDirectionalDerivative(c, output, 1, parameter, 1, one_value, 1, sensitivities, 2)) \
+    X(NOTHING, fmi3Error, SAME, 1, \
+      fmi3GetDirectionalDerivative(c, NULL, 1, parameter, 1, one_value, 1, sensitivities, 1)) \
+    X(NOTHING, fmi3Error, SAME, 1, \
+      fmi3GetDirectionalDerivative(c, output, 1, NULL, 1, one_value, 1, sensitivities, 1)) \
+    X(NOTHING, fmi3Error, SAME, 1, \
+      fmi3GetDirectionalDerivative(c, output, 1, parameter, 1, NULL, 1, sensitivities, 1)) \
     X(NOTHING, fmi3Error, SAME, 1, fmi3GetDirectionalDerivative(c, output, 1, parameter, 1, one_value, 1, NULL, 1)) \
     X(STEP, fmi3OK, SAME, 1, fmi3DoStep(c, now(c), 1e-3, fmi3True, &flag, &flag2, &flag2, &moment)) \
-    X(STEP, fmi3Discard, SAME, N_X && !ADAPTIVE, fmi3DoStep(c, now(c), step_of_ages, fmi3True, &flag, &flag2, &flag2, &moment)) \
+    X(STEP, fmi3Discard, SAME, N_X && !ADAPTIVE, \
+      fmi3DoStep(c, now(c), step_of_ages, fmi3True, &flag, &flag2, &flag2, &moment)) \
     X(NOTHING, fmi3Error, SAME, 1, fmi3DoStep(c, 0.0, 0.0, fmi3True, &flag, &flag2, &flag2, &moment)) \
     X(NOTHING, fmi3Error, SAME, 1, fmi3DoStep(c, 0.0, -1e-3, fmi3True, &flag, &flag2, &flag2, &moment)) \
     X(NOTHING, fmi3Error, SAME, 1, fmi3DoStep(c, 0.0, NAN, fmi3True, &flag, &flag2, &flag2, &moment)) \
@@ -370,7 +392,10 @@ static double now(fmi3Instance c) {
     X(NOTHING, fmi3Error, SAME, 1, fmi3GetNumberOfContinuousStates(c, NULL))
 
 #define LIST(allowed, status, next, possible, call) {allowed, status, next, possible, #call},
-static const struct { int allowed, status, next, possible; const char *text; } cases[] = {CASES(LIST)};
+static const struct {
+    int allowed, status, next, possible;
+    const char *text;
+} cases[] = {CASES(LIST)};
 enum { N_CASES = sizeof cases / sizeof *cases };
 
 static fmi3Status run(int which, fmi3Instance c) {
@@ -385,7 +410,8 @@ static int same(double a, double b) { return !memcmp(&a, &b, sizeof a); }
 
 /* What can be set, and the time; never refused. */
 static void observe(fmi3Instance c, double seen[]) {
-    expect(fmi3GetFloat64(c, all, N_PU, seen, N_PU) == fmi3OK && fmi3GetFloat64(c, timing, 1, seen + N_PU, 1) == fmi3OK, "values can't be read", "observe", 0, 0);
+    expect(fmi3GetFloat64(c, all, N_PU, seen, N_PU) == fmi3OK && fmi3GetFloat64(c, timing, 1, seen + N_PU, 1) == fmi3OK,
+           "values can't be read", "observe", 0, 0);
 }
 
 /* Make one call, compare its status and what it changed; return the phase after it. */
@@ -399,10 +425,12 @@ static int check(int which, fmi3Instance c, int phase, Type type) {
     calls++;
     expect(status == expected, "an unexpected status", cases[which].text, phase, status);
     if (status == fmi3Error) expect(messages > logged, "an error without a message", cases[which].text, phase, status);
-    if (status == fmi3OK && !strchr(cases[which].text, ',')) expect(messages == logged, "a message without an error", cases[which].text, phase, status);
+    if (status == fmi3OK && !strchr(cases[which].text, ','))
+        expect(messages == logged, "a message without an error", cases[which].text, phase, status);
     if (status != fmi3OK) {
         observe(c, after);
-        for (int i = 0; i <= N_PU; i++) expect(same(before[i], after[i]), "a refused call has changed a value", cases[which].text, phase, status);
+        for (int i = 0; i <= N_PU; i++)
+            expect(same(before[i], after[i]), "a refused call has changed a value", cases[which].text, phase, status);
         return phase;
     }
     int next = cases[which].next;
@@ -458,13 +486,15 @@ static void check_initial_states(void) {
     LEGAL(fmi3GetContinuousStates(c, after, N_X));
     LEGAL(fmi3GetContinuousStateDerivatives(c, rate_after, N_X));
     for (int i = 0; i < N_X; i++)
-        expect(same(before[i], after[i]) && same(rate[i], rate_after[i]) && isfinite(rate_after[i]), "other initial states", "check_initial_states", INIT, i);
+        expect(same(before[i], after[i]) && same(rate[i], rate_after[i]) && isfinite(rate_after[i]),
+               "other initial states", "check_initial_states", INIT, i);
     fmi3FreeInstance(c);
 }
 
 /* FMU states go from instance to instance; damaged ones must not. */
 static void check_states(void) {
-    fmi3Instance one = at(STEP, fmi3CoSimulation, "one"), other = at(INST, fmi3CoSimulation, "other"), exchange = at(EVENT, fmi3ModelExchange, "one");
+    fmi3Instance one = at(STEP, fmi3CoSimulation, "one"), other = at(INST, fmi3CoSimulation, "other"),
+                 exchange = at(EVENT, fmi3ModelExchange, "one");
     double before[N_VALUES + 1], after[N_VALUES + 1];
     fmi3FMUState kept = NULL, read = NULL;
     LEGAL(fmi3DoStep(one, 0.0, 1e-3, fmi3True, &flag, &flag2, &flag2, &moment));
@@ -474,14 +504,16 @@ static void check_states(void) {
     LEGAL(fmi3DoStep(one, 1e-3, 1e-3, fmi3True, &flag, &flag2, &flag2, &moment));
     if (N_X && !ADAPTIVE) { /* a method that chooses its steps arrives */
         calls++;
-        expect(fmi3DoStep(one, 2e-3, step_of_ages, fmi3True, &flag, &flag2, &flag2, &moment) == fmi3Discard, "not discarded", "check_states", 0, 0);
+        expect(fmi3DoStep(one, 2e-3, step_of_ages, fmi3True, &flag, &flag2, &flag2, &moment) == fmi3Discard,
+               "not discarded", "check_states", 0, 0);
         expect(same(moment, 2e-3), "a wrong last successful time", "check_states", 0, 0);
     }
     LEGAL(fmi3SetFMUState(one, kept));
     LEGAL(fmi3DeserializeFMUState(other, bytes, size, &read));
     LEGAL(fmi3SetFMUState(other, read)); /* straight into the phase after a step */
     LEGAL(fmi3GetFloat64(other, all, N_VALUES + 1, after, N_VALUES + 1));
-    for (int i = 0; i <= N_VALUES; i++) expect(same(before[i], after[i]), "a value is not restored", "fmi3SetFMUState", STEP, i);
+    for (int i = 0; i <= N_VALUES; i++)
+        expect(same(before[i], after[i]), "a value is not restored", "fmi3SetFMUState", STEP, i);
     LEGAL(fmi3DoStep(other, 1e-3, 1e-3, fmi3True, &flag, &flag2, &flag2, &moment));
     LEGAL(fmi3Reset(other));
     LEGAL(fmi3FreeFMUState(other, &read));
@@ -497,7 +529,8 @@ static void check_states(void) {
         damaged[i] = (fmi3Byte)~damaged[i];
         calls++;
         status = fmi3DeserializeFMUState(other, damaged, size, &read);
-        expect(status == fmi3OK || (status == fmi3Error && !read), "damaged bytes", "fmi3DeserializeFMUState", INST, status);
+        expect(status == fmi3OK || (status == fmi3Error && !read), "damaged bytes", "fmi3DeserializeFMUState", INST,
+               status);
         if (status != fmi3OK) continue;
         fmi3SetFMUState(other, read);
         fmi3DoStep(other, 0.0, 1e-3, fmi3True, &flag, &flag2, &flag2, &moment);
@@ -509,7 +542,8 @@ static void check_states(void) {
     memset(damaged, 0xFF, size);
     memcpy(damaged, MODEL_GUID, sizeof MODEL_GUID); /* all values NaN, no phase */
     calls++;
-    expect(fmi3DeserializeFMUState(other, damaged, size, &read) == fmi3Error, "a state of ones is accepted", "fmi3DeserializeFMUState", INST, 0);
+    expect(fmi3DeserializeFMUState(other, damaged, size, &read) == fmi3Error, "a state of ones is accepted",
+           "fmi3DeserializeFMUState", INST, 0);
     fmi3FreeFMUState(other, &read);
     LEGAL(fmi3FreeFMUState(one, &kept));
     fmi3FreeInstance(one);
@@ -566,7 +600,8 @@ static void try_first_value(const char *good_text, const char *value, int works,
 }
 
 static void check_start_values(void) {
-    char *text = text_of_start_values(), *other = malloc(300000), *line = strchr(text, '\n') + 1, first[256], value[300];
+    char *text = text_of_start_values(), *other = malloc(300000), *line = strchr(text, '\n') + 1, first[256],
+         value[300];
     size_t n = strlen(text), m = 0;
     sprintf(first, "%.*s", (int)(line - 1 - strstr(text, " = ") - 3), strstr(text, " = ") + 3);
     try_start_values(text, n, 1, "an intact file");
@@ -599,7 +634,8 @@ static void check_start_values(void) {
     try_first_value(text, other, 0, "10 kB of blanks after a number");
     memset(other, '1', 10240);
     try_first_value(text, other, 0, "a number of 10 kB");
-    static const char *const wrong[] = {"nan", "NAN", "inf", "-inf", "1e999", "-1e999", "", "abc", "1.5abc", "1,5", "1.5 2.5", "--1", "%s%n", "=", "1.5 = 2"};
+    static const char *const wrong[] = {"nan",    "NAN", "inf",     "-inf", "1e999", "-1e999", "",       "abc",
+                                        "1.5abc", "1,5", "1.5 2.5", "--1",  "%s%n",  "=",      "1.5 = 2"};
     for (size_t i = 0; i < sizeof wrong / sizeof *wrong; i++) {
         percent_allowed = 1;
         try_first_value(text, wrong[i], 0, wrong[i]);
@@ -610,7 +646,8 @@ static void check_start_values(void) {
     try_first_value(text, first, 1, "the same number");
     snprintf(other, 300000, "no_such_name = 1.0\n%s", text);
     try_start_values(other, strlen(other), 1, "an unknown name"); /* a newer file in an older FMU */
-    static const char *const commas[] = {"de_DE.UTF-8", "de_DE.utf8", "de_DE", "fr_FR.UTF-8", "fr_FR.utf8", "German", "French"};
+    static const char *const commas[] = {"de_DE.UTF-8", "de_DE.utf8", "de_DE", "fr_FR.UTF-8",
+                                         "fr_FR.utf8",  "German",     "French"};
     size_t k = 0;
     while (k < sizeof commas / sizeof *commas && !setlocale(LC_NUMERIC, commas[k])) k++;
     if (k < sizeof commas / sizeof *commas && *localeconv()->decimal_point == ',') {
@@ -622,7 +659,8 @@ static void check_start_values(void) {
         setlocale(LC_NUMERIC, "C");
         LEGAL(fmi3Reset(c));
         observe(c, point);
-        for (int i = 0; i <= N_PU; i++) expect(same(comma[i], point[i]), "the locale changes start values", "setlocale", INST, i);
+        for (int i = 0; i <= N_PU; i++)
+            expect(same(comma[i], point[i]), "the locale changes start values", "setlocale", INST, i);
         fmi3FreeInstance(c);
     } else {
         printf("no locale with a decimal comma here\n");
@@ -632,9 +670,15 @@ static void check_start_values(void) {
 }
 
 static void check_resources(void) {
-    static const struct { const char *head, *tail; int works; } uris[] = {
-        {"", "/good", 1}, {"", "/good/", 1}, {"", "/a b", 1}, {"", "/a%20b", 0}, {"", "/%zz", 1}, {"", "/%25zz", 0}, {"", "/50%", 1},
-        {"", "/\xc3\xbc", 1}, {"", "/nowhere", 0}, {"", "/good/start_values.txt", 0}, {"file://", "/good", 0}, {"", "/%n%s%d", 0}};
+    static const struct {
+        const char *head, *tail;
+        int works;
+    } uris[] = {{"", "/good", 1},        {"", "/good/", 1},
+                {"", "/a b", 1},         {"", "/a%20b", 0},
+                {"", "/%zz", 1},         {"", "/%25zz", 0},
+                {"", "/50%", 1},         {"", "/\xc3\xbc", 1},
+                {"", "/nowhere", 0},     {"", "/good/start_values.txt", 0},
+                {"file://", "/good", 0}, {"", "/%n%s%d", 0}};
     percent_allowed = foreign_allowed = 1;
     for (size_t i = 0; i < sizeof uris / sizeof *uris; i++) {
         char uri[4096];
@@ -646,7 +690,8 @@ static void check_resources(void) {
         fmi3FreeInstance(c);
     }
     static const char *const none[] = {"", "file:///", "/", "//", "%", "%s%n"};
-    for (size_t i = 0; i < sizeof none / sizeof *none; i++) expect(!instantiate(fmi3CoSimulation, "one", none[i]), "an instance from nowhere", none[i], 0, 0);
+    for (size_t i = 0; i < sizeof none / sizeof *none; i++)
+        expect(!instantiate(fmi3CoSimulation, "one", none[i]), "an instance from nowhere", none[i], 0, 0);
     static const int lengths[] = {4000, 4070, 4078, 4079, 4080, 4081, 4094, 4095, 4096, 5000, 100000};
     for (size_t i = 0; i < sizeof lengths / sizeof *lengths; i++) {
         size_t n = (size_t)lengths[i];
@@ -666,14 +711,20 @@ static void check_resources(void) {
 static void check_instantiation(void) {
     calls += 9;
     expect(!fmi3InstantiateModelExchange(NULL, MODEL_GUID, good, 0, 0, &calls, logger), "no name", "instantiate", 0, 0);
-    expect(!fmi3InstantiateModelExchange("", MODEL_GUID, good, 0, 0, &calls, logger), "an empty name", "instantiate", 0, 0);
+    expect(!fmi3InstantiateModelExchange("", MODEL_GUID, good, 0, 0, &calls, logger), "an empty name", "instantiate", 0,
+           0);
     expect(!fmi3InstantiateModelExchange("one", NULL, good, 0, 0, &calls, logger), "no token", "instantiate", 0, 0);
     expect(!fmi3InstantiateModelExchange("one", "", good, 0, 0, &calls, NULL), "an empty token", "instantiate", 0, 0);
-    expect(!fmi3InstantiateModelExchange("one", MODEL_GUID "x", good, 0, 0, &calls, logger), "another token", "instantiate", 0, 0);
-    expect(!fmi3InstantiateModelExchange("one", MODEL_GUID, NULL, 0, 0, &calls, logger), "no resources", "instantiate", 0, 0);
-    expect(!fmi3InstantiateCoSimulation("one", MODEL_GUID, good, 0, 0, fmi3True, 0, NULL, 0, &calls, logger, NULL), "event mode", "instantiate", 0, 0);
-    expect(!fmi3InstantiateCoSimulation("one", MODEL_GUID, good, 0, 0, fmi3True, 0, NULL, 0, NULL, NULL, NULL), "event mode", "instantiate", 0, 0);
-    expect(!fmi3InstantiateScheduledExecution("one", MODEL_GUID, good, 0, 0, &calls, logger, NULL, NULL, NULL), "scheduled", "instantiate", 0, 0);
+    expect(!fmi3InstantiateModelExchange("one", MODEL_GUID "x", good, 0, 0, &calls, logger), "another token",
+           "instantiate", 0, 0);
+    expect(!fmi3InstantiateModelExchange("one", MODEL_GUID, NULL, 0, 0, &calls, logger), "no resources", "instantiate",
+           0, 0);
+    expect(!fmi3InstantiateCoSimulation("one", MODEL_GUID, good, 0, 0, fmi3True, 0, NULL, 0, &calls, logger, NULL),
+           "event mode", "instantiate", 0, 0);
+    expect(!fmi3InstantiateCoSimulation("one", MODEL_GUID, good, 0, 0, fmi3True, 0, NULL, 0, NULL, NULL, NULL),
+           "event mode", "instantiate", 0, 0);
+    expect(!fmi3InstantiateScheduledExecution("one", MODEL_GUID, good, 0, 0, &calls, logger, NULL, NULL, NULL),
+           "scheduled", "instantiate", 0, 0);
     fmi3Instance c = fmi3InstantiateModelExchange("one", MODEL_GUID, good, 0, 0, NULL, NULL); /* without a logger */
     calls += 2;
     expect(c && fmi3SetTime(c, 0.0) == fmi3Error, "no instance without a logger", "instantiate", 0, 0);
@@ -685,11 +736,13 @@ static fmi3Instance updated;
 static double answer, last_asked;
 static long asked;
 
-static void update(fmi3InstanceEnvironment environment, fmi3Float64 time, fmi3Boolean set, fmi3Boolean get, fmi3Boolean finished, fmi3Boolean can_return,
-                   fmi3Boolean *early, fmi3Float64 *early_time) {
+static void update(fmi3InstanceEnvironment environment, fmi3Float64 time, fmi3Boolean set, fmi3Boolean get,
+                   fmi3Boolean finished, fmi3Boolean can_return, fmi3Boolean *early, fmi3Float64 *early_time) {
     (void)get, (void)finished;
-    expect(environment == &calls && set && !can_return && early && early_time, "wrong arguments", "intermediateUpdate", STEP, 0);
-    expect(ADAPTIVE ? time > 0.0 && time <= 5e-3 : time > last_asked, "time does not advance", "intermediateUpdate", STEP, 0);
+    expect(environment == &calls && set && !can_return && early && early_time, "wrong arguments", "intermediateUpdate",
+           STEP, 0);
+    expect(ADAPTIVE ? time > 0.0 && time <= 5e-3 : time > last_asked, "time does not advance", "intermediateUpdate",
+           STEP, 0);
     last_asked = time;
     asked++;
     *early = fmi3True; /* not allowed, so it has no effect */
@@ -701,7 +754,8 @@ static void update(fmi3InstanceEnvironment environment, fmi3Float64 time, fmi3Bo
 static void check_intermediate_update(void) {
     static const double answers[] = {0.0, 0.25, NAN, INFINITY, 1e308, -1e308};
     for (size_t i = 0; N_U && i < sizeof answers / sizeof *answers; i++) {
-        updated = fmi3InstantiateCoSimulation("one", MODEL_GUID, good, 0, 0, fmi3False, fmi3True, input, 1, &calls, logger, update);
+        updated = fmi3InstantiateCoSimulation("one", MODEL_GUID, good, 0, 0, fmi3False, fmi3True, input, 1, &calls,
+                                              logger, update);
         calls++;
         LEGAL(fmi3EnterInitializationMode(updated, fmi3False, 0.0, 0.0, fmi3False, 0.0));
         LEGAL(fmi3ExitInitializationMode(updated));
@@ -710,8 +764,10 @@ static void check_intermediate_update(void) {
         asked = 0;
         fmi3Status status = fmi3DoStep(updated, 0.0, 5e-3, fmi3True, &flag, &flag2, &flag2, &moment);
         calls++;
-        expect(status == fmi3OK || (i > 1 && status == fmi3Discard), "a step with intermediate inputs", "fmi3DoStep", STEP, status);
-        expect(asked >= 1 && ((ADAPTIVE && status != fmi3OK) || fabs(last_asked - 5e-3) < 1e-12), "the inputs at the end of the step are not asked for", "fmi3DoStep", STEP, (int)asked);
+        expect(status == fmi3OK || (i > 1 && status == fmi3Discard), "a step with intermediate inputs", "fmi3DoStep",
+               STEP, status);
+        expect(asked >= 1 && ((ADAPTIVE && status != fmi3OK) || fabs(last_asked - 5e-3) < 1e-12),
+               "the inputs at the end of the step are not asked for", "fmi3DoStep", STEP, (int)asked);
         LEGAL(fmi3GetFloat64(updated, input, 1, values, 1));
         expect(isfinite(values[0]), "an input is not finite", "fmi3DoStep", STEP, 0);
         LEGAL(fmi3Reset(updated));
@@ -734,7 +790,8 @@ int main(int argc, char *argv[]) {
     bad_x = calloc(N_X + 1, sizeof *bad_x);
     for (unsigned i = 0; i <= N_VALUES; i++) all[i] = i;
     if (N_X > 0) state_variable[0] = N_PU + (unsigned)model_state_outputs[0];
-    for (unsigned i = 0; i + 1 < N_Y && model_output_states[output[0] - N_PU] >= 0; i++) output[0]++; /* one that is no state */
+    for (unsigned i = 0; i + 1 < N_Y && model_output_states[output[0] - N_PU] >= 0; i++)
+        output[0]++; /* one that is no state */
     for (unsigned i = 0; i < N_P; i++)
         if (!model_tunable[i]) fixed[0] = i; /* all models have one, and the first parameter is tunable */
     for (unsigned i = 0; i < N_Y + N_X; i++) computed[i] = N_PU + i;
@@ -761,7 +818,8 @@ int main(int argc, char *argv[]) {
 
     LEGAL(fmi3FreeFMUState(c, &state));
     fmi3FreeInstance(c);
-    free(all), free(values), free(seeds), free(computed), free(sensitivities), free(x), free(bad_x), free(bytes), free(damaged);
+    free(all), free(values), free(seeds), free(computed), free(sensitivities), free(x), free(bad_x), free(bytes),
+        free(damaged);
     printf("%ld calls, %ld messages, %ld not as expected\n", calls, messages, failures);
     return failures != 0;
 }

@@ -34,7 +34,8 @@ static FARPROC find(const char *name) {
 #define CALL(name, ...) \
     if (FUNCTION(name)(__VA_ARGS__)) stop(#name)
 
-static void log_fmi2(fmi2ComponentEnvironment environment, fmi2String name, fmi2Status status, fmi2String category, fmi2String format, ...) {
+static void log_fmi2(fmi2ComponentEnvironment environment, fmi2String name, fmi2Status status, fmi2String category,
+                     fmi2String format, ...) {
     va_list arguments;
     (void)environment, (void)name, (void)status, (void)category;
     va_start(arguments, format);
@@ -50,7 +51,8 @@ static void log_fmi3(fmi3InstanceEnvironment environment, fmi3Status status, fmi
 
 static void run2(const char *resources, const char *token) {
     const fmi2CallbackFunctions callbacks = {log_fmi2, calloc, free, NULL, NULL};
-    fmi2Component c = FUNCTION(fmi2Instantiate)("x", fmi2CoSimulation, token, resources, &callbacks, fmi2False, fmi2False);
+    fmi2Component c =
+        FUNCTION(fmi2Instantiate)("x", fmi2CoSimulation, token, resources, &callbacks, fmi2False, fmi2False);
     if (!c) stop("fmi2Instantiate");
     CALL(fmi2SetReal, c, inputs, n_inputs, input_values);
     CALL(fmi2SetupExperiment, c, fmi2False, 0.0, 0.0, fmi2False, 0.0);
@@ -65,7 +67,8 @@ static void run2(const char *resources, const char *token) {
 static void run3(const char *resources, const char *token) {
     fmi3Boolean event, terminate, early;
     fmi3Float64 time;
-    fmi3Instance c = FUNCTION(fmi3InstantiateCoSimulation)("x", token, resources, fmi3False, fmi3False, fmi3False, fmi3False, NULL, 0, NULL, log_fmi3, NULL);
+    fmi3Instance c = FUNCTION(fmi3InstantiateCoSimulation)("x", token, resources, fmi3False, fmi3False, fmi3False,
+                                                           fmi3False, NULL, 0, NULL, log_fmi3, NULL);
     if (!c) stop("fmi3InstantiateCoSimulation");
     CALL(fmi3SetFloat64, c, inputs, n_inputs, input_values, n_inputs);
     CALL(fmi3EnterInitializationMode, c, fmi3False, 0.0, 0.0, fmi3False, 0.0);
