@@ -310,6 +310,7 @@ def test_no_line_of_the_table_is_wider_than_100_characters_whatever_the_numbers(
     error = dict.fromkeys(("max", "rms", "accumulated", "steady_max", "steady_rms"), number)
     summary = {
         "loop_time_s": 12345.678,
+        "step_size": 1.25e-5,
         "extrapolation": {"mode": "auto", "linear": ["plant.tau_a[1]"], "hold": ["plant.tau_d[1]"] * 1000},
         "realtime": {"factor": 1.0, "overruns": 10**9, "lateness_max_s": 1.234e-5, "jitter_rms_s": 1.234e-5},
         "metrics": {

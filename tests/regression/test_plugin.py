@@ -91,7 +91,7 @@ def test_a_folder_is_run_by_all_interfaces_and_reported(session, pytester):
     assert float(properties["largest difference of x (m)"]) < 1e-6
     assert "differs at 1 of 3 times" in tests["Ball-CS"].find("failure").text
     page = (pytester.path / "out" / "page.html").read_text(encoding="utf-8")
-    assert page.count("<section id=") == 4
+    assert page.count('<section id="run-') == 4
     assert "2 of 4 runs failed" in page
 
 
@@ -104,7 +104,7 @@ def test_in_parallel_the_same(session, pytester):
     done = session("-p", "xdist.plugin", "-n", "2", *fmus, "--fmu-report", "page.html", alone=True)
     done.assert_outcomes(failed=3)
     done.stdout.fnmatch_lines(["--fmu none: there is no such file or folder"])
-    assert (pytester.path / "page.html").read_text(encoding="utf-8").count("<section id=") == 2
+    assert (pytester.path / "page.html").read_text(encoding="utf-8").count('<section id="run-') == 2
 
 
 def test_what_is_broken_fails_in_one_line_and_the_rest_runs(session, pytester):

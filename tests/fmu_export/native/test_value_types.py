@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import zipfile
 from collections.abc import Callable, Sequence
 from ctypes import c_bool, c_char_p, c_int32, c_int64
@@ -16,7 +15,7 @@ import pytest
 from fmpy.validation import validate_fmu
 
 from cosim import System, simulate
-from cosim.commands import validate
+from cosim.__main__ import main as cosim_main
 from fmu_export import ArgumentError, CompositionError, build_native, build_pythonfmu, compose, write_start_values
 from fmu_export.errors import DocumentationError
 from fmu_export.modelling.model import DefaultExperiment, Model, Sampled
@@ -354,7 +353,7 @@ def test_they_run_as_the_reference_says_that_they_bring_along(tmp_path: Path, fl
     inputs = {"on": True, "level": 4, "kind": "high"}
     reference = Reference(inputs, {"speed": "fast", "label": TEXTS[2], "n": 5, "flag": False})
     fmu = build_native(TYPED, tmp_path, flavour, reference=reference)  # type: ignore[arg-type]
-    assert validate.run(argparse.Namespace(fmu=[fmu], run_references=True, build=False)) == 0
+    assert cosim_main(["validate", "--run", str(fmu)]) == 0
     with pytest.raises(DocumentationError, match=r"Typed: reference: parameter 'speed': .* is 'warp'; it must be"):
         build_native(TYPED, tmp_path, flavour, reference=Reference({}, {"speed": "warp"}))  # type: ignore[arg-type]
     with pytest.raises(DocumentationError, match="input 'text' is a string, which stimuli don't hold"):
@@ -373,7 +372,7 @@ def test_a_model_with_events_and_arrays_brings_its_reference(tmp_path: Path) -> 
     )
     for arrays in (False, True):
         fmu = build_native(hybrid, tmp_path, "fmi3", arrays=arrays)
-        assert validate.run(argparse.Namespace(fmu=[fmu], run_references=True, build=False)) == 0
+        assert cosim_main(["validate", "--run", str(fmu)]) == 0
         with zipfile.ZipFile(fmu) as archive:
             rows = archive.read("extra/org.fmi-standard.fmi-ls-ref/results.csv").decode().splitlines()
         assert rows[0] == '"time","count[1]","count[2]"'

@@ -290,7 +290,7 @@ def test_figures_are_there_and_no_text_is_cut(finished, study):
 
 
 def test_the_section_of_the_report_holds_all_of_it(finished, study):
-    html = robustness_section(study, finished)
+    html = robustness_section(study, finished).html
     elements = Elements(html)
     assert elements.open == []
     images = [a for tag, a, _ in elements.all if tag == "img"]
