@@ -8,6 +8,7 @@ import os
 import signal
 import subprocess
 import sys
+import zlib
 from pathlib import Path
 
 import matplotlib.image
@@ -23,7 +24,7 @@ from parallel_robot.paper.report.robustness import robustness_section
 from parallel_robot.paper.reproduce.figures.style import ERROR_NAMES
 from parallel_robot.paper.reproduce.table import controllers
 from parallel_robot.paper.robustness import draw
-from parallel_robot.paper.robustness.content import Index, Robustness, RobustnessError, Sensitivity, load
+from parallel_robot.paper.robustness.content import FIGURES, Index, Robustness, RobustnessError, Sensitivity, load
 from parallel_robot.paper.robustness.front import NEAR, fronts, gain_of_others
 from parallel_robot.paper.robustness.rows import Rows
 from parallel_robot.paper.robustness.rows import gains as gain_rows
@@ -290,12 +291,16 @@ def test_figures_are_there_and_no_text_is_cut(finished, study):
 
 
 def test_the_section_of_the_report_holds_all_of_it(finished, study):
-    html = robustness_section(study, finished).html
+    section = robustness_section(study, finished)
+    html = section.html
     elements = Elements(html)
     assert elements.open == []
     images = [a for tag, a, _ in elements.all if tag == "img"]
     assert [a["alt"] for a in images] == [figure.alt for figure in study.figures]
-    assert all(a["src"].startswith("data:image/svg+xml;base64,") for a in images)
+    names = [figure.name for figure in study.figures]
+    assert [zlib.decompress(block) for block in section.blocks.values()] == [
+        (finished / FIGURES / f"{name}.svg").read_bytes() for name in names
+    ]
     for text in (*(s.group for s in study.sources), "on the front", "fuzzy number (88)"):
         assert text in html
     assert html.count("<dt>") == len(study.findings)
