@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import re
 import subprocess
@@ -65,9 +66,10 @@ def rebaseline(case: Case, path: Path, interface: Interface, timeout: float, *, 
     """
     if case.reference_path.exists() and (why := _not_in_git(case.reference_path)):
         raise RebaselineError(f"{case.reference_path}: {why}; commit it, or move it away to begin anew")
-    results, _ = run_isolated(case, path, interface, timeout, options=RunOptions(build))
+    as_it_was = dataclasses.replace(case)  # what a case has read it keeps, and its files are written now
+    results, _ = run_isolated(as_it_was, path, interface, timeout, options=RunOptions(build))
     fmu = read_fmu(path, str(path))
-    experiment = experiment_of(case, fmu.description)
+    experiment = experiment_of(as_it_was, fmu.description)
     case.folder.mkdir(parents=True, exist_ok=True)
     written = [case.reference_path]
     results.save(case.reference_path)

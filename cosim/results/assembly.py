@@ -19,7 +19,9 @@ _SECONDS = ("", "s", "sec", "second", "seconds")
 TIME_UNITS = (*_SECONDS[1:], "ns", "us", "µs", "ms", "min", "h", "d")
 
 _UNIT = re.compile(r"(?P<name>.*\S)(?:\s*\[(?P<bracket>[^\[\]\s]+)\]|\s+\((?P<parenthesis>[^()\s]+)\))")
-_INDICES = re.compile(r"\d+(,\d+)*")
+
+#: What a unit has and indices, slices and the like do not: a letter, or the sign of one.
+_CAN_BE_UNIT = re.compile(r"[^\W\d_]|[%°‰]")
 
 
 def name_and_unit(text: str) -> tuple[str, str]:
@@ -34,7 +36,7 @@ def name_and_unit(text: str) -> tuple[str, str]:
     """
     found = _UNIT.fullmatch(text)
     unit = (found["bracket"] or found["parenthesis"]) if found else ""
-    if not found or (_INDICES.fullmatch(unit) and not text.endswith(" [1]")):  # [1] behind a space is the unit one
+    if not found or (not _CAN_BE_UNIT.search(unit) and not text.endswith(" [1]")):  # [1] behind a space is the unit one
         return text, ""
     return found["name"], unit
 
