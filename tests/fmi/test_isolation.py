@@ -312,9 +312,8 @@ def worker_of(process: subprocess.Popen[str]) -> int:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="processes are found in /proc")
-@pytest.mark.parametrize(
-    "number", [signal.SIGINT, *(pytest.param(n, marks=pytest.mark.slow) for n in (signal.SIGTERM, signal.SIGKILL))]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
 def test_no_process_outlives_the_program(tmp_path: Path, number: signal.Signals) -> None:
     with program(ender(tmp_path / "f.fmu", "STEPPING", "FOREVER")) as process:
         wait_for((tmp_path / "forever").exists)

@@ -308,7 +308,10 @@ def test_every_example_is_compared_with_something() -> None:
     assert {example.module for example in EXAMPLES} == {path.stem for path in FOLDER.glob("*.py")}
 
 
-@pytest.mark.parametrize("importer", ["fmpy", "fmpy_me", "our_master", "our_dopri5_me", "our_cvode_me"])
+@pytest.mark.parametrize(
+    "importer",
+    ["fmpy", "fmpy_me", "our_master", "our_dopri5_me", pytest.param("our_cvode_me", marks=pytest.mark.slow)],
+)
 @pytest.mark.parametrize(("example", "flavour"), BUILT)
 def test_example_is_right(example: Example, flavour: str, importer: str, fmu_of: Callable[[str, str], Path]) -> None:
     fmu = fmu_of(example.module, flavour)

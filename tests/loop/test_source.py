@@ -107,6 +107,7 @@ def test_sanitisers_find_nothing(fmus: Path, tmp_path: Path) -> None:
     assert done.stdout == "done\n"
 
 
+@pytest.mark.slow
 def test_a_read_past_the_samples_would_be_noticed(fmus: Path, tmp_path: Path) -> None:
     source = loop_sources()["loop.c"]
     right = b"(point - loop->first_sample) * loop->n_samples"

@@ -186,6 +186,7 @@ results.save(result)
 """
 
 
+@pytest.mark.slow
 def test_a_kill_at_any_moment_leaves_a_checkpoint_that_goes_on(tiny: Path, tmp_path: Path) -> None:
     """Checkpoints come so often that most of the time one is being written."""
     system = System()

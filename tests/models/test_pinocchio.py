@@ -187,6 +187,7 @@ def test_closed_loop_is_the_same_over_15_s(path: np.ndarray) -> None:
     assert distance < 1e-10
 
 
+@pytest.mark.slow
 def test_a_gram_on_the_passive_links_is_found_on_the_path(path: np.ndarray) -> None:
     times = TIMES[TIMES <= 1.0]
     heavier = closed_loop_path(dataclasses.replace(LINKS, m_b=LINKS.m_b + 1e-3), times)

@@ -262,7 +262,8 @@ def expected(sources: dict[str, bytes], tmp_path_factory: pytest.TempPathFactory
     return lines
 
 
-@pytest.mark.parametrize("optimisation", ["-O2", pytest.param("-O3 -march=native", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("optimisation", ["-O2", "-O3 -march=native"])
 def test_optimisation_keeps_all_bits(sources, expected, tmp_path: Path, optimisation: str) -> None:
     program = build(tmp_path / "zoo", sources, find_compiler(), optimisation.split())
     assert printed(program) == expected

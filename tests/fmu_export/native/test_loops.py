@@ -183,7 +183,9 @@ def test_the_robot_with_loops(name: str, tmp_path: Path) -> None:
     compare(f, ("t", "x", "u", "p", "dx", "du", "dp")[: f.n_in()], points, tmp_path)
 
 
-@pytest.mark.parametrize("make", [heat, plate, network], ids=lambda make: make.__name__)
+@pytest.mark.parametrize(
+    "make", [heat, pytest.param(plate, marks=pytest.mark.slow), network], ids=lambda make: make.__name__
+)
 def test_the_length_of_the_source_does_not_grow_with_the_model(make) -> None:
     lengths = []
     for n in (50, 100):

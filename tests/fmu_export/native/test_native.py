@@ -105,6 +105,7 @@ def tracking(robot_fmus: Path, native_fmus: Path) -> dict[str, Results]:
     }
 
 
+@pytest.mark.slow
 @BOTH
 def test_closed_loop_is_that_of_the_pythonfmu_flavour(tracking: dict[str, Results], flavour: str) -> None:
     reference, found = tracking["pythonfmu"], tracking[flavour]

@@ -129,7 +129,6 @@ def hosts(models: Iterable[str], always: set[tuple[str, str]]) -> list[object]:
         MODELS,
         {
             (CONTROLLER.name, "fmi3"),
-            (TRAJECTORY.name, "fmi2"),
             (THERMOSTAT.name, "fmi2"),
         },
     ),
@@ -147,6 +146,7 @@ def test_sanitisers_find_nothing(sources: Sources, compiler: str) -> None:
     sources.walk([str(host)], UBSAN_OPTIONS="print_stacktrace=1", **leaks)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sources", hosts([CONTROLLER.name], {(CONTROLLER.name, "fmi2")}), indirect=True)
 def test_valgrind_finds_nothing(sources: Sources, compiler: str) -> None:
     if not shutil.which("valgrind"):

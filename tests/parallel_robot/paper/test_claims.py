@@ -525,7 +525,14 @@ INDEPENDENT: dict[str, Callable[[Oracle], Verdict]] = {
 }
 
 
-@pytest.mark.parametrize("row", [row for row in ROWS if row.metric], ids=lambda row: row.id)
+#: Claims whose separate formulation takes long.
+DEAR = {"estimate-near-quarter", "closure-force", "bound-exists", "all-smaller-steady-error-same-beta"}
+
+
+@pytest.mark.parametrize(
+    "row",
+    [pytest.param(row, id=row.id, marks=pytest.mark.slow if row.id in DEAR else ()) for row in ROWS if row.metric],
+)
 def test_verdict_is_that_of_a_separate_formulation(material: Material, oracle: Oracle, row: Row) -> None:
     claim = judge(row, material)
     print(f"{claim.verdict}: {claim.why}")

@@ -631,7 +631,8 @@ def test_links_lead_into_folded_parts(opened):
     until(tab, lambda: tab.locator("#erratum-a1").is_visible())
 
 
-@pytest.mark.parametrize("scheme", ["light", pytest.param("dark", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_contrast_is_enough(opened, scheme):
     """WCAG AA: 4.5 for text, 3 for lines, against what is behind them."""
     tab = opened(color_scheme=scheme)
