@@ -283,7 +283,12 @@ EXAMPLES = [
 
 #: Every other example is built for FMI 2.0, the others for FMI 3.0; slow tests take the other version of each.
 BUILT = [
-    pytest.param(example, flavour, id=f"{example.module}-{flavour}", marks=() if i % 2 == j else pytest.mark.slow)
+    pytest.param(
+        example,
+        flavour,
+        id=f"{example.module}-{flavour}",
+        marks=() if i % 2 == j and example.module != "van_der_pol" else pytest.mark.slow,  # whose many steps take long
+    )
     for i, example in enumerate(EXAMPLES)
     for j, flavour in enumerate(FLAVOURS)
 ]

@@ -266,7 +266,9 @@ toolchain.OPTIMISATION = "-O0"
 """
 
 
-@pytest.mark.parametrize("page", ["tutorial.md", "results.md", "couple_fmus.md", "models.md"])
+@pytest.mark.parametrize(
+    "page", ["tutorial.md", "results.md", "couple_fmus.md", pytest.param("models.md", marks=pytest.mark.slow)]
+)
 def test_code_of_a_page_runs(folder: Path, page: str) -> None:
     code = blocks(page, "python")
     assert code

@@ -101,6 +101,7 @@ def sanitised_runs(folder: Path, fmus: Path, source: bytes) -> subprocess.Comple
     )
 
 
+@pytest.mark.slow
 def test_sanitisers_find_nothing(fmus: Path, tmp_path: Path) -> None:
     done = sanitised_runs(tmp_path, fmus, loop_sources()["loop.c"])
     assert done.returncode == 0, done.stderr[-4000:]

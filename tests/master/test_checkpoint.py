@@ -350,6 +350,7 @@ print(results.values.sum().hex(), len(results.time))
 """
 
 
+@pytest.mark.slow
 def test_rows_that_find_no_room_stay_in_memory(tiny: Path, tmp_path: Path) -> None:
     """The limit on the size of a file is the system's own."""
     system = System()

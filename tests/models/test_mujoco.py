@@ -114,6 +114,7 @@ def distance(path: np.ndarray, impedance: float, time_constant: float, links: Li
     return float(np.hypot(*(found - path).T).max())
 
 
+@pytest.mark.slow
 def test_closed_loop_converges_as_the_closures_stiffen(path: np.ndarray) -> None:
     """Over 1 s, with MuJoCo's own integrator: linearly in 1 - d, and with the square of the time constant."""
     by_impedance = [distance(path, d, TIME_CONSTANTS[0]) for d in IMPEDANCES]

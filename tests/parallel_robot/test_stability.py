@@ -47,20 +47,19 @@ def largest_error(simulation: Simulation, step: float, start: Mapping[str, float
     return float(np.hypot(errors["x"], errors["y"]).max())
 
 
-#: Gains alpha and beta: those of Table 1, row (1, 1), and others. Orders and extrapolations of which a run by default
-#: and one by the other choices are tested always, the others with `--all`.
+#: Gains alpha and beta: those of Table 1, row (1, 1), and others.
 GAINS = [None, (2.0, 1.5), (0.8, 2.5)]
-ALWAYS = {("sequential", "auto", 1)}
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(DEFAULT_FLAVOUR == "pythonfmu", reason="needs a C compiler: pythonfmu's FMUs can only hold inputs")
 @pytest.mark.parametrize(
     ("order", "extrapolation", "gains"),
     [
-        pytest.param(order, extrapolation, gains, marks=() if (order, extrapolation, i) in ALWAYS else pytest.mark.slow)
+        (order, extrapolation, gains)
         for order in ("sequential", "parallel")
         for extrapolation in ("auto", "hold", "linear")
-        for i, gains in enumerate(GAINS)
+        for gains in GAINS
     ],
 )
 def test_runs_are_stable_up_to_the_largest_step_and_not_a_quarter_above(

@@ -90,9 +90,10 @@ def browser() -> Iterator[Any]:
         yield found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("width", "scheme"),
-    [(1100, "light"), *(pytest.param(w, s, marks=pytest.mark.slow) for w in (390, 1280) for s in ("light", "dark"))],
+    [(w, s) for w in (390, 1100, 1280) for s in ("light", "dark")],
 )
 def test_it_works_in_a_browser(browser, page, width, scheme):
     tabs = Tabs(browser)

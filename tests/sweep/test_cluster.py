@@ -412,6 +412,7 @@ def test_no_workers_is_one_line(counter, tmp_path):
         sweep(study, {study.fmu: counter}, counter_points(4), tmp_path / "out", workers=0)
 
 
+@pytest.mark.slow
 def test_an_fmu_that_changes_under_way_is_one_line(address, counter, tmp_path):
     study = CounterStudy("0" * 64)
     with pytest.raises(SweepError, match=r"Counter\.fmu has changed in between"):

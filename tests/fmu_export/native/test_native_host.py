@@ -128,7 +128,6 @@ def hosts(models: Iterable[str], always: set[tuple[str, str]]) -> list[object]:
     hosts(
         MODELS,
         {
-            (CONTROLLER.name, "fmi3"),
             (THERMOSTAT.name, "fmi2"),
         },
     ),
@@ -155,6 +154,7 @@ def test_valgrind_finds_nothing(sources: Sources, compiler: str) -> None:
     sources.walk(["valgrind", "--quiet", "--error-exitcode=9", "--leak-check=full", str(host)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sources", [(CONTROLLER.name, "fmi2")], ids=lambda p: "-".join(p), indirect=True)
 def test_decimal_point_of_the_importer_has_no_effect(sources: Sources, compiler: str, tmp_path: Path) -> None:
     locales = tmp_path / "locales"

@@ -19,9 +19,8 @@ def python(*arguments: str | Path) -> str:
     return done.stdout
 
 
-@pytest.mark.parametrize(
-    "kind", ["controller", *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("model", "plant"))]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["controller", "model", "plant"])
 def test_what_it_writes_builds_runs_and_passes_its_test(
     kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -224,6 +224,7 @@ def study(finished: Path) -> Robustness:
     return load(finished)
 
 
+@pytest.mark.slow
 def test_the_study_is_whole(finished, study):
     names = {p.name for p in finished.iterdir()}
     assert names == {"monte-carlo", "gains", "figures", "bands.csv", "robustness.json", "robustness.md", "summary.json"}
@@ -238,6 +239,7 @@ def test_the_study_is_whole(finished, study):
     assert bands_csv["time"][-1] == 15.0
 
 
+@pytest.mark.slow
 def test_the_paper_s_case_is_that_of_a_run_alone(finished, study, robot_fmus):
     from cosim import simulate
     from parallel_robot.metrics import tracking_errors
@@ -280,6 +282,7 @@ def test_a_killed_study_goes_on_and_comes_to_the_same(finished, robot_fmus, tmp_
         assert (finished / name).read_bytes() == (tmp_path / "out" / name).read_bytes()
 
 
+@pytest.mark.slow
 def test_figures_are_there_and_no_text_is_cut(finished, study):
     for figure in some(study.figures):
         picture = matplotlib.image.imread(finished / "figures" / f"{figure.name}.png")
@@ -290,6 +293,7 @@ def test_figures_are_there_and_no_text_is_cut(finished, study):
         assert figure.alt
 
 
+@pytest.mark.slow
 def test_the_section_of_the_report_holds_all_of_it(finished, study):
     section = robustness_section(study, finished)
     html = section.html
@@ -306,6 +310,7 @@ def test_the_section_of_the_report_holds_all_of_it(finished, study):
     assert html.count("<dt>") == len(study.findings)
 
 
+@pytest.mark.slow
 def test_a_folder_without_a_study_is_one_line(finished, tmp_path, capsys):
     assert main(["reproduce", "--robustness", str(tmp_path), "--out", str(tmp_path / "out")]) == 1
     err = capsys.readouterr().err
@@ -343,6 +348,7 @@ def test_what_makes_no_sense_is_one_line(robot_fmus, tmp_path, capsys, option, v
     assert err.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_another_design_in_the_same_folder_is_refused(finished, robot_fmus, capsys):
     command = [*arguments(robot_fmus, finished), "--seed", "5"]
     assert main(command) == 1
