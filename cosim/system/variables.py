@@ -109,6 +109,10 @@ class Element:
         return known
 
 
+#: Elements of larger arrays than this are made anew each time: they would take memory.
+_KEPT = 64
+
+
 class ElementArray(Sequence[Element]):
     """The elements of a variable, made when one is asked for; a scalar has one.
 
@@ -124,6 +128,7 @@ class ElementArray(Sequence[Element]):
         self._timing = timing
         self._shape: tuple[int, ...] = variable.shape or ()
         self._size = math.prod(self._shape)
+        self._made: dict[int, Element] | None = {} if self._size <= _KEPT else None
 
     def __len__(self) -> int:
         return self._size
@@ -160,6 +165,14 @@ class ElementArray(Sequence[Element]):
         return element if element.name == name else None
 
     def _element(self, offset: int) -> Element:
+        if self._made is None:
+            return self._new(offset)
+        element = self._made.get(offset)
+        if element is None:
+            element = self._made[offset] = self._new(offset)
+        return element
+
+    def _new(self, offset: int) -> Element:
         if not self._shape:
             return Element(self._variable.name, self._variable, 0, self._timing)
         place, rest = [], offset
@@ -194,6 +207,7 @@ class Ports:
         self._variables = {v.name: v for v in description.modelVariables}
         self._timing = {name: timing(variable) for name, variable in self._variables.items()}
         self._ambiguous = _ambiguous(description)
+        self._arrays: dict[str, ElementArray] = {}
         self._vectors: dict[str, list[str]] = {}
         for name, variable in self._variables.items():
             if math.prod(variable.shape or ()) > MOST_ELEMENTS:
@@ -243,7 +257,10 @@ class Ports:
 
     def elements_of(self, name: str) -> ElementArray:
         """Elements of the variable with this very name; one of a scalar."""
-        return ElementArray(self._variables[name], self._timing[name])
+        found = self._arrays.get(name)
+        if found is None:
+            found = self._arrays[name] = ElementArray(self._variables[name], self._timing[name])
+        return found
 
     def elements_in(self, names: Container[str]) -> list[Element]:
         """Elements of some variables, in the order of the model description."""
