@@ -133,6 +133,8 @@ void leave_place(int32_t place) {
 }
 
 #ifdef _WIN32
+void have_spare_stack(bool begin) { (void)begin; }
+
 EXPORT bool watch_calls(bool begin) {
     (void)begin;
     return false;
@@ -152,7 +154,7 @@ enum { SPARE_SIZE = 1 << 16 };
 static __thread void *spare;
 static __thread int n_watching_here;
 
-static void have_spare_stack(bool begin) {
+void have_spare_stack(bool begin) {
     stack_t now;
     if (begin ? n_watching_here++ : n_watching_here == 0 || --n_watching_here) return;
     sigaltstack(NULL, &now);

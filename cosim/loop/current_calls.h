@@ -37,6 +37,9 @@ EXPORT int32_t take_place(void);
 CurrentCall *call_at(int32_t place);
 void leave_place(int32_t place);
 
+/* Give this thread a stack for the handlers of signals, or take it back; a thread that watches has one. */
+void have_spare_stack(bool begin);
+
 /* Begin or end to watch for signals; calls may be nested, in any number of threads. Whether handlers are there then. */
 EXPORT bool watch_calls(bool begin);
 

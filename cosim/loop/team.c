@@ -157,7 +157,7 @@ static bool sees_new_round(Team *team, uint64_t last) {
 static void help(Team *team) {
     int32_t place = take_place();
     CurrentCall nowhere = {0}, *call = place < 0 ? &nowhere : call_at(place);
-    watch_calls(true);
+    have_spare_stack(true); /* whoever runs the loop watches; a team may outlive a run */
     uint64_t last = 0;
     while (!LOAD(&team->ends)) {
         if (!sees_new_round(team, last)) {
@@ -170,7 +170,7 @@ static void help(Team *team) {
         last = round_of(team);
         take_units(team, call);
     }
-    watch_calls(false);
+    have_spare_stack(false);
     if (place >= 0) leave_place(place);
 }
 
