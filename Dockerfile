@@ -1,7 +1,7 @@
 # The program cosim with the parallel robot and its FMUs, without a compiler:
 #   docker build -t cosim .
-#   docker run --rm -v "$PWD/results:/work/results" cosim            the closed loop of the paper
-#   docker run --rm -v "$PWD:/work" cosim run my.fmu                 an FMU of yours, for Linux
+#   docker run --rm -v "$PWD/results:/home/cosim/results" cosim     the closed loop of the paper
+#   docker run --rm -v "$PWD:/home/cosim" cosim run my.fmu          an FMU of yours, for Linux
 
 FROM python:3.13 AS build
 WORKDIR /src
@@ -13,9 +13,9 @@ RUN pip wheel --no-cache-dir --quiet --wheel-dir /wheels ".[robot]" \
 FROM python:3.13-slim
 RUN --mount=type=bind,from=build,source=/wheels,target=/wheels \
     pip install --no-cache-dir --quiet --no-index --find-links /wheels "closed-chain-cosim[robot]" \
-    && useradd --create-home cosim && mkdir /work && chown cosim /work
-COPY --from=build --chown=cosim /fmus /work/fmus
+    && useradd --create-home cosim
+COPY --from=build --chown=cosim /fmus /home/cosim/fmus
 USER cosim
-WORKDIR /work
+WORKDIR /home/cosim
 ENTRYPOINT ["cosim"]
 CMD ["run"]
