@@ -1,5 +1,7 @@
 #include "model_exchange.h"
 
+#include "dormand_prince.h"
+
 #include <float.h>
 #include <math.h>
 #include <string.h>
@@ -153,31 +155,18 @@ static bool step_rk4(Group *g, double time, double end, double *restrict result)
     return true;
 }
 
-/* Dormand and Prince (1980), RK5(4)7M: nodes, coefficients of the stages, the last of which is the result, and of the error. */
-static const double nodes[7] = {0.0, 0.2, 0.3, 0.8, 8.0 / 9.0, 1.0, 1.0};
-static const double coefficients[7][6] = {
-    {0.0},
-    {1.0 / 5.0},
-    {3.0 / 40.0, 9.0 / 40.0},
-    {44.0 / 45.0, -56.0 / 15.0, 32.0 / 9.0},
-    {19372.0 / 6561.0, -25360.0 / 2187.0, 64448.0 / 6561.0, -212.0 / 729.0},
-    {9017.0 / 3168.0, -355.0 / 33.0, 46732.0 / 5247.0, 49.0 / 176.0, -5103.0 / 18656.0},
-    {35.0 / 384.0, 0.0, 500.0 / 1113.0, 125.0 / 192.0, -2187.0 / 6784.0, 11.0 / 84.0},
-};
-static const double of_error[7] = {71.0 / 57600.0,      0.0,          -71.0 / 16695.0, 71.0 / 1920.0,
-                                   -17253.0 / 339200.0, 22.0 / 525.0, -1.0 / 40.0};
-
+/* Dormand and Prince; the last stage is the result. */
 static bool step_dopri5(Group *g, double time, double end, double *restrict result) {
     int32_t n = g->n_states;
     double *restrict x = g->states, *rates = g->rates, h = end - time;
-    for (int s = 1; s < 7; s++) {
-        double *y = s == 6 ? result : g->trial;
+    for (int s = 1; s < STAGES; s++) {
+        double *y = s == STAGES - 1 ? result : g->trial;
         for (int32_t i = 0; i < n; i++) {
             double sum = 0.0;
-            for (int j = 0; j < s; j++) sum += coefficients[s][j] * rates[j * n + i];
+            for (int j = 0; j < s; j++) sum += STATE[s][j] * rates[j * n + i];
             y[i] = x[i] + h * sum;
         }
-        if (!rates_at(g, nodes[s] == 1.0 ? end : time + nodes[s] * h, y, rates + s * n)) return false;
+        if (!rates_at(g, TIMES[s] == 1.0 ? end : time + TIMES[s] * h, y, rates + s * n)) return false;
     }
     return true;
 }
@@ -217,7 +206,7 @@ static double error_of_step(const Group *g, double h) {
     double sum = 0.0;
     for (int32_t i = 0; i < n; i++) {
         double error = 0.0;
-        for (int s = 0; s < 7; s++) error += of_error[s] * g->rates[s * n + i];
+        for (int s = 0; s < STAGES; s++) error += ERROR[s] * g->rates[s * n + i];
         double size = fmax(g->nominals[i], fmax(fabs(g->states[i]), fabs(g->next[i])));
         double part = h * error / (g->tolerance * size);
         sum += part * part;

@@ -8,11 +8,15 @@ from pathlib import Path
 
 _FOLDER = Path(__file__).parent
 
+#: Coefficients that exported FMUs integrate by, too.
+_COEFFICIENTS = Path(__file__).parents[2] / "fmu_export" / "native" / "c_adapter" / "dormand_prince.h"
+
 #: Libraries of the system that it is linked with; on Windows all are.
 SYSTEM_LIBRARIES = ("pthread",)
 
 #: Files that a library of which the loop is a part goes without.
 _NO_PARTS = (
+    _COEFFICIENTS.name,
     *("channel_master.c", "channel_worker.c", "current_calls.c"),
     *(f"{name}.{ending}" for name in ("algebraic_loop", "model_exchange", "team") for ending in ("c", "h")),
 )
@@ -21,8 +25,8 @@ LIBRARY = _FOLDER / ("_loop" + {"win32": ".dll", "darwin": ".dylib"}.get(sys.pla
 
 
 def _files() -> dict[str, bytes]:
-    files = sorted(path for path in _FOLDER.iterdir() if path.suffix in (".c", ".h"))
-    return {path.name: path.read_bytes() for path in files}
+    files = [*(path for path in _FOLDER.iterdir() if path.suffix in (".c", ".h")), _COEFFICIENTS]
+    return {path.name: path.read_bytes() for path in sorted(files, key=lambda path: path.name)}
 
 
 def source_hash() -> str:

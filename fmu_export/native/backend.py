@@ -74,7 +74,7 @@ _CORE = ("core.h", "core.c", "types.c", "co_simulation.c")
 _FILES = ("start_values.c", "uri.h", "uri.c")
 _METHODS: dict[Solver, tuple[str, ...]] = {
     "rk4": ("rk4.c",),
-    "dopri5": ("adaptive.c", "dopri5.c"),
+    "dopri5": ("adaptive.c", "dopri5.c", "dormand_prince.h"),
     "rodas4": ("adaptive.c", "rodas4.c", "sparse_lu.h"),
 }
 _EVENTS, _TABLES, _TABLE_FILES = ("events.c",), ("table.h", "table.c"), ("table_file.c",)
