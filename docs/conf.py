@@ -12,6 +12,7 @@ from sphinx.application import Sphinx
 from sphinx.writers.html5 import HTML5Translator
 
 from cosim.results.formats import markdown_table as _formats
+from parallel_robot.live.page import live_page
 
 sys.path.insert(0, str(Path(__file__).parent))
 
@@ -61,6 +62,14 @@ def _equation(translator: HTML5Translator, node: nodes.Node) -> None:
     raise nodes.SkipNode
 
 
+def _live(app: Sphinx, exception: Exception | None) -> None:
+    """The page that the front page shows: made with the site, so that it is that of these models and scripts."""
+    if exception is None and app.builder.format == "html" and "live" in app.env.found_docs:
+        page = live_page(Path(app.doctreedir) / "fmus")
+        (Path(app.outdir) / "_static" / "live.html").write_text(page, encoding="utf-8")
+
+
 def setup(app: Sphinx) -> None:
-    """Register the renderer of equations."""
+    """Register the renderer of equations, and what is made with the site."""
     app.add_html_math_renderer("mathml", (_equation, None), (_equation, None))
+    app.connect("build-finished", _live)

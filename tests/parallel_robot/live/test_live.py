@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -22,7 +21,7 @@ from parallel_robot.models import closed_loop_model
 from parallel_robot.paper.reproduce.acting import signals
 from parallel_robot.paper.reproduce.readings import ASSUMPTIONS
 from parallel_robot.scenario import RobotScenario, load_scenario
-from tests.support import CHECKOUT, some
+from tests.support import some
 from tests.support.browser import Tabs, accessible, chromium, fits, until
 from tests.support.html import Elements
 from tests.support.native_fmus import DEFAULT_FLAVOUR
@@ -148,19 +147,6 @@ def test_the_page_is_small_and_loads_nothing(page: Path) -> None:
     assert re.search(r"script-src 'sha256-[^']+' 'wasm-unsafe-eval'; worker-src blob:$", policy)
     assert "unsafe-inline" not in policy
     assert [a for _, a, _ in elements.all for k in ("src", "href") if not a.get(k, "#").startswith("#")] == []
-
-
-@pytest.mark.slow
-def test_the_page_of_the_site_has_these_models_and_presets(page: Path) -> None:
-    def known(path: Path) -> dict[str, Any]:
-        data = re.search(
-            r'<script type="application/json" id="data">(.*?)</script>', path.read_text("utf-8"), re.DOTALL
-        )
-        assert data
-        live = json.loads(data[1])["live"]
-        return {name: value for name, value in live.items() if name != "worker"}
-
-    assert known(CHECKOUT / "docs/static/live.html") == known(page), "run docs/make_live.py"
 
 
 @pytest.mark.slow
