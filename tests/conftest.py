@@ -18,6 +18,7 @@ from cosim.results.figure_process import FigureProcess
 from fmu_export.native import toolchain
 from parallel_robot.fmus import build
 from tests.support import compilation
+from tests.support.browser import Tabs, chromium
 from tests.support.compilation import OPTIMISATION_OF_ROBOT, built_once
 from tests.support.fmi3_gain import build_gain
 from tests.support.native_fmus import DEFAULT_FLAVOUR, FLAVOURS, require_compiler, unpack
@@ -145,3 +146,18 @@ def no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
     """`cosim run` without figures, which take most of the time of a short run."""
     monkeypatch.setattr(FigureProcess, "start", lambda *_: None)
     monkeypatch.setattr(FigureProcess, "write", lambda *_: [])
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    """Chromium, started once a file."""
+    with chromium() as found:
+        yield found
+
+
+@pytest.fixture
+def tabs(browser: Any) -> Iterator[Tabs]:
+    """Opens pages; none may have logged an error or asked for anything outside of itself."""
+    found = Tabs(browser)
+    yield found
+    found.close()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,7 @@ from cosim.model_page.page import model_page
 from fmu_export.modelling.finding import find_model
 from fmu_export.modelling.model import Model
 from fmu_export.wasm.backend import WasmModel, script, wasm_model
-from tests.support.browser import Tabs, accessible, chromium, fits, until
+from tests.support.browser import Tabs, accessible, fits, until
 from tests.support.html import Elements
 from tests.support.wasm_models import Swing, Typed
 
@@ -107,19 +106,6 @@ def test_a_model_is_found_in_a_module_and_beside_other_modules(tmp_path: Path) -
 
 
 # ---- in a browser
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with chromium() as found:
-        yield found
-
-
-@pytest.fixture
-def tabs(browser: Any) -> Iterator[Tabs]:
-    found = Tabs(browser)
-    yield found
-    found.close()
 
 
 def computed(tab: Any, runs: int) -> None:

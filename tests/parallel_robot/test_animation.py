@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -17,7 +15,7 @@ from parallel_robot.animation.motion import chain_forces, motion_of
 from parallel_robot.animation.section import robot_section
 from parallel_robot.scenario import load_scenario
 from tests.support import some
-from tests.support.browser import Tabs, accessible, chromium, fits, until
+from tests.support.browser import Tabs, accessible, fits, until
 from tests.support.native_fmus import DEFAULT_FLAVOUR
 
 
@@ -90,12 +88,6 @@ def test_the_page_of_a_run_has_it(run):
     text = run_page(run)
     assert text.index('<section id="robot"') < text.index('<section id="signals"')
     assert text.count('class="stage"') == 2
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with chromium() as found:
-        yield found
 
 
 @pytest.mark.slow

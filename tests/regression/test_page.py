@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +12,7 @@ from cosim.__main__ import main
 from cosim.regression import Comparison, Outcome, Tolerance, Tolerances, compare_signals
 from cosim.regression.page import part, write_page
 from cosim.results.results import Results
-from tests.support.browser import Tabs, accessible, chromium, fits, until, walked
+from tests.support.browser import Tabs, accessible, fits, until, walked
 from tests.support.html import Elements
 
 TIME = np.linspace(0.0, 2.0, 401)
@@ -82,12 +80,6 @@ def test_the_command_writes_the_page(tmp_path, capsys, monkeypatch):
     assert main(["compare", "result.csv", "reference.csv", "--report", "out/page.html"]) == 1
     assert capsys.readouterr().out.startswith("'x' differs at 400 of 401 times")
     assert "'x' differs at 400 of 401 times" in re.sub("&#x27;", "'", Path("out/page.html").read_text(encoding="utf-8"))
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with chromium() as found:
-        yield found
 
 
 @pytest.mark.slow

@@ -11,7 +11,7 @@ import subprocess
 import sys
 import threading
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
@@ -33,7 +33,7 @@ from cosim.results.page.run_page import run_page
 from cosim.results.page.server import PageServer
 from cosim.results.results import Results
 from tests.support import some
-from tests.support.browser import Tabs, accessible, chromium, fits, until, walked
+from tests.support.browser import accessible, fits, until, walked
 from tests.support.html import Elements
 from tests.support.patience import PATIENCE
 
@@ -349,19 +349,6 @@ def test_the_command_compares_runs(run, tmp_path, monkeypatch):
 
 
 # ---- the page in a browser
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with chromium() as found:
-        yield found
-
-
-@pytest.fixture
-def tabs(browser: Any) -> Iterator[Tabs]:
-    found = Tabs(browser)
-    yield found
-    found.close()
 
 
 def drawn(tab: Any, n: int = 1) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +21,7 @@ from parallel_robot.paper.reproduce.acting import signals
 from parallel_robot.paper.reproduce.readings import ASSUMPTIONS
 from parallel_robot.scenario import RobotScenario, load_scenario
 from tests.support import some
-from tests.support.browser import Tabs, accessible, chromium, fits, until
+from tests.support.browser import Tabs, accessible, fits, until
 from tests.support.html import Elements
 from tests.support.native_fmus import DEFAULT_FLAVOUR
 
@@ -108,19 +107,6 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("live")
     assert main(["live", "--out", str(folder / "live.html"), "--fmus", str(folder / "fmus")]) == 0
     return folder / "live.html"
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with chromium() as found:
-        yield found
-
-
-@pytest.fixture
-def tabs(browser: Any) -> Iterator[Tabs]:
-    found = Tabs(browser)
-    yield found
-    found.close()
 
 
 def opened(tabs: Tabs, page: Path, **options: Any) -> Any:

@@ -33,7 +33,7 @@ from parallel_robot.paper.reproduce.content import (
 )
 from parallel_robot.scenario import load_scenario
 from tests.support import some
-from tests.support.browser import Tabs, accessible, chromium, fits, walked
+from tests.support.browser import Tabs, accessible, fits, walked
 from tests.support.html import Elements
 from tests.support.native_fmus import DEFAULT_FLAVOUR
 
@@ -337,12 +337,6 @@ def test_the_animation_of_the_readme(robot_fmus, tmp_path):
 
 
 # ---- the page in a browser
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with chromium() as found:
-        yield found
 
 
 @pytest.fixture
