@@ -27,7 +27,7 @@ _MODULES = {
     "Log": "cosim.fmi.message_log",
     "MissingExtra": "cosim.errors",
     "Order": "cosim.master.algorithm",
-    "OutputError": "cosim.output",
+    "OutputError": "cosim.results.output",
     "Results": "cosim.results.results",
     "ResultsError": "cosim.errors",
     "RunState": "cosim.master.state",
@@ -93,8 +93,8 @@ if TYPE_CHECKING:
     from cosim.master.state import RunState
     from cosim.master.steering import Steering
     from cosim.master.stepping import SteppedRun
-    from cosim.output import OutputError
     from cosim.results.formats import FormatError
+    from cosim.results.output import OutputError
     from cosim.results.results import Results
     from cosim.results.stored import StoredResults, TableWriter
     from cosim.system.function import VariableSpecs

@@ -30,9 +30,9 @@ import psutil
 from tqdm import tqdm
 
 from cosim import CosimError, Results
+from cosim.files.whole import write_whole
 from cosim.results.unfinished import whole_lines
 from cosim.sweep import read as read_sweep
-from cosim.whole_files import write_whole
 from fmu_export import ModelClass, build_native, parameter, state
 
 #: Longest time (s) for a command to end, be it by a signal.

@@ -21,6 +21,7 @@ from tqdm import tqdm
 from cosim.commands.options import LOG_FILE, IsolationOptions, check_signatures, chosen_interfaces, log_options
 from cosim.commands.supervision import works_in
 from cosim.errors import CosimError, SetupError, nearest
+from cosim.files.whole import PART, part_of, write_json
 from cosim.fmi.message_log import Log
 from cosim.fmi.messages import notes
 from cosim.loop.team import Threads, checked_threads
@@ -29,16 +30,15 @@ from cosim.master.checkpoint import Checkpoint
 from cosim.master.failures import SimulationError, SimulationInterrupted
 from cosim.master.recording import NonFinite
 from cosim.master.simulation import Simulation, number_of_steps
-from cosim.output import SUMMARY, OutputError, ResultFolder, check_writable
 from cosim.results.figure_process import FigureProcess
 from cosim.results.formats import FORMATS, format_of
+from cosim.results.output import SUMMARY, OutputError, ResultFolder, check_writable
 from cosim.results.results import Results
 from cosim.results.stored import StoredResults, TableWriter
 from cosim.scenario.metrics import Metric, measured
 from cosim.system.system import AsWritten, System
 from cosim.terminal import screen
 from cosim.versions import versions
-from cosim.whole_files import PART, part_of, write_json
 
 if TYPE_CHECKING:
     from cosim.live.feed import LiveView

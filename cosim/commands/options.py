@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Literal
 
 from cosim.errors import SetupError, nearest
-from cosim.file_kinds import MODEL_DESCRIPTION, SSD, SSV, kind_of, not_read
+from cosim.files.kinds import MODEL_DESCRIPTION, SSD, SSV, kind_of, not_read
 from cosim.fmi.interfaces import INTERFACES
 from cosim.fmi.isolation.limits import Limits, parse_bytes
 from cosim.fmi.message_log import LEVELS, Log

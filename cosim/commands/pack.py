@@ -12,9 +12,9 @@ from typing import Any
 
 from cosim.commands.options import add_algorithm_options, standard_of
 from cosim.errors import CosimError
+from cosim.files.temporary import TemporaryFolder
 from cosim.scenario.family import families
 from cosim.system.system import System
-from cosim.temporary import TemporaryFolder
 
 
 def register(subparsers: Any) -> None:

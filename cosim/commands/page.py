@@ -31,8 +31,8 @@ def register(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run `cosim page`; returns the exit code."""
     # CasADi takes a while to import, and other commands don't need it
+    from cosim.files.whole import write_whole
     from cosim.model_page.page import model_page
-    from cosim.whole_files import write_whole
     from fmu_export.modelling.finding import find_model
     from fmu_export.wasm.backend import script, wasm_model
 

@@ -20,8 +20,8 @@ from cosim.commands.execution import (
 )
 from cosim.commands.options import Standard
 from cosim.errors import CosimError
+from cosim.files.temporary import TemporaryFolder
 from cosim.system.read import ReadSystem
-from cosim.temporary import TemporaryFolder
 
 
 @contextmanager

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from cosim.errors import CosimError, nearest
+from cosim.files.whole import write_whole
 from cosim.scenario.family import families, named
-from cosim.whole_files import write_whole
 
 
 def register(subparsers: Any) -> None:

@@ -95,9 +95,9 @@ def works_in(folder: Path) -> None:
 
 def _clear_away() -> None:
     """Remove temporary files of a process that has ended without doing so."""
+    from cosim.files.temporary import clear_abandoned
     from cosim.fmi.unpacking import place_for_fmus
-    from cosim.output import clear_unfinished
-    from cosim.temporary import clear_abandoned
+    from cosim.results.output import clear_unfinished
 
     for place in {place_for_fmus(), Path(tempfile.gettempdir())}:
         clear_abandoned(place)

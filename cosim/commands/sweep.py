@@ -29,11 +29,11 @@ from cosim.commands.options import (
     take_from_isolated,
 )
 from cosim.errors import CosimError, nearest
+from cosim.files.temporary import TemporaryFolder
 from cosim.scenario.family import ScenarioFamily, default_scenario, families, family_name, named
 from cosim.scenario.scenario import Scenario, ScenarioComponent
 from cosim.sweep.errors import SweepError
 from cosim.sweep.points import DESIGNS, Factor, Levels, Range, advice, design, parse_factor, parse_whole_numbers
-from cosim.temporary import TemporaryFolder
 from cosim.terminal import screen
 
 if TYPE_CHECKING:

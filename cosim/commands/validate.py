@@ -8,10 +8,10 @@ from typing import Any
 
 from cosim.commands.options import add_signature_option, check_signatures
 from cosim.errors import CosimError
-from cosim.file_kinds import NPZ, SSP, WORKBOOK, kind_of, not_read
+from cosim.files.kinds import NPZ, SSP, WORKBOOK, kind_of, not_read
+from cosim.files.temporary import TemporaryFolder
 from cosim.fmi.fmu_file import read_fmu
 from cosim.fmi.validation import problems_of
-from cosim.temporary import TemporaryFolder
 
 #: So many findings of one file are printed.
 _MOST_PROBLEMS = 100

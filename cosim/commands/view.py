@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from cosim.errors import MissingExtra
-from cosim.output import OutputError
+from cosim.results.output import OutputError
 
 
 def register(subparsers: Any) -> None:
@@ -69,7 +69,7 @@ def _served(page: str, runs: Any) -> bool:
 
 
 def _written(page: str, out: Path | None) -> Path:
-    from cosim.whole_files import write_whole
+    from cosim.files.whole import write_whole
 
     path = Path(tempfile.mkdtemp(prefix="cosim_view_")) / "page.html" if out is None else out
     try:

@@ -14,7 +14,7 @@ import fmpy
 from fmpy.model_description import ModelDescription
 
 from cosim.errors import SetupError
-from cosim.file_kinds import FMU, not_read
+from cosim.files.kinds import FMU, not_read
 from cosim.fmi import fmi1_description
 from cosim.fmi.archive.description import check_description
 from cosim.fmi.archive.findings import FileFindings

@@ -7,7 +7,7 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-from cosim.temporary import TemporaryFolder
+from cosim.files.temporary import TemporaryFolder
 
 
 def folder_for_fmus() -> TemporaryFolder:

@@ -7,6 +7,7 @@ from pathlib import Path, PurePosixPath
 import fmpy
 
 from cosim.errors import SetupError
+from cosim.files.temporary import TemporaryFolder
 from cosim.fmi.archive.fmpy_reading import violations
 from cosim.fmi.archive.libraries import misplaced, missing_functions
 from cosim.fmi.archive.members import Members
@@ -15,7 +16,6 @@ from cosim.fmi.fmu_file import LoadedFMU, check_fmu
 from cosim.fmi.load_failure import not_loadable
 from cosim.fmi.loading import LibraryError
 from cosim.fmi.shared_library import library_path
-from cosim.temporary import TemporaryFolder
 
 
 def problems_of(path: Path) -> list[str]:

@@ -23,6 +23,7 @@ from pathlib import Path
 import numpy as np
 
 from cosim.errors import SetupError
+from cosim.files.whole import part_of
 from cosim.master.failures import SimulationError, SimulationInterrupted
 from cosim.master.pacing import Pacer
 from cosim.master.recording import Growing, Sink
@@ -30,7 +31,6 @@ from cosim.master.run import CHUNK_TIME, SHORTEST_TIME, Grid
 from cosim.master.state import RunState
 from cosim.master.stepping import SteppedRun
 from cosim.results.results import Results
-from cosim.whole_files import part_of
 
 #: So many values at most are in memory before they go to the disk, and are read back at once.
 _MOST_VALUES = 1_000_000

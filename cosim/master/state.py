@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from cosim.errors import SetupError
-from cosim.whole_files import write_whole
+from cosim.files.whole import write_whole
 
 #: Version of the files; another one is not read.
 _FORMAT = 1

@@ -11,11 +11,11 @@ from xml.etree import ElementTree
 import numpy as np
 
 from cosim.errors import nearest
+from cosim.files.xml_elements import local_name
 from cosim.osp.errors import OSPError
 from cosim.osp.parsing import attribute, number
 from cosim.system.read import Findings
 from cosim.system.system import System
-from cosim.xml_elements import local_name
 
 #: Sums of more values are refused, before names of their inputs fill the memory.
 _MOST_VALUES = 1_000_000

@@ -8,9 +8,9 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from cosim.errors import nearest
+from cosim.files.xml_elements import children, local_name
 from cosim.osp.errors import OSPError
 from cosim.osp.parsing import attribute, parse
-from cosim.xml_elements import children, local_name
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,8 @@ from typing import NoReturn
 from xml.etree import ElementTree
 from xml.parsers import expat
 
+from cosim.files.xml_elements import local_name
 from cosim.osp.errors import OSPError
-from cosim.xml_elements import local_name
 
 #: XML files that are larger are refused: they would not fit into memory once decoded.
 MOST_XML_BYTES = 64 * 1024**2

@@ -11,6 +11,7 @@ from typing import Any, Literal
 from xml.etree import ElementTree
 
 from cosim.errors import nearest
+from cosim.files.xml_elements import children, local_name
 from cosim.fmi.fmu_file import load
 from cosim.osp.errors import OSPError
 from cosim.osp.functions import Function, read_function
@@ -21,7 +22,6 @@ from cosim.system.read import Findings, ReadSystem, multiple_of_step
 from cosim.system.system import System, Units
 from cosim.system.units import UnitsDiffer, conversion
 from cosim.system.variables import Element, Ports
-from cosim.xml_elements import children, local_name
 
 FILE = "OspSystemStructure.xml"
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from cosim.errors import CosimError, needs
-from cosim.temporary import TemporaryFolder
+from cosim.files.temporary import TemporaryFolder
 
 
 class FunnelError(CosimError):

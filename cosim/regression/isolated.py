@@ -11,13 +11,13 @@ from io import StringIO
 from pathlib import Path
 
 from cosim.errors import CosimError
+from cosim.files.temporary import TemporaryFolder
 from cosim.fmi.instance import ProcessEnded
 from cosim.fmi.isolation.limits import Limits
 from cosim.regression.case import Case, Method, RunError
 from cosim.regression.run import RunOptions, run
 from cosim.regression.tolerances import Interface
 from cosim.results.results import Results
-from cosim.temporary import TemporaryFolder
 
 #: So much of what an FMU prints is kept (characters).
 _MOST_OUTPUT = 10_000

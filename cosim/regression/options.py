@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from cosim.errors import CosimError
-from cosim.whole_files import write_whole
+from cosim.files.whole import write_whole
 
 #: Key of the file -> attribute. Further keys that the rules allow say nothing that is needed here.
 _KEYS = {

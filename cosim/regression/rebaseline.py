@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from cosim.errors import CosimError
+from cosim.files.whole import write_whole
 from cosim.fmi.fmu_file import read_fmu
 from cosim.regression.case import Case
 from cosim.regression.experiment import experiment_of
@@ -18,7 +19,6 @@ from cosim.regression.options import write_options
 from cosim.regression.run import RunOptions, interfaces_of
 from cosim.regression.tolerances import Interface, vector_of
 from cosim.results.results import Results
-from cosim.whole_files import write_whole
 
 _OPTION = "--fmu-rebaseline"
 

@@ -10,9 +10,9 @@ from typing import Any
 
 import pytest
 
+from cosim.files.temporary import TemporaryFolder
 from cosim.regression.page import Part, write_page
 from cosim.regression.rebaseline import reason_against
-from cosim.temporary import TemporaryFolder
 
 
 @dataclass

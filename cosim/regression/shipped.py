@@ -23,12 +23,12 @@ from xml.etree import ElementTree
 import numpy as np
 
 from cosim.errors import CosimError
+from cosim.files.temporary import TemporaryFolder
 from cosim.fmi.fmu_file import read_fmu
 from cosim.regression.case import Case, CaseError, find_cases
 from cosim.regression.options import Options, write_options
 from cosim.results.results import Results
 from cosim.system.variables import Ports
-from cosim.temporary import TemporaryFolder
 
 #: The folder of the layered standard in an FMU.
 FOLDER = "extra/org.fmi-standard.fmi-ls-ref/"

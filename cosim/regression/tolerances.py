@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from cosim.errors import CosimError, nearest
-from cosim.file_kinds import SCENARIO, TOLERANCES, TOML, not_read
+from cosim.files.kinds import SCENARIO, TOLERANCES, TOML, not_read
 
 #: Name of an interface of an FMU, as in its tables of tolerances.
 Interface = Literal["co_simulation", "model_exchange"]

@@ -17,10 +17,10 @@ from pathlib import Path
 import numpy as np
 
 from cosim.errors import ResultsError
+from cosim.files.whole import is_part
 from cosim.results.assembly import TIME_UNITS, assembled, check_once, check_seconds, is_time, name_and_unit, time_unit
 from cosim.results.formats import TIME, Table
 from cosim.results.unfinished import whole_lines
-from cosim.whole_files import is_part
 
 _SEPARATORS = (",", ";", "\t")
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
-from cosim.output import OutputError
+from cosim.results.output import OutputError
 
 if TYPE_CHECKING:
     from typing import Self

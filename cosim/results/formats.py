@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from cosim.errors import CosimError
+from cosim.files.whole import part_of, publish
 from cosim.results.streams import CsvStream, ParquetStream, StreamWriter
-from cosim.whole_files import part_of, publish
 
 if TYPE_CHECKING:
     import numpy as np

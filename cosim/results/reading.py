@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 
 from cosim.errors import ResultsError
-from cosim.file_kinds import no_table
+from cosim.files.kinds import no_table
+from cosim.files.whole import is_part, whole_of
 from cosim.results.assembly import assembled, check_seconds, is_time, name_and_unit, time_unit
 from cosim.results.csv_reading import read_csv
 from cosim.results.formats import Table
 from cosim.results.mat_reading import read_mat
 from cosim.results.unfinished import open_parquet
-from cosim.whole_files import is_part, whole_of
 
 
 def read_table(path: str | PathLike[str]) -> Table:

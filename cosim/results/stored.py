@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cosim.files.whole import part_of, publish
 from cosim.results.columns import TypedColumn, numbers_of
 from cosim.results.formats import (
     CSV_WITH_UNITS,
@@ -26,7 +27,6 @@ from cosim.results.recorded import Recorded
 from cosim.results.results import Results
 from cosim.results.streams import StreamWriter
 from cosim.results.unfinished import open_parquet
-from cosim.whole_files import part_of, publish
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -1,6 +1,6 @@
 """Files whose writing was cut off, by a kill or a full disk: all that is whole in them can be read.
 
-Their names end in `.part`; see `cosim.whole_files`.
+Their names end in `.part`; see `cosim.files.whole`.
 """
 
 from __future__ import annotations
@@ -9,8 +9,8 @@ import mmap
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from cosim.files.whole import is_part
 from cosim.results.streams import MAGIC
-from cosim.whole_files import is_part
 
 if TYPE_CHECKING:
     from pyarrow import parquet

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
 from cosim.errors import nearest
-from cosim.file_kinds import SCENARIO, TOML, not_read
+from cosim.files.kinds import SCENARIO, TOML, not_read
 from cosim.fmi.interfaces import INTERFACES
 from cosim.master.algorithm import AUTO, EXTRAPOLATIONS, ORDERS, SOLVERS
 from cosim.scenario.family import ScenarioFamily, families, family_of, named

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from cosim.errors import needs
+from cosim.files.whole import write_whole
 from cosim.signing.document import (
     MOST_BYTES,
     SIGNATURE_ENDING,
@@ -19,7 +20,6 @@ from cosim.signing.document import (
     read_document,
 )
 from cosim.signing.keys import fingerprint, private_key, public_key
-from cosim.whole_files import write_whole
 
 
 @dataclass(frozen=True)

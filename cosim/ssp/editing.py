@@ -13,6 +13,8 @@ from xml.dom import minidom
 from xml.parsers.expat import ExpatError
 
 from cosim.errors import nearest
+from cosim.files.temporary import TemporaryFolder
+from cosim.files.whole import write_whole
 from cosim.fmi.fmu_file import load
 from cosim.ssp.errors import SSPError
 from cosim.ssp.format.description import parameter_file
@@ -21,8 +23,6 @@ from cosim.ssp.format.schema import NAMESPACES, parse
 from cosim.ssp.format.structure import GIVING, SEPARATOR, TAKING
 from cosim.system.read import Findings
 from cosim.system.variables import Ports
-from cosim.temporary import TemporaryFolder
-from cosim.whole_files import write_whole
 
 #: Name of the parameter sets that hold the values of `SSPFile.set_parameter`.
 _EDITED = "edited"

@@ -6,12 +6,12 @@ import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
+from cosim.files.xml_elements import child, children
 from cosim.ssp.errors import SSPError
 from cosim.ssp.format.description import TOOL
 from cosim.ssp.format.document import Document
 from cosim.ssp.format.structure import Part
 from cosim.system.read import multiple_of_step
-from cosim.xml_elements import child, children
 
 if TYPE_CHECKING:
     from xmlschema import DataElement

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 from fmpy.model_description import Unit
 
+from cosim.files.xml_elements import children, local_name
 from cosim.ssp.errors import SSPError
 from cosim.ssp.format.structure import GIVING, TAKING, Connector, Part, find_connector
 from cosim.ssp.format.values import Value, table_of, transformation_of
 from cosim.system.units import UnitsDiffer, conversion
-from cosim.xml_elements import children, local_name
 
 if TYPE_CHECKING:
     from xmlschema import DataElement

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
+from cosim.files.xml_elements import child
 from cosim.ssp.format.structure import Part
-from cosim.xml_elements import child
 
 #: Lower left and upper right corner; y points up.
 Corners = tuple[float, float, float, float]

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from cosim.errors import nearest
+from cosim.files.xml_elements import child, children
 from cosim.ssp.errors import SSPError
 from cosim.ssp.experiment import is_isolated, step_size_of, steps_of
 from cosim.ssp.flow import Feed, Flow, Node
@@ -21,7 +22,6 @@ from cosim.ssp.mappings import add_mapping
 from cosim.system.read import Findings, ReadSystem
 from cosim.system.system import System
 from cosim.system.variables import Element
-from cosim.xml_elements import child, children
 
 __all__ = ["DESCRIPTION", "ReadSystem", "read_ssp"]
 

@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import Literal
 
 from cosim.errors import nearest
+from cosim.files.whole import write_whole
 from cosim.ssp.errors import SSPError
 from cosim.ssp.format.components import SystemContent, content_of
 from cosim.ssp.format.description import description_file, parameter_file
 from cosim.ssp.format.package import DESCRIPTION
 from cosim.ssp.format.schema import parse
 from cosim.system.system import System
-from cosim.whole_files import write_whole
 
 _DATE = (1980, 1, 1, 0, 0, 0)  # of all members: equal systems become equal files
 

@@ -27,11 +27,11 @@ import pyarrow.dataset as ds
 import pyarrow.parquet as pq
 
 from cosim.errors import nearest
-from cosim.output import SUMMARY, check_writable
+from cosim.files.whole import write_whole
+from cosim.results.output import SUMMARY, check_writable
 from cosim.sweep.batch import Rows
 from cosim.sweep.errors import SweepError
 from cosim.sweep.points import Factor, Points, Range
-from cosim.whole_files import write_whole
 
 #: A part is written when this share of the time since the start has gone by since the last, within bounds (s): few
 #: files for long sweeps, and little to lose for short ones.

@@ -33,7 +33,7 @@ def register(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run `cosim live`; returns the exit code."""
     # CasADi and SciPy take a while to import, and other commands don't need them
-    from cosim.whole_files import write_whole
+    from cosim.files.whole import write_whole
     from parallel_robot.live.page import live_page
 
     page = live_page(args.fmus)

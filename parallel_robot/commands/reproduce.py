@@ -12,7 +12,7 @@ from tqdm import tqdm
 
 from cosim.commands.options import add_overwrite_option
 from cosim.errors import CosimError, needs
-from cosim.output import ResultFolder
+from cosim.results.output import ResultFolder
 from cosim.terminal import screen
 from parallel_robot.commands.robot_fmus import make_ready
 

@@ -12,9 +12,9 @@ from tqdm import tqdm
 from cosim.commands.options import add_overwrite_option
 from cosim.commands.sweep import check_some_succeeded, sweep_progress, sweep_table, sweep_warning
 from cosim.errors import needs
-from cosim.output import SUMMARY, ResultFolder
+from cosim.files.whole import write_json
+from cosim.results.output import SUMMARY, ResultFolder
 from cosim.terminal import screen
-from cosim.whole_files import write_json
 from parallel_robot.commands.robot_fmus import chosen_flavour, make_ready
 
 if TYPE_CHECKING:

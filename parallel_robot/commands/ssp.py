@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from cosim.errors import needs
-from cosim.output import OutputError
+from cosim.results.output import OutputError
 from parallel_robot.choices import FLAVOURS
 from parallel_robot.commands.robot_fmus import chosen_flavour, make_ready
 

@@ -15,21 +15,11 @@ TOOLS = ("controller_fmu.membership", "controller_fmu.optimal_gains", "controlle
 
 #: The rooms of `cosim` and what they stand on, from the lowest to the highest: each may import those before it.
 ROOMS = (
-    (
-        "cosim.errors",
-        "cosim.versions",
-        "cosim.file_kinds",
-        "cosim.terminal",
-        "cosim.xml_elements",
-        "cosim.whole_files",
-        "cosim.file_lock",
-        "cosim.temporary",
-        "cosim.signing",
-    ),
+    ("cosim.errors", "cosim.versions", "cosim.terminal", "cosim.files", "cosim.signing"),
     ("cosim.loop",),
     ("cosim.fmi",),
     ("cosim.system",),
-    ("cosim.results", "cosim.output"),
+    ("cosim.results",),
     ("cosim.master",),
     ("cosim.scenario", "cosim.ssp", "cosim.osp", "cosim.sweep", "cosim.regression", "cosim.analysis", "cosim.live"),
     ("cosim.model_page",),

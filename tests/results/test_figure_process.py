@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from cosim.output import OutputError
 from cosim.results.figure_process import FigureProcess, as_drawn
+from cosim.results.output import OutputError
 from cosim.results.results import Results
 from parallel_robot.figures import write_figures
 from tests.support import some

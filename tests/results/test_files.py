@@ -13,10 +13,10 @@ from pyarrow import parquet
 from scipy.io import loadmat
 
 from cosim import CosimError, Results
+from cosim.files.whole import part_of
 from cosim.results import formats
 from cosim.results.formats import FORMATS
 from cosim.results.stored import StoredResults, TableWriter
-from cosim.whole_files import part_of
 from tests.support import some
 
 SPECIAL = [0.1 + 0.2, 5e-324, 1.7976931348623157e308, -0.0, np.pi, 1e-300]

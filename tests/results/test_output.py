@@ -13,8 +13,8 @@ from pathlib import Path
 
 import pytest
 
-from cosim.output import OutputError, ResultFolder
-from cosim.whole_files import write_json
+from cosim.files.whole import write_json
+from cosim.results.output import OutputError, ResultFolder
 
 FIRST = {"results.csv": "time\n1\n", "figures/a.png": "a", "figures/b.png": "b"}
 SECOND = {"results.parquet": "PAR1", "figures/b.png": "another b"}
@@ -198,7 +198,7 @@ def test_two_runs_at_once_do_not_share_a_folder(tmp_path: Path) -> None:
 KILLED = """
 import os, signal, sys
 from pathlib import Path
-from cosim.output import ResultFolder
+from cosim.results.output import ResultFolder
 with ResultFolder(Path(sys.argv[1])) as results:
     (results.unfinished / "results.csv").write_text("half")
     os.kill(os.getpid(), signal.SIGKILL)
@@ -218,8 +218,8 @@ def test_what_a_killed_run_leaves_is_cleared_away(tmp_path: Path) -> None:
 ENDED = """
 import json, os, sys
 from pathlib import Path
-from cosim.output import ResultFolder
-from cosim.whole_files import write_json
+from cosim.results.output import ResultFolder
+from cosim.files.whole import write_json
 
 def write(content):
     def into(folder):

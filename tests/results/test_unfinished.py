@@ -14,9 +14,9 @@ import pytest
 from pyarrow import parquet
 
 from cosim import CosimError, Results, StoredResults, TableWriter
+from cosim.files.whole import part_of
 from cosim.results import formats
 from cosim.results.columns import TypedColumn
-from cosim.whole_files import part_of
 
 #: Rows in a group, and in all.
 GROUP, ROWS = 10, 95

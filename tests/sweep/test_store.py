@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import cosim.sweep.store
-from cosim.output import OutputError
+from cosim.results.output import OutputError
 from cosim.sweep.batch import Row, Rows
 from cosim.sweep.errors import SweepError
 from cosim.sweep.points import Levels, Points, Range, design

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from cosim.errors import ResultsError
-from cosim.output import SUMMARY
+from cosim.files.whole import is_part, part_of
+from cosim.results.output import SUMMARY
 from cosim.results.recorded import Recorded
 from cosim.results.results import Results
 from cosim.results.stored import StoredResults
-from cosim.whole_files import is_part, part_of
 
 #: Endings of tables, those first that are read fastest.
 _ENDINGS = (".parquet", ".npz", ".csv", ".mat", ".json")

@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cosim.errors import CosimError
+from cosim.files.whole import write_whole
 from cosim.results.page import facts
 from cosim.results.page.curves import BUDGET, curves_of
 from cosim.results.page.diagram import diagram_section
 from cosim.results.page.document import PLOT_SCRIPTS, PLOT_STYLES, Section, asset, assets, document
-from cosim.whole_files import write_whole
 
 if TYPE_CHECKING:
     from cosim.results.recorded import Recorded

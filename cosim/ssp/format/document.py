@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 
 from fmpy.model_description import BaseUnit, Unit
 
+from cosim.files.xml_elements import child, children
 from cosim.ssp.format.package import Package
 from cosim.ssp.format.schema import parse
 from cosim.system.read import Findings
-from cosim.xml_elements import child, children
 
 if TYPE_CHECKING:
     from xmlschema import DataElement

@@ -15,7 +15,7 @@ from urllib.parse import SplitResult, parse_qs, unquote, urlsplit
 from urllib.request import url2pathname
 
 from cosim.errors import nearest
-from cosim.file_kinds import FMU, SSP, kind_of, not_read
+from cosim.files.kinds import FMU, SSP, kind_of, not_read
 from cosim.fmi.archive.members import MOST_UNPACKED_BYTES, UNREADABLE, ArchiveError, Members
 from cosim.ssp.errors import SSPError
 from cosim.system.read import Findings

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cosim.errors import nearest
+from cosim.files.xml_elements import child, children, local_name
 from cosim.ssp.errors import SSPError
 from cosim.ssp.format.document import Document
 from cosim.ssp.format.schema import parse
 from cosim.ssp.format.values import Value, set_values
-from cosim.xml_elements import child, children, local_name
 
 if TYPE_CHECKING:
     from xmlschema import DataElement

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 from fmpy.model_description import Unit
 
 from cosim.errors import nearest
+from cosim.files.xml_elements import child, children, local_name
 from cosim.fmi.fmu_file import load
 from cosim.fmi.interfaces import AUTO_INTERFACE, CO_SIMULATION, MODEL_EXCHANGE
 from cosim.ssp.errors import SSPError
@@ -24,7 +25,6 @@ from cosim.ssp.format.schema import parse
 from cosim.system.read import Findings
 from cosim.system.units import UnitsDiffer, conversion
 from cosim.system.variables import Element, Ports
-from cosim.xml_elements import child, children, local_name
 
 if TYPE_CHECKING:
     from xmlschema import DataElement

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 from fmpy.model_description import Unit
 
 from cosim.errors import nearest
+from cosim.files.xml_elements import child, children, local_name
 from cosim.ssp.errors import SSPError
 from cosim.ssp.format.document import Definitions, Document, read_definitions
 from cosim.ssp.format.schema import parse
 from cosim.system.read import Findings
 from cosim.system.units import UnitsDiffer, conversion
-from cosim.xml_elements import child, children, local_name
 
 if TYPE_CHECKING:
     from xmlschema import DataElement

@@ -9,8 +9,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from cosim.files.whole import write_json
 from cosim.versions import versions
-from cosim.whole_files import write_json
 from parallel_robot.metrics import metrics
 from parallel_robot.paper.reproduce.claims import judge, rows
 from parallel_robot.paper.reproduce.content import Reproduction, Runs

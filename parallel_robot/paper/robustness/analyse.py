@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
+from cosim.files.whole import write_json
 from cosim.versions import versions
-from cosim.whole_files import write_json
 from parallel_robot.paper.reproduce.table import controllers
 from parallel_robot.paper.robustness import draw, rows
 from parallel_robot.paper.robustness.content import BANDS, DATA, FIGURES, TEXT, Robustness, SourceRow

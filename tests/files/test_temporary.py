@@ -11,13 +11,13 @@ from pathlib import Path
 
 import pytest
 
-from cosim import temporary
-from cosim.temporary import TemporaryFolder, clear_abandoned
+from cosim.files import temporary
+from cosim.files.temporary import TemporaryFolder, clear_abandoned
 
 HOLDING = """
 import sys
 from pathlib import Path
-from cosim.temporary import TemporaryFolder
+from cosim.files.temporary import TemporaryFolder
 with TemporaryFolder("ssp", Path(sys.argv[1])) as folder:
     (Path(folder) / "file").write_text("x")
     print(folder, flush=True)

@@ -10,7 +10,7 @@ import pytest
 
 from cosim import Results
 from cosim.__main__ import main
-from cosim.file_kinds import kind_of
+from cosim.files.kinds import kind_of
 
 FILES = {
     "table": ("a table in CSV", b"time,x\n0,1\n"),

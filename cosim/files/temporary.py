@@ -13,7 +13,7 @@ import weakref
 from contextlib import suppress
 from pathlib import Path
 
-from cosim.file_lock import hold, is_at
+from cosim.files.locks import hold, is_at
 
 #: Names of these folders; a folder of another program must not look as one.
 _NAME = re.compile(r"cosim_(?:[a-z]+_)?pid\d+_\w+")

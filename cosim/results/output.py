@@ -13,8 +13,8 @@ from types import TracebackType
 from typing import Any, Self
 
 from cosim.errors import CosimError
-from cosim.file_lock import FileLock
-from cosim.whole_files import PART, part_of, sync, whole_of, write_json
+from cosim.files.locks import FileLock
+from cosim.files.whole import PART, part_of, sync, whole_of, write_json
 
 #: The file that says how a run was made, and which files of the folder belong to it.
 SUMMARY = "summary.json"

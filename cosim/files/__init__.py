@@ -1,0 +1,1 @@
+"""Files: what kind one is, whole or not there, locked, temporary."""
