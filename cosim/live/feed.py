@@ -8,7 +8,6 @@ import queue
 import subprocess
 import sys
 import threading
-import time as clock
 from collections.abc import Callable, Mapping, Sequence
 from types import TracebackType
 from typing import Any, Self
@@ -80,7 +79,8 @@ class LiveView:
         self._n_columns = len(names)
         self._page = live_page(title, shown, units, settable, start_time, stop_time)
         self._open_page, self._patience = open_page, patience
-        self.steering = Steering()
+        self.steering = Steering(told=self._say)
+        self._stopped = False
         self._waiting: queue.Queue[str | None] = queue.Queue()
         self._connected = threading.Event()
         self._rows = 0
@@ -106,7 +106,7 @@ class LiveView:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self.tell({"state": "completed" if kind is None else "ended early"})
+        self.tell({"state": "ended early" if kind is not None else "stopped" if self._stopped else "completed"})
         self._waiting.put(None)
         self._writer.join()
         try:
@@ -130,6 +130,14 @@ class LiveView:
         rows = np.column_stack([times[first::every], values[first::every][:, self._shown].astype(float)])
         if len(rows):
             self.tell({"rows": base64.b64encode(np.ascontiguousarray(rows, dtype="<f8").tobytes()).decode()})
+
+    def _say(self, command: Mapping[str, Any]) -> None:
+        """What has become of a command."""
+        self._stopped = self._stopped or "stop" in command
+        what = ", ".join(f"{name} = {value:g}" for name, value in command.get("set", {}).items())
+        if what:
+            refused = f" was refused: {command['why']}" if "why" in command else ""
+            self.tell({"done": f"t = {command['time']:.9g} s: {what}{refused}"})
 
     def tell(self, message: Mapping[str, Any]) -> None:
         """A message to the page."""
@@ -158,7 +166,6 @@ class LiveView:
                 self.tell({"state": "paused" if self.steering.is_paused else "running"})
             for name, value in message.get("set", {}).items():
                 self.steering.set(name, value)
-                self.tell({"done": f"{clock.strftime('%X')}: {name} = {value:g}"})
             if message.get("pause"):
                 self.steering.pause()
                 self.tell({"state": "paused"})

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from html import escape
+from itertools import islice
 from typing import Any
 
 from cosim.results.page.document import PLOT_SCRIPTS, PLOT_STYLES, Section, asset, assets, document
 
 _PACKAGE = "cosim.live"
+
+#: Fields for values that can be set; those of large arrays would fill the page.
+_MOST_FIELDS = 200
 
 
 def live_page(
@@ -46,15 +50,17 @@ def live_page(
 
 
 def _steering(settable: Mapping[str, Mapping[str, Any]]) -> Section:
-    fields = "\n".join(_field(i, name, about) for i, (name, about) in enumerate(settable.items()))
+    fields = "\n".join(_field(i, name, about) for i, (name, about) in enumerate(islice(settable.items(), _MOST_FIELDS)))
     said = f"{len(settable)} values can be set" if settable else "nothing can be set in this system"
+    more = len(settable) - _MOST_FIELDS
+    fewer = f'<p class="hint">The first {_MOST_FIELDS} are here; a program can set the others.</p>' if more > 0 else ""
     html = f"""<p><span class="buttons" role="group" aria-label="The run">
 <button type="button" data-act="pause">Pause</button>
 <button type="button" data-act="resume" disabled>Resume</button>
 <button type="button" data-act="stop">Stop</button></span></p>
 <details><summary>{said}</summary>
 <p class="hint">A value is set at the next communication point. What is done is kept, and repeats the run.</p>
-<div class="settings">{fields}</div></details>
+<div class="settings">{fields}</div>{fewer}</details>
 <p class="hint" id="done" role="status"></p>"""
     return Section("steer", "Steer", html, styles=[asset("live.css", _PACKAGE)])
 

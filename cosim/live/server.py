@@ -76,9 +76,19 @@ class _Command(LoopbackHandler):
             command = json.loads(self.request.body)
         except ValueError as error:
             raise tornado.web.HTTPError(400) from error
-        if not isinstance(command, dict) or not set(command) <= {"set", "pause", "resume", "stop"}:
+        if not _is_command(command):
             raise tornado.web.HTTPError(400)
         _tell(command)
+
+
+def _is_command(message: Any) -> bool:
+    """Whether a message is what the page sends: numbers to set, or what to do."""
+    if not isinstance(message, dict) or not set(message) <= {"set", "pause", "resume", "stop"}:
+        return False
+    values = message.get("set", {})
+    return isinstance(values, dict) and all(
+        isinstance(value, int | float) and not isinstance(value, bool) for value in values.values()
+    )
 
 
 def _tell(message: dict[str, Any]) -> None:

@@ -24,10 +24,11 @@ import numpy as np
 
 from cosim.errors import SetupError
 from cosim.files.whole import part_of
+from cosim.master.chunks import ChunkLength
 from cosim.master.failures import SimulationError, SimulationInterrupted
 from cosim.master.pacing import Pacer
 from cosim.master.recording import Growing, Sink
-from cosim.master.run import CHUNK_TIME, SHORTEST_TIME, Grid
+from cosim.master.run import Grid
 from cosim.master.state import RunState
 from cosim.master.stepping import SteppedRun
 from cosim.results.results import Results
@@ -36,7 +37,6 @@ from cosim.results.results import Results
 _MOST_VALUES = 1_000_000
 
 #: Steps until the first look at the clock, and how much longer a chunk may be than the one before.
-_FIRST_CHUNK, _LARGEST_GROWTH = 64, 16
 
 #: By how many steps a checkpoint may be due after a communication point, for rounding.
 _TOLERANCE = 1e-6
@@ -224,7 +224,7 @@ class CheckpointedRun:
         SimulationInterrupted
             Ctrl-C; there is a checkpoint of where the run stood.
         """
-        run, grid, chunk, first_time = self._run, self._grid, _FIRST_CHUNK, self._run.time
+        run, grid, chunk, first_time = self._run, self._grid, ChunkLength(), self._run.time
         next_point = self._next(run.point)
         stopped, stopped_at = run.is_interrupted, run.time
         try:
@@ -233,8 +233,8 @@ class CheckpointedRun:
             while run.point < grid.last_point and not stopped and not run.has_ended:
                 if pacer is not None:
                     pacer.wait(run.time - first_time, lambda: run.is_interrupted)
-                    chunk = 1
-                n = min(chunk, next_point - run.point, grid.last_point - run.point)
+                    chunk.steps = 1
+                n = min(chunk.steps, next_point - run.point, grid.last_point - run.point)
                 began, first = clock.perf_counter(), run.point
                 try:
                     run.step(n)
@@ -246,8 +246,7 @@ class CheckpointedRun:
                     progress(run.time)
                 if run.is_interrupted and not stopped:
                     stopped, stopped_at = True, run.time
-                rate = (run.point - first) / max(took, SHORTEST_TIME)
-                chunk = max(1, min(round(rate * CHUNK_TIME), _LARGEST_GROWTH * chunk))
+                chunk.took(run.point - first, took)
                 if (run.point >= next_point or stopped) and not run.has_ended:
                     self._keep()
                     next_point = self._next(run.point)

@@ -106,7 +106,9 @@ class ToleranceSearch:
         if not (isinstance(tolerance, int | float) and 0.0 < tolerance < 1.0):
             raise SetupError(f"coupling tolerance {tolerance!r} must be a number between 0 and 1, relative, as 1e-4")
         if not names:
-            raise SetupError("coupling tolerance: nothing is connected, so there is no coupling error; leave it out")
+            raise SetupError(
+                "coupling tolerance: no real output is connected, and no coupling error known; leave it out"
+            )
         self._run, self._names = run, list(names)
         self._steps = round(duration / first_step)
         self._duration, self._tolerance, self._most_steps = duration, tolerance, most_steps

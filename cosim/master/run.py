@@ -35,6 +35,8 @@ from cosim.loop.binding import (
 )
 from cosim.loop.current_calls import address_of_call
 from cosim.loop.team import Team, Threads
+from cosim.master import chunks
+from cosim.master.chunks import ChunkLength
 from cosim.master.component_times import ComponentTimes
 from cosim.master.failures import Failing, InterruptedInCall, SimulationError, SimulationInterrupted
 from cosim.master.function_instance import FunctionInstance, in_one_line
@@ -50,9 +52,6 @@ from cosim.results.results import Results
 from cosim.system.resolution import StartValue
 from cosim.system.variables import variables_of
 
-#: Between two chunks the loop looks for Ctrl-C and reports progress; this is how long (s) a chunk should take.
-CHUNK_TIME = 0.05
-_FIRST_CHUNK, _LARGEST_GROWTH, _LARGEST_CHUNK = 64, 16, 1 << 16
 #: A run that is stepped by hand samples its signals for so many points ahead.
 _AHEAD = 1000
 
@@ -64,8 +63,6 @@ _TOLD = -1
 
 #: Status of FMI after which an instance is left alone.
 _FATAL = 4
-
-SHORTEST_TIME = 1e-6  # clocks have a resolution
 
 
 @dataclass(frozen=True)
@@ -294,25 +291,23 @@ class Run:
         self._loop.record_every = record_every
         if progress is not None:
             progress(grid.start_time)
-        largest = _LARGEST_CHUNK if recorder.capacity is None else record_every * recorder.capacity
-        chunk = min(_FIRST_CHUNK, largest)
+        chunk = ChunkLength(None if recorder.capacity is None else record_every * recorder.capacity)
         try:
             while point <= grid.last_point:
                 if pacer is not None:
                     pacer.wait(grid.time(point) - grid.start_time, self._stop)
-                    chunk = 1
+                    chunk.steps = 1
                 if self._interrupt.requested:
                     self._terminate(grid.time(point))
                     raise SimulationInterrupted(grid.time(point), finish("interrupted"))
                 began, first = clock.perf_counter(), point
                 try:
-                    point = self._go_on(recorder, point, min(point + chunk, grid.last_point + 1), record_every)
+                    point = self._go_on(recorder, point, min(point + chunk.steps, grid.last_point + 1), record_every)
                 finally:  # what FMUs take to terminate is not the loop's time
                     loop_ended = clock.perf_counter()
                 if progress is not None:
                     progress(grid.time(max(0, point - 1)))
-                rate = (point - first) / max(loop_ended - began, SHORTEST_TIME)
-                chunk = max(1, min(round(rate * CHUNK_TIME), _LARGEST_GROWTH * chunk, largest))
+                chunk.took(point - first, loop_ended - began)
                 if self.ended_by is not None:
                     break
             self._terminate(grid.time(grid.last_point if self.ended_by is None else self._end_point))
@@ -406,7 +401,7 @@ class Run:
         self._loop.record_every = record_every
         point = first
         while point < end and not (point > first and self._interrupt.requested):
-            chunk_end = min(end, point + _LARGEST_CHUNK)
+            chunk_end = min(end, point + chunks.MOST)
             reached = min(chunk_end, self._sampled_until(point, chunk_end + 1))
             if reached <= point:
                 raise self._signal_failure(point)

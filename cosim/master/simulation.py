@@ -101,8 +101,9 @@ class Simulation:
         Order in which values are exchanged at a communication point: "sequential" (Gauss-Seidel) or "parallel"
         (Jacobi); see `cosim.master.algorithm`.
     extrapolation : str
-        What connected inputs do between communication points: "hold" (zero-order hold) or "linear" (first-order hold,
-        linear extrapolation); "auto" is linear where the FMU can, and else holds.
+        What connected inputs do between communication points: "hold" (zero-order hold), "linear" (first-order hold,
+        linear extrapolation), or another one of `cosim.master.algorithm`; "auto" is linear where the FMU can, and else
+        holds.
     record : sequence of str, optional
         Names `component.variable`, scalars or vectors; all inputs and outputs by default.
     build : bool
@@ -310,14 +311,12 @@ class Simulation:
     def settable(self) -> dict[str, dict[str, Any]]:
         """Real inputs that nothing feeds, and tunable parameters: name -> start "value", "unit", "min", "max"."""
         found = {}
-        fed = {(k.target_component, k.target.name) for k in self._resolved.links}
-        fed |= {(d.component, e.name) for d in self._resolved.drives for e in d.targets}
         given = {
             (s.component, e.name): v for s in self._resolved.starts for e, v in zip(s.elements, s.values, strict=True)
         }
         for component, port in self._ports.items():
             for element in port.all_elements():
-                if element.kind == "real" and not why_not_settable(component, [element], fed):
+                if element.kind == "real" and not why_not_settable(component, [element], self._resolved.fed):
                     unit = port.unit(element)
                     found[f"{component}.{element.name}"] = {
                         "value": given.get((component, element.name), _number(element.variable.start, element.offset)),
@@ -624,22 +623,20 @@ class Simulation:
             check_for_tolerance(
                 once | {"steering": steering, "record_every": None if record_every == 1 else record_every}
             )
-
-            def run_with(step: float) -> Results:
-                return self.run(
-                    stop_time,
-                    step,
-                    start_time=start_time,
-                    start=start,
-                    signals=signals,
-                    tolerance=tolerance,
-                    progress=progress,
-                    nonfinite=nonfinite,
-                )
-
             number_of_steps(start_time, stop_time, step_size)
+            run_with = partial(
+                self.run,
+                stop_time,
+                start_time=start_time,
+                start=start,
+                signals=signals,
+                tolerance=tolerance,
+                progress=progress,
+                nonfinite=nonfinite,
+            )
             feeding = [f"{k.source_component}.{k.source.name}" for k in self._resolved.links]
-            compared = compared_names(self.names, feeding, chosen=not self._records_all)
+            real = [name for name in self._names if name not in self.types]
+            compared = compared_names(real, feeding, chosen=not self._records_all)
             most_steps = MOST_VALUES // max(1, len(self._names))
             return ToleranceSearch(
                 run_with, compared, stop_time - start_time, step_size, coupling_tolerance, most_steps
@@ -969,12 +966,10 @@ class Simulation:
 
     def _extra_starts(self, start: Mapping[str, Any]) -> list[StartValue]:
         starts = []
-        fed = {(k.target_component, k.target.name) for k in self._resolved.links}
-        fed |= {(d.component, e.name) for d in self._resolved.drives for e in d.targets}
         for path, value in start.items():
             port, name = split(path, self._ports)
             resolved = resolve_start_value(port, name, value)
-            if any((port.component, e.name) in fed for e in resolved.elements):
+            if any((port.component, e.name) in self._resolved.fed for e in resolved.elements):
                 raise SetupError(f"start value of '{path}' would have no effect: a connection or a signal feeds it")
             self._check_sizes(resolved)
             if resolved.is_interval:

@@ -13,14 +13,13 @@ from typing import Any
 import numpy as np
 
 from cosim.errors import CosimError, SetupError
+from cosim.master.chunks import ChunkLength
 from cosim.master.failures import SimulationError, SimulationInterrupted
 from cosim.master.pacing import Pacer
 from cosim.master.recording import Growing, Sink
-from cosim.master.run import CHUNK_TIME, SHORTEST_TIME, Grid
+from cosim.master.run import Grid
 from cosim.master.stepping import SteppedRun
 from cosim.results.results import Results
-
-_FIRST_CHUNK, _LARGEST_GROWTH = 64, 16
 
 #: A run that is paused looks for commands this often (s).
 _LOOK = 0.01
@@ -39,6 +38,9 @@ class Steering:
     ----------
     commands : iterable of mapping
         Commands of an earlier run, as its results have them, which are repeated at their communication points.
+    told : callable, optional
+        Called by the run with each command once it is carried out, with its "point" and "time" (s), or refused: then it
+        also has "why".
 
     Raises
     ------
@@ -55,7 +57,12 @@ class Steering:
     ...     again = simulation.run(0.01, 1e-3, steering=Steering(results.info["commands"]))
     """
 
-    def __init__(self, commands: Iterable[Mapping[str, Any]] = ()) -> None:
+    def __init__(
+        self,
+        commands: Iterable[Mapping[str, Any]] = (),
+        told: Callable[[Mapping[str, Any]], object] = lambda command: None,
+    ) -> None:
+        self.tell = told
         self._lock = threading.Lock()
         self._waiting: list[dict[str, Any]] = []
         self._paused = threading.Event()
@@ -169,7 +176,7 @@ class SteeredRun:
         SimulationInterrupted
             Ctrl-C.
         """
-        run, grid, chunk = self._run, self._grid, _FIRST_CHUNK
+        run, grid, chunk = self._run, self._grid, ChunkLength()
         interrupted_at = run.time if run.is_interrupted else None
         try:
             if progress is not None:
@@ -182,9 +189,9 @@ class SteeredRun:
                     break
                 if pacer is not None:
                     pacer.wait(run.time - grid.start_time, lambda: run.is_interrupted)
-                    chunk = 1
+                    chunk.steps = 1
                 planned = self._steering.next_planned()
-                n = min(chunk, grid.last_point - run.point, *([] if planned is None else [planned - run.point]))
+                n = min(chunk.steps, grid.last_point - run.point, *([] if planned is None else [planned - run.point]))
                 began, first = clock.perf_counter(), run.point
                 try:
                     run.step(n)
@@ -195,8 +202,7 @@ class SteeredRun:
                 self._show()
                 if progress is not None:
                     progress(run.time)
-                rate = (run.point - first) / max(took, SHORTEST_TIME)
-                chunk = max(1, min(round(rate * CHUNK_TIME), _LARGEST_GROWTH * chunk))
+                chunk.took(run.point - first, took)
             run.end()
             self._show()
         except SimulationError as error:
@@ -225,8 +231,10 @@ class SteeredRun:
                 raise
             except (CosimError, TypeError, ValueError) as error:
                 self._refused.append({**known, "why": " ".join(str(error).split())})
+                self._steering.tell(self._refused[-1])
                 continue
             self._done.append(known)
+            self._steering.tell(known)
             self._stopped = self._stopped or bool(command.get("stop"))
 
     def _show(self) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence, Set
 from typing import Any
 
 import numpy as np
@@ -134,8 +134,6 @@ class SteppedRun:
         self._quantities: dict[str, _Quantity] = {}
         self._set_since: set[str] = set()
         self._ended = False
-        self._fed = {(k.target_component, k.target.name) for k in system.links}
-        self._fed |= {(d.component, e.name) for d in system.drives for e in d.targets}
         for instance in instances.values():
             if isinstance(instance, FunctionInstance):
                 instance.is_stepped = True
@@ -392,7 +390,7 @@ class SteppedRun:
                 fmi_type = elements[0].variable.type
                 raise SetupError(f"'{name}' is of type {fmi_type}, which can't be read or set during a run")
             component = port.component
-            obstacle = why_not_settable(component, elements, self._fed)
+            obstacle = why_not_settable(component, elements, self._system.fed)
             instance = self._instances[component]
             self._quantities[name] = _Quantity(component, variable, elements, self._layout, instance, obstacle)
         return self._quantities[name]
@@ -432,7 +430,7 @@ class SteppedRun:
         return error
 
 
-def why_not_settable(component: str, elements: Sequence[Element], fed: set[tuple[str, str]]) -> str:
+def why_not_settable(component: str, elements: Sequence[Element], fed: Set[tuple[str, str]]) -> str:
     """Why a variable can't be set between two steps; empty when it can."""
     for element in elements:
         variable = element.variable

@@ -91,13 +91,11 @@ class Interface:
 
 def open_inputs(resolved: ResolvedSystem) -> list[tuple[str, Element]]:
     """Inputs of components that neither a connection nor a signal feeds, and that can be set."""
-    fed = {(k.target_component, k.target.name) for k in resolved.links}
-    fed |= {(d.component, e.name) for d in resolved.drives for e in d.targets}
     return [
         (component, element)
         for component, port in resolved.ports.items()
         for element in port.of_causality("input")
-        if element.is_exchanged and not is_alias(element.variable) and (component, element.name) not in fed
+        if element.is_exchanged and not is_alias(element.variable) and (component, element.name) not in resolved.fed
     ]
 
 
@@ -257,12 +255,10 @@ def interface_of(
     parameters = [
         PackedVariable(MAX_STEP, "", None, "Real" if version == 2 else "Float64", "parameter", "tunable", max_step)
     ]
-    fed = {(k.target_component, k.target.name) for k in resolved.links}
-    fed |= {(d.component, e.name) for d in resolved.drives for e in d.targets}
     for component, port in resolved.ports.items():
         for element in port.of_causality("parameter"):
             variable = element.variable
-            if is_structural(variable) or is_alias(variable) or (component, element.name) in fed:
+            if is_structural(variable) or is_alias(variable) or (component, element.name) in resolved.fed:
                 continue
             if variable.initial not in (None, "exact", "approx"):
                 continue

@@ -140,7 +140,7 @@ def _read(path: Path, where: Path) -> tuple[str, bytes, str]:
     """Document, signature, and the fingerprint of the key that it claims to be by."""
     try:
         if where.stat().st_size > MOST_BYTES:
-            raise SignatureError(f"{where}: is too large for a signature")
+            raise SignatureError(f"{where}: is too large for a signature; get the one that its maker has written")
         content = json.loads(where.read_text(encoding="utf-8"))
         text, claimed = content["document"], content["key"]
         signature = base64.b64decode(content["signature"], validate=True)

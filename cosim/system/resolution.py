@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from typing import Any, get_args
 
@@ -114,6 +115,12 @@ class ResolvedSystem:
     kept: tuple[str, ...]
     unticked: tuple[str, ...]
     torn: tuple[Link, ...] = ()
+
+    @cached_property
+    def fed(self) -> frozenset[Node]:
+        """Component and name of each element that a connection or a signal feeds."""
+        linked = {(k.target_component, k.target.name) for k in self.links}
+        return frozenset(linked | {(d.component, e.name) for d in self.drives for e in d.targets})
 
     def couples_equations(self, link: Link) -> bool:
         """Whether both ends of a link are in model exchange: it carries values at any time, not at points only."""

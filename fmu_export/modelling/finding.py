@@ -46,7 +46,7 @@ def find_model(text: str) -> AnyModel:
         return found[name]
     here = {n: v for n, v in found.items() if not inspect.isclass(v) or v.__module__ == own}
     if not found:
-        raise ArgumentError(f"{place} has no Model and no ModelClass")
+        raise ArgumentError(f"{place} has no Model and no ModelClass; name a file with one, as `cosim new` writes it")
     if len(here) != 1:
         raise ArgumentError(f"{place}: name the model, as {place}:{next(iter(here), 'NAME')}; {_those(found)}")
     return next(iter(here.values()))
@@ -66,7 +66,7 @@ def _file(path: Path) -> ModuleType:
     if path.suffix != ".py":
         raise ArgumentError(f"{path} is no Python file; give the one of the model, as my_controller.py")
     if not path.is_file():
-        raise ArgumentError(f"there is no file {path}")
+        raise ArgumentError(f"there is no file {path}; check the path, or write one: cosim new model NAME")
     spec = importlib.util.spec_from_file_location(path.stem, path)
     assert spec is not None
     assert spec.loader is not None

@@ -99,6 +99,8 @@ def test_commands_of_the_page_reach_the_run_and_those_of_others_do_not(going: Go
     assert post(address, {"set": {"tank.u": 5.0}}, None) == 403
     assert post(address, b"no JSON", own) == 400
     assert post(address, {"other": 1}, own) == 400
+    assert post(address, {"set": {"tank.u": "5"}}, own) == 400
+    assert post(address, {"set": [1]}, own) == 400
     assert post(own + "/guess/", {"stop": True}, own) == 404
     with pytest.raises(HTTPError, match="421"):
         urlopen(Request(address, headers={"Host": "evil.example"}), timeout=PATIENCE)
@@ -149,7 +151,7 @@ def test_the_page_in_a_browser(going: Going) -> None:
         tab.get_by_role("button", name="Resume").click()
         until(tab, "document.getElementById('state').textContent === 'running'")
         tab.get_by_role("button", name="Stop").click()
-        until(tab, "document.getElementById('state').textContent === 'completed'")
+        until(tab, "document.getElementById('state').textContent === 'stopped'")
         assert troubles == []
     commands = going.end().info["commands"]
     assert {"tank.u": -4.0} in [c.get("set") for c in commands]

@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 
 import cosim.loop.binding
-import cosim.master.run
 from cosim import Results, SetupError, Simulation, SimulationError, System, simulate
 from cosim.loop.binding import LoopLibraryError, loop_library
+from cosim.master import chunks
 from tests.support.small_fmus import FLAVOURS, FMI3_TYPES, build, compiled
 from tests.support.tiny_models import GAIN, INTEGRATOR
 
@@ -172,7 +172,7 @@ def failing(
 def test_a_step_that_fails_ends_the_run_at_this_very_step(
     three: dict[str, Simulation], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, point: int, chunk: int
 ) -> None:
-    monkeypatch.setattr(cosim.master.run, "_FIRST_CHUNK", chunk)
+    monkeypatch.setattr(chunks, "FIRST", chunk)
     error = failing(three["sequential"], tmp_path, 1100, fail_at=point * H, status=ERROR, where=DO_STEP)
     assert str(error) == f"middle failed at t = {point * H:.9g} s: fmi2DoStep returned error"
     assert (error.component, error.time) == ("middle", point * H)

@@ -19,6 +19,7 @@ import pytest
 import cosim.master.pacing
 from cosim import Checkpoint, Results, SetupError, Signal, Simulation, SimulationError, SimulationInterrupted, System
 from cosim.master import checkpoint as module
+from cosim.master import chunks
 from cosim.master.state import RunState
 from parallel_robot.scenario import load_scenario
 from tests.support.clock import Clock
@@ -322,8 +323,8 @@ def test_a_full_disk_costs_a_checkpoint_and_no_more(
         full = 0.705 < now < 1.405
 
     monkeypatch.setattr(RunState, "write", write)
-    monkeypatch.setattr(module, "_FIRST_CHUNK", 1)
-    monkeypatch.setattr(module, "_LARGEST_GROWTH", 1)
+    monkeypatch.setattr(chunks, "FIRST", 1)
+    monkeypatch.setattr(chunks, "GROWTH", 1)
     said: list[str] = []
     with Simulation(integrator(tiny)) as simulation:
         expected = simulation.run(2.0, 0.01)

@@ -11,10 +11,10 @@ import fmpy
 import numpy as np
 import pytest
 
-import cosim.master.run
 import cosim.master.sampling
 from cosim import Results, SetupError, Signal, Simulation, System, simulate
 from cosim.fmi.fmu_file import read_fmu
+from cosim.master import chunks
 from cosim.master.algorithm import algorithm
 from cosim.master.extrapolated_inputs import extrapolated_inputs
 from cosim.system.resolution import resolve
@@ -557,8 +557,8 @@ def test_a_jump_of_a_held_signal_in_the_window_before_is_seen(fmus: Path, monkey
     system.add("i", fmus / "fmi2" / "Integrator.fmu", every=2)
     system.drive("g.u[1]", lambda t: t if t < 7.0 else 100.0 + t, breakpoints=(7.0,))
     system.connect("g.y[1]", "i.u")
-    for name in ("_FIRST_CHUNK", "_LARGEST_CHUNK"):
-        monkeypatch.setattr(cosim.master.run, name, 4)
+    for name in ("FIRST", "MOST"):
+        monkeypatch.setattr(chunks, name, 4)
     whole = simulate(system, 20.0, 1.0)
     assert whole.info["extrapolation"]["linear"] == ["i.u"]
     monkeypatch.setattr(cosim.master.sampling, "_MOST_SAMPLES", 4)  # as 4 million are in a long run

@@ -114,5 +114,14 @@ def test_what_is_for_one_run_is_refused(fmus: Path) -> None:
         simulate(oscillator(fmus), 1.0, 0.1, coupling_tolerance=1e-3, realtime=1.0)
     system = System()
     system.add("alone", fmus / "Integrator.fmu", start={"u": 1.0})
-    with pytest.raises(SetupError, match="nothing is connected"):
+    with pytest.raises(SetupError, match="no real output is connected"):
         simulate(system, 1.0, 0.1, coupling_tolerance=1e-3)
+
+
+def test_what_is_no_real_number_does_not_count(fmus: Path) -> None:
+    system = oscillator(fmus)
+    system.add_function("counts", lambda t: int(10 * t), outputs={"n": int})
+    system.add_function("takes", lambda t, n: None, inputs={"n": int})
+    system.connect("counts.n", "takes.n")
+    results = simulate(system, 6.0, 0.1, extrapolation="auto", coupling_tolerance=1e-3)
+    assert results.info["coupling"]["variable"] in ("x.x", "v.x")

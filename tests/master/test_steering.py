@@ -142,13 +142,15 @@ def test_a_run_is_paused_resumed_and_stopped(fmus: Path) -> None:
     ],
 )
 def test_a_command_that_can_not_be_obeyed_does_not_end_the_run(fmus: Path, name: str, value: Any, why: str) -> None:
-    steering = Steering()
+    told: list[Any] = []
+    steering = Steering(told=told.append)
     steering.set(name, value)
     results = simulate(tank(fmus), 1.0, 0.1, steering=steering)
     assert results.info["status"] == "completed"
     assert results.info["commands"] == []
     [refused] = results.info["commands_refused"]
     assert refused["point"] == 0
+    assert told == [refused]
     assert why in refused["why"]
 
 

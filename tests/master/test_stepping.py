@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from cosim import SetupError, Simulation, SimulationError, SimulationInterrupted, System
-from cosim.master import run as run_module
-from cosim.master import sampling
+from cosim.master import chunks, sampling
 from parallel_robot.scenario import load_scenario
 from tests.support.fmi3_gain import HELD
 from tests.support.native_fmus import DEFAULT_FLAVOUR
@@ -259,7 +258,7 @@ def test_a_step_longer_than_what_is_sampled_at_once(tiny: Path, monkeypatch: pyt
     with Simulation(system) as simulation:
         expected = simulation.run(50.0, STEP)
         monkeypatch.setattr(sampling, "_MOST_SAMPLES", 20)
-        monkeypatch.setattr(run_module, "_LARGEST_CHUNK", 64)
+        monkeypatch.setattr(chunks, "MOST", 64)
         with simulation.start(step_size=STEP) as run:
             run.step(500)
         same(run.results, expected)
@@ -277,7 +276,7 @@ def test_ctrl_c_ends_a_long_step(tiny: Path, monkeypatch: pytest.MonkeyPatch) ->
 
     run_ended: list[bool] = []
     system.drive("i.u", signal_of)
-    monkeypatch.setattr(run_module, "_LARGEST_CHUNK", 64)
+    monkeypatch.setattr(chunks, "MOST", 64)
     with Simulation(system) as simulation:
         with pytest.raises(SimulationInterrupted) as error, simulation.start(step_size=STEP) as run:
             run.step(10**8)

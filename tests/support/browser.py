@@ -67,6 +67,16 @@ def until(tab: Any, condition: str | Callable[[], Any]) -> Any:
     return wait_for((lambda: tab.evaluate(condition)) if isinstance(condition, str) else condition)
 
 
+#: Resolves when nothing in the page has changed for a while (panels are drawn as they come into view); a live page
+#: changes for ever, so there is an end.
+_AT_REST = """new Promise((resolve) => {
+    setTimeout(resolve, 5000);
+    let last = setTimeout(resolve, 300);
+    const again = () => { clearTimeout(last); last = setTimeout(resolve, 300); };
+    const all = {subtree: true, childList: true, characterData: true, attributes: true};
+    new MutationObserver(again).observe(document, all);
+})"""
+
 #: Rules whose "incomplete" has a reason: text over a canvas or an SVG has no background that axe-core can find.
 _UNDECIDED = {"color-contrast"}
 
@@ -77,6 +87,7 @@ def accessible(tab: Any) -> None:
     source = Path(library.__file__).with_name("axe.min.js").read_text(encoding="utf-8")
     session = tab.context.new_cdp_session(tab)  # a script of the page would be against its policy
     session.send("Runtime.evaluate", {"expression": source})
+    tab.evaluate(_AT_REST)  # axe-core reads the page in pieces, and calls headings undecided that have changed between
     options = "{resultTypes: ['violations', 'incomplete']}"
     found = tab.evaluate(f"() => axe.run(document, {options})")
 

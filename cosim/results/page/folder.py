@@ -49,7 +49,7 @@ def read_run(path: Path) -> FoundRun:
     """
     if not path.is_dir():
         if not path.exists():
-            raise ResultsError(f"{path}: there is no such folder or file")
+            raise ResultsError(f"{path}: there is no such folder or file; give the folder of a run, or a table")
         return FoundRun(path.stem, _table(path, {}))
     whole = [path / f"results{ending}" for ending in _ENDINGS]
     for table in (*whole, *map(part_of, whole)):  # what a killed run has left is better than nothing
