@@ -267,7 +267,7 @@ ROOMS = (
     ("results", "result objects, file formats, plots"),
     ("system", "components, connections, units, levels"),
     ("fmi", "FMU files and their instances"),
-    ("loop", "compiled: walks a table of operations"),
+    ("loop \u00b7 page", "the compiled loop; frame of HTML pages"),
 )
 
 

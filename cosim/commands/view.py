@@ -57,7 +57,7 @@ def _served(page: str, runs: Any) -> bool:
     from cosim.results.page.detail import detail
 
     try:
-        from cosim.results.page.server import PageServer
+        from cosim.page.server import PageServer
     except MissingExtra as error:
         print(f"note: zoom shows no more than the page has; {error}")
         return False

@@ -7,7 +7,7 @@ from html import escape
 from itertools import islice
 from typing import Any
 
-from cosim.results.page.document import PLOT_SCRIPTS, PLOT_STYLES, Section, asset, assets, document
+from cosim.page.document import PLOT_SCRIPTS, PLOT_STYLES, Section, asset, assets, document
 
 _PACKAGE = "cosim.live"
 

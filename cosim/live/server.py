@@ -19,7 +19,7 @@ import tornado.iostream
 import tornado.netutil
 import tornado.web
 
-from cosim.results.page.server import LoopbackHandler, page_routes
+from cosim.page.server import LoopbackHandler, page_routes
 
 #: Messages that are kept for a page that is opened late; the oldest go first.
 _MOST_KEPT = 5000

@@ -9,7 +9,7 @@ from math import prod
 from typing import Any
 
 from cosim.model_page.controls import control, has_slider, in_unit, shown_unit
-from cosim.results.page.document import PLOT_SCRIPTS, PLOT_STYLES, Section, asset, assets, document
+from cosim.page.document import PLOT_SCRIPTS, PLOT_STYLES, Section, asset, assets, document
 
 #: Numerics that the exporter adds to models with states.
 _NUMERICS = ("max_step", "rtol")

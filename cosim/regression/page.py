@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from cosim.files.whole import write_whole
+from cosim.page.document import PLOT_SCRIPTS, PLOT_STYLES, Section, asset, assets, document, table
 from cosim.regression.comparison import SignalComparison
 from cosim.regression.outcome import Outcome, share
 from cosim.regression.pictures import picture
-from cosim.results.page.document import PLOT_SCRIPTS, PLOT_STYLES, Section, asset, assets, document, table
 
 #: Content of the page for one case; texts and flags only, for it may come from another process.
 Part = dict[str, str | bool]

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from cosim.page.encoding import block, column_of
 from cosim.regression.comparison import SignalComparison
 from cosim.regression.funnel import Curve
-from cosim.results.page.encoding import block, column_of
 
 #: Of a curve the first, smallest, largest and last points of so many pieces of time are kept: of signals that are off,
 #: and of others.

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from cosim.results.page.document import assets
-from cosim.results.page.encoding import block
+from cosim.page.document import assets
+from cosim.page.encoding import block
 from parallel_robot.animation.motion import Motion
 
 _SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)

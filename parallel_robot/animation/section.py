@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from cosim.results.page.document import Section
+from cosim.page.document import Section
 from parallel_robot.animation.motion import motion_of
 from parallel_robot.animation.player import SCRIPTS, STYLES, player_data, player_html
 

@@ -13,7 +13,7 @@ import cosim.scenario.signals
 import parallel_robot.live.surroundings
 from cosim.model_page.controls import control, in_unit
 from cosim.model_page.page import model_scripts, model_styles, worker
-from cosim.results.page.document import Section, assets, document
+from cosim.page.document import Section, assets, document
 from fmu_export.wasm.backend import WasmModel, read_module, script
 from parallel_robot.animation.player import SCRIPTS as ROBOT_SCRIPTS
 from parallel_robot.animation.player import STYLES as ROBOT_STYLES

@@ -23,14 +23,14 @@ import numpy as np
 import pytest
 
 from cosim.__main__ import main
+from cosim.page.encoding import column_of, encoded, extremes, times
+from cosim.page.server import PageServer
 from cosim.results.columns import TypedColumn
 from cosim.results.page.compare_page import compare_page, labelled
 from cosim.results.page.curves import curves_of
 from cosim.results.page.detail import detail
-from cosim.results.page.encoding import column_of, encoded, extremes, times
 from cosim.results.page.folder import read_run
 from cosim.results.page.run_page import run_page
-from cosim.results.page.server import PageServer
 from cosim.results.results import Results
 from tests.support import some
 from tests.support.browser import accessible, fits, until, walked
@@ -297,7 +297,11 @@ def test_runs_import_nothing_of_pages():
     code = "import sys, cosim.commands.run, cosim.commands.run_scenario; print(*sys.modules)"
     known = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
     assert "cosim.commands.execution" in known
-    assert [name for name in known if name.startswith(("cosim.results.page", "tornado", "parallel_robot.anim"))] == []
+    assert [
+        name
+        for name in known
+        if name.startswith(("cosim.page", "cosim.results.page", "tornado", "parallel_robot.anim"))
+    ] == []
 
 
 # ---- several runs

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from cosim.results.page.diagram import diagram_section
+from cosim.page.diagram import diagram_section
 from tests.support.ssp_files import archive, component, connection, connections, description, elements, read
 from tests.support.tiny_models import GAIN, INTEGRATOR
 from tests.support.tiny_models import build as build_tiny

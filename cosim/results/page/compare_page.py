@@ -6,9 +6,9 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from html import escape
 from typing import TYPE_CHECKING, Any
 
+from cosim.page.document import PLOT_SCRIPTS, PLOT_STYLES, Section, assets, document, table
 from cosim.results.page import facts
 from cosim.results.page.curves import BUDGET
-from cosim.results.page.document import PLOT_SCRIPTS, PLOT_STYLES, Section, assets, document, table
 from cosim.results.page.run_page import curves_section, left_of, pictures_of
 
 if TYPE_CHECKING:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cosim.page.encoding import Column, block, column_of, extremes, times
 from cosim.results.names import grouped
-from cosim.results.page.encoding import Column, block, column_of, extremes, times
 
 if TYPE_CHECKING:
     from cosim.results.recorded import Recorded

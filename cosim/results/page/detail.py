@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cosim.results.page.encoding import block, column_of, extremes, times
+from cosim.page.encoding import block, column_of, extremes, times
 
 if TYPE_CHECKING:
     from cosim.results.recorded import Recorded

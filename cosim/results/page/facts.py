@@ -7,7 +7,7 @@ from html import escape
 from typing import TYPE_CHECKING, Any
 
 from cosim.fmi.messages import notes
-from cosim.results.page.document import table
+from cosim.page.document import table
 
 if TYPE_CHECKING:
     from cosim.results.recorded import Recorded

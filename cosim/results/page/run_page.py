@@ -11,13 +11,15 @@ from typing import TYPE_CHECKING, Any
 
 from cosim.errors import CosimError
 from cosim.files.whole import write_whole
+from cosim.page.diagram import diagram_section
+from cosim.page.document import PLOT_SCRIPTS, PLOT_STYLES, Section, asset, assets, document
 from cosim.results.page import facts
 from cosim.results.page.curves import BUDGET, curves_of
-from cosim.results.page.diagram import diagram_section
-from cosim.results.page.document import PLOT_SCRIPTS, PLOT_STYLES, Section, asset, assets, document
 
 if TYPE_CHECKING:
     from cosim.results.recorded import Recorded
+
+_PACKAGE = "cosim.results.page"
 
 #: Entry points of this group give pages sections of their own, as a picture of what the system is.
 PAGE_GROUP = "cosim.pages"
@@ -134,7 +136,7 @@ the focus, ← and → move the cursor, + and − zoom, Esc shows all.</p>
         "signals",
         "Signals",
         html,
-        scripts=[asset("signals.js")],
+        scripts=[asset("signals.js", _PACKAGE)],
         data={"curves": curves.data, "events": events},
         blocks=curves.blocks,
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from cosim.results.page.document import Section
+from cosim.page.document import Section
 from parallel_robot.paper.report.page import page
 from parallel_robot.paper.reproduce.content import Reproduction
 from parallel_robot.paper.robustness.content import Robustness

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from html import escape
 from typing import get_args
 
-from cosim.results.page.document import Section
+from cosim.page.document import Section
 from parallel_robot.paper.report.prose import number, prose, table
 from parallel_robot.paper.report.series import CONDITION_NAMES, controller_names
 from parallel_robot.paper.reproduce.content import (

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from html import escape
 
-from cosim.results.page.document import Section
+from cosim.page.document import Section
 from parallel_robot.paper.report.series import Series, controller_names
 from parallel_robot.paper.reproduce.content import CONDITIONS, Condition, Runs
 from parallel_robot.paper.reproduce.figures.style import CONTROLLER_LINES

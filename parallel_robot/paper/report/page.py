@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
 
-from cosim.results.page.document import PLOT_SCRIPTS, PLOT_STYLES, Section, assets, document
+from cosim.page.document import PLOT_SCRIPTS, PLOT_STYLES, Section, assets, document
 from parallel_robot.animation.player import SCRIPTS, STYLES, player_data, player_html
 from parallel_robot.paper.report.claims import (
     VERDICTS,

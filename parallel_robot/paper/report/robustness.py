@@ -5,7 +5,7 @@ from __future__ import annotations
 from html import escape
 from pathlib import Path
 
-from cosim.results.page.document import Section
+from cosim.page.document import Section
 from parallel_robot.paper.report.pictures import Picture
 from parallel_robot.paper.report.prose import number, prose, table
 from parallel_robot.paper.robustness.content import FIGURES, Front, Robustness

@@ -19,13 +19,13 @@ PLOT_SCRIPTS = ("uplot/uPlot.iife.min.js", "theme.js", "decode.js", "plots.js")
 
 
 @cache
-def asset(name: str, package: str = "cosim.results.page") -> str:
+def asset(name: str, package: str = "cosim.page") -> str:
     """A file of the folder `assets` of a package, as text."""
     text = (files(package) / "assets" / name).read_text(encoding="utf-8")
     return re.sub(r"\n//# sourceMappingURL=.*", "", text)  # of a file that is not in the page
 
 
-def assets(names: Iterable[str], package: str = "cosim.results.page") -> list[str]:
+def assets(names: Iterable[str], package: str = "cosim.page") -> list[str]:
     """Files of the folder `assets` of a package, as texts."""
     return [asset(name, package) for name in names]
 

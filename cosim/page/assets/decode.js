@@ -1,4 +1,4 @@
-// Columns of numbers, as cosim/results/page/encoding.py writes them.
+// Columns of numbers, as cosim/page/encoding.py writes them.
 
 /** Bytes from base64 of deflated ones. */
 async function inflatedText(text) {

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from itertools import combinations
 from typing import Any
 
-from cosim.results.page.document import Section, asset
+from cosim.page.document import Section, asset
 
 #: More components than this make no picture.
 _MOST_COMPONENTS = 400
