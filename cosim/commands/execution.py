@@ -182,16 +182,18 @@ def run_prepared(prepared: PreparedRun, args: argparse.Namespace, figures: Figur
         except SimulationError as error:
             if error.results is None:
                 raise CosimError(f"{error}{_kept_log(folder.unfinished)}") from error
-            where = _rescued(write, error.results, folder, str(error))
+            where = _rescued(prepared, write, error.results, folder, str(error))
             raise CosimError(f"{error}; {where}{_to_go_on(checkpoint)}") from error
         except SimulationInterrupted as interrupt:
-            where = _rescued(write, interrupt.results, folder, str(interrupt))
+            where = _rescued(prepared, write, interrupt.results, folder, str(interrupt))
             print(f"cosim: {interrupt}; {where}{_to_go_on(checkpoint)}", file=sys.stderr)
             return 130
-        summary, drawn = write(results)
+        summary = _summary(prepared, results)
+        print(in_words(prepared, summary), flush=True)  # tables and figures take longer than the run
+        drawn = write(results, summary)
         if checkpoint is not None:  # not before its results are in their place
             checkpoint.remove()
-        print(in_words(prepared, summary, drawn=drawn))
+        print(f"{'results, summary and figures' if drawn else 'results and summary'}: {prepared.folder}")
     return 0
 
 
@@ -409,11 +411,17 @@ def _progress(plan: Plan) -> Iterator[Callable[[float], None]]:
 # What a run leaves
 
 
-def _rescued(write: Callable[..., Any], results: Results | StoredResults, folder: ResultFolder, error: str) -> str:
+def _rescued(
+    prepared: PreparedRun,
+    write: Callable[..., Any],
+    results: Results | StoredResults,
+    folder: ResultFolder,
+    error: str,
+) -> str:
     """Write what a run had recorded when it ended early; says where, or why not."""
     keeps = folder.holds_whole_run
     try:
-        write(results, error=error)
+        write(results, _summary(prepared, results, error))
     except OutputError as second:
         return str(second)
     if keeps:
@@ -421,36 +429,40 @@ def _rescued(write: Callable[..., Any], results: Results | StoredResults, folder
     return f"what was recorded is in {folder.folder}"
 
 
-def _write(
-    prepared: PreparedRun,
-    results: Results | StoredResults,
-    formats: Sequence[str],
-    figures: FigureProcess,
-    folder: ResultFolder,
-    error: str | None = None,
-    *,
-    units_row: bool = False,
-    report: bool = False,
-) -> tuple[dict[str, Any], bool]:
-    """Write results, unless they are on the disk already, summary and figures, and a page if one is asked for.
-
-    Returns the summary, and whether figures were drawn.
-    """
+def _summary(prepared: PreparedRun, results: Results | StoredResults, error: str | None = None) -> dict[str, Any]:
+    """What `summary.json` says of a run; what was out of the ordinary is printed."""
     info = dict(results.info)
     if "log" in info:
         info["log"] = {**info["log"], "file": LOG_FILE}
     for line in (*_out_of_the_ordinary(info), *notes(info["messages"])):
         print(f"note: {' '.join(line.split())}")
     info["fmus"] = {name: {**fmu, "path": prepared.said_path(fmu["path"])} for name, fmu in info["fmus"].items()}
-    summary = {
+    return {
         **prepared.about,
         **info,
         **prepared.details,
         "error": error,
         "metrics": _metrics(prepared, results) if len(results.time) else None,
-        "versions": versions(),
     }
 
+
+def _write(
+    prepared: PreparedRun,
+    results: Results | StoredResults,
+    summary: Mapping[str, Any],
+    formats: Sequence[str],
+    figures: FigureProcess,
+    folder: ResultFolder,
+    *,
+    units_row: bool = False,
+    report: bool = False,
+) -> bool:
+    """Write results, unless they are on the disk already, summary and figures, and a page if one is asked for.
+
+    Returns whether figures were drawn.
+    """
+    summary = {**summary, "versions": versions()}
+    error = summary["error"]
     without_texts = [f".{name}" for name in formats if not FORMATS[name].has_texts]
     texts = [name for name, kind in results.types.items() if kind in ("string", "binary")]
     if without_texts and texts:
@@ -479,7 +491,7 @@ def _write(
         saved.result()
 
     folder.put(write, whole=error is None)
-    return summary, drawn
+    return drawn
 
 
 def _write_page(results: Results | StoredResults, summary: Mapping[str, Any], where: Path) -> None:
@@ -562,7 +574,7 @@ def _in_one_line(error: Exception) -> str:
     return text if isinstance(error, CosimError) else f"{type(error).__name__}: {text}"
 
 
-def in_words(prepared: PreparedRun, summary: Mapping[str, Any], *, drawn: bool = True) -> str:
+def in_words(prepared: PreparedRun, summary: Mapping[str, Any]) -> str:
     """What ran, how, and what came of it, for people."""
     plan = prepared.plan
     duration = plan.stop_time - plan.start_time
@@ -589,8 +601,7 @@ def in_words(prepared: PreparedRun, summary: Mapping[str, Any], *, drawn: bool =
     if prepared.metrics:
         values = {name: summary["metrics"][name] for name in prepared.metrics}
         lines += ["", *(f"{name:<40}{'-' if v is None else f'{v:.6g}':>14}" for name, v in values.items())]
-    what = "results, summary and figures" if drawn else "results and summary"
-    return "\n".join([*lines, f"{what}: {prepared.folder}"])
+    return "\n".join(lines)
 
 
 def _iterations(summary: Mapping[str, Any]) -> list[str]:
