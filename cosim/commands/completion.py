@@ -35,21 +35,19 @@ def run(args: argparse.Namespace) -> int:
     with needs("shell"):
         import shtab
     parser = args.command_line()
-    _complete_files(parser)
+    _complete_files(parser, shtab.FILE)
     print(shtab.complete(parser, args.shell))
     return 0
 
 
-def _complete_files(parser: argparse.ArgumentParser) -> None:
+def _complete_files(parser: argparse.ArgumentParser, by_files: object) -> None:
     """Have arguments completed that are files, which are those without choices that a user writes as such."""
-    import shtab
-
     for action in parser._actions:
         if isinstance(action, argparse._SubParsersAction):
             for command in action.choices.values():
-                _complete_files(command)
+                _complete_files(command, by_files)
         elif action.choices is None and _is_file(action):
-            action.complete = shtab.FILE  # type: ignore[attr-defined]
+            action.complete = by_files  # type: ignore[attr-defined]
 
 
 def _is_file(action: argparse.Action) -> bool:

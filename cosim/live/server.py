@@ -14,12 +14,14 @@ from contextlib import suppress
 from typing import Any
 from urllib.parse import urlsplit
 
-import tornado.httpserver
-import tornado.iostream
-import tornado.netutil
-import tornado.web
-
+from cosim.errors import needs
 from cosim.page.server import LoopbackHandler, page_routes
+
+with needs("live"):
+    import tornado.httpserver
+    import tornado.iostream
+    import tornado.netutil
+    import tornado.web
 
 #: Messages that are kept for a page that is opened late; the oldest go first.
 _MOST_KEPT = 5000

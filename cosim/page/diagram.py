@@ -1,4 +1,4 @@
-"""The diagram of a system: components, and the connections between them in bundles."""
+"""The diagram of a system: components, and the connections between them in bundles; as a section, or as a page."""
 
 from __future__ import annotations
 
@@ -6,14 +6,28 @@ from collections.abc import Iterable, Mapping
 from itertools import combinations
 from typing import Any
 
-from cosim.page.document import Section, asset
+from cosim.page.document import Section, asset, document
 
 #: More components than this make no picture.
 _MOST_COMPONENTS = 400
 
 
+def diagram_page(info: Mapping[str, Any]) -> str | None:
+    """A page with nothing but the diagram of a system; None where there is none to draw."""
+    section = diagram_section(info)
+    if section is None:
+        return None
+    return document("System", "", [section], styles=[asset("page.css")], scripts=[asset("theme.js")])
+
+
 def diagram_section(info: Mapping[str, Any]) -> Section | None:
-    """The diagram of the system of a run; None where its connections are not known."""
+    """The diagram of a system; None where its connections are not known.
+
+    Parameters
+    ----------
+    info : mapping
+        As results have it: `fmus`, `functions`, `connections` (target -> source), `signals`, `places`.
+    """
     bundles: dict[tuple[str, str], list[list[str]]] = {}
     fmus = [*info.get("fmus", {}), *info.get("functions", {})]
     for target, source in info.get("connections", {}).items():

@@ -69,9 +69,9 @@ class Section:
 
 
 def contents(sections: Iterable[Section]) -> str:
-    """Links to sections."""
-    links = "".join(f'<a href="#{escape(s.id, quote=True)}">{s.title}</a>' for s in sections if s.listed)
-    return f'<nav class="contents" aria-label="Sections">{links}</nav>'
+    """Links to sections, where there are several."""
+    links = [f'<a href="#{escape(s.id, quote=True)}">{s.title}</a>' for s in sections if s.listed]
+    return f'<nav class="contents" aria-label="Sections">{"".join(links)}</nav>' if len(links) > 1 else ""
 
 
 def document(
@@ -95,7 +95,7 @@ def document(
     title : str
         As text.
     header : str
-        HTML above the table of contents.
+        HTML above the table of contents; may be empty.
     sections : sequence of Section
     styles, scripts : sequence of str
         Texts before those of the sections.
@@ -145,9 +145,7 @@ def document(
 </head>
 <body>
 <a class="skip" href="#main">Skip to the content</a>
-<header>
-{header}
-</header>
+{f"<header>{header}</header>" if header else ""}
 {contents(sections)}
 <main id="main">
 <noscript><p>Plots and diagrams need JavaScript; tables and texts do not.</p></noscript>

@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 
     from cosim.results.plotting import Panel
 
+#: More names than these fill the cell of a notebook without any values.
+_MOST_IN_CELL = 4000
+
 
 class Recorded(ABC):
     """Values by name; the common part of `Results` and `StoredResults`.
@@ -201,5 +204,14 @@ class Recorded(ABC):
         return as_text(self._headline(), self.names)
 
     def _repr_html_(self) -> str:
+        """The page of the run, for notebooks; where that is more than a cell should have, a table."""
+        from cosim.page.notebook import MOST_BYTES, frame  # with the styles and scripts of the page
+        from cosim.results.page.run_page import run_page
+
+        few = len(self.names) <= _MOST_IN_CELL
+        for budget in (MOST_BYTES * part // 10 for part in (6, 3, 1)) if few else ():
+            cell = frame(run_page(self, budget=budget), self._headline())
+            if len(cell.encode()) <= MOST_BYTES:
+                return cell
         ends = [(float(self.time[i]), self._row(i)) for i in (0, -1)] if len(self.time) else []
         return as_html(self._headline(), self.names, self.units, ends)

@@ -281,3 +281,18 @@ class System:
             As in `drive`; in the unit of the input.
         """
         self.signals.append(Signal(target, function, tuple(map(float, breakpoints)), vectorized, added=True))
+
+    def _repr_html_(self) -> str | None:
+        """The diagram, for notebooks; None where there is none to draw."""
+        from cosim.page.diagram import diagram_page  # with the scripts of the page
+        from cosim.page.notebook import frame
+
+        page = diagram_page(
+            {
+                "fmus": {name: {"path": str(c.fmu)} for name, c in self.components.items() if c.fmu is not None},
+                "functions": {name: True for name, c in self.components.items() if c.fmu is None},
+                "connections": {c.target: c.source for c in self.connections},
+                "signals": {signal.target: True for signal in self.signals},
+            }
+        )
+        return None if page is None else frame(page, "Diagram of the system", min(240 + 40 * len(self.components), 640))

@@ -26,7 +26,7 @@ NAME = PROJECT["name"]
 PACKAGES = ("plant_fmu", "controller_fmu", "trajectory_fmu", "fmu_export", "cosim", "parallel_robot")
 
 #: Extras for those who use the packages; the others are for tests, documentation and comparisons.
-FOR_USERS = ("export", "control", "plot", "sweep", "ssp", "robot", "regression", "all")
+FOR_USERS = ("export", "control", "plot", "sweep", "ssp", "robot", "regression", "live", "shell", "sign", "all")
 
 
 def modules_of(requirements: list[str]) -> set[str]:
@@ -91,7 +91,7 @@ def folder(robot_fmus: Path, tmp_path: Path) -> Path:
 
 
 def test_the_extras_hold_what_they_are_named_after():
-    assert {"numpy", "fmpy", "pyarrow", "tqdm"} == BASE
+    assert {"numpy", "fmpy", "lxml", "pyarrow", "tqdm"} == BASE
     assert {"casadi", "pythonfmu"} <= EXTRAS["export"]
     assert "control" in EXTRAS["control"]
     assert EXTRAS["plot"] == {"matplotlib"}
@@ -123,7 +123,7 @@ for name in FORMATS:
     results.save(f"r.{name}")
 assert Results.from_csv("r.csv").values.tobytes() == results.values.tobytes()
 assert results.to_arrow().num_rows == len(results.time) == 101
-print(repr(results), results._repr_html_()[:3], results.values.tobytes() == np.load("r.npz")["values"].tobytes())
+print(repr(results), results._repr_html_()[:7], results.values.tobytes() == np.load("r.npz")["values"].tobytes())
 """
 
 
@@ -131,12 +131,19 @@ def test_the_base_couples_fmus_and_writes_all_formats(folder: Path) -> None:
     done = process(COUPLE, folder)
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("Results: 101 rows")
-    assert done.stdout.endswith("<p> True\n")
+    assert done.stdout.endswith("<iframe True\n")
 
 
 def test_every_module_of_the_base_is_imported(tmp_path: Path) -> None:
     """The packages themselves, and all of cosim that is not about an extra."""
-    about_extras = ("cosim.ssp", "cosim.sweep", "cosim.regression", "cosim.results.plot")
+    about_extras = (
+        "cosim.live.server",
+        "cosim.page.server",
+        "cosim.ssp",
+        "cosim.sweep",
+        "cosim.regression",
+        "cosim.results.plot",
+    )
     modules = [*PACKAGES, "cosim.sweep.points", "cosim.regression"]
     modules += [m for m in sources() if m.startswith("cosim.") and not m.startswith((*about_extras, "cosim.__main__"))]
     modules = [m for m in modules if m != "cosim.commands.run_ssp"]
@@ -191,6 +198,12 @@ FROM_PYTHON = {
         "compare(*curves, Tolerances(time_shift=0.1))",
         "pyfunnel",
     ),
+    "live": ("import cosim.page.server", "tornado"),
+    "shell": (
+        "import argparse\nfrom cosim.commands.completion import run\nrun(argparse.Namespace(shell='bash'))",
+        "shtab",
+    ),
+    "sign": ("from pathlib import Path\nfrom cosim.signing.keys import new_key\nnew_key(Path('key'))", "cryptography"),
 }
 
 

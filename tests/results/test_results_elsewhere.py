@@ -19,9 +19,11 @@ from scipy.io import loadmat
 
 from cosim import CosimError, Results
 from cosim.results.formats import FORMATS
+from cosim.results.page.run_page import run_page
 from cosim.results.recorded import Recorded
 from cosim.results.stored import StoredResults, TableWriter
 from tests.support import some
+from tests.support.html import Elements
 
 NAMES = ["plant.theta_a[1]", "plant.theta_a[2]", "plant.theta_a[3]", "plant.x_E", "controller.on"]
 UNITS = dict(zip(NAMES[:4], ["rad", "rad", "rad", "m"], strict=True))
@@ -169,21 +171,47 @@ class Cells(HTMLParser):
             self.rows[-1][-1] += data
 
 
-def test_notebooks_get_a_table_with_units_and_values(recorded):
-    rows = Cells(recorded._repr_html_()).rows
-    assert rows[0] == ["name", "unit", "at 0 s", "at 1.95 s"]
-    assert [row[:2] for row in rows[1:]] == [["plant.theta_a[1..3]", "rad"], ["plant.x_E", "m"], ["controller.on", ""]]
-    end = rows[1][3].split(", ")
-    np.testing.assert_allclose([float(v) for v in end], made()["plant.theta_a"][-1], rtol=1e-4)
+def page_in(cell: str) -> str:
+    """The page in the frame of a notebook's cell."""
+    ((tag, attributes, _),) = Elements(cell).all
+    assert (tag, attributes["sandbox"]) == ("iframe", "allow-scripts")
+    return attributes["srcdoc"]
 
 
-def test_notebooks_get_valid_tables_of_odd_results():
-    assert Cells(Results(np.empty(0), [], np.empty((0, 0)))._repr_html_()).rows == [["name", "unit"]]
-    odd = Results(np.zeros(1), ["<b>.x&y"], np.zeros((1, 1)))
-    assert Cells(odd._repr_html_()).rows[1][0] == "<b>.x&y"
-    many = Results(np.zeros(1), [f"a.x{i}" for i in range(500)], np.zeros((1, 500)))
-    assert len(Cells(many._repr_html_()).rows) == 41
-    assert "and 460 more" in many._repr_html_()
+def test_notebooks_get_the_page_of_a_run(recorded):
+    page = page_in(recorded._repr_html_())
+    assert page == run_page(recorded, budget=600_000)
+    assert Elements(page).open == []
+    assert "plant.theta_a" in page
+    odd = page_in(Results(np.zeros(1), ["<b>.x&y"], np.zeros((1, 1)))._repr_html_())
+    assert Elements(odd).open == []
+    assert "<b>" not in odd
+
+
+@pytest.mark.parametrize("shape", [(100_000, 30), (2, 1500)])
+def test_a_cell_has_a_megabyte_at_most(shape):
+    """Values that are too many are reduced to extremes; a run whose page has no room is a table."""
+    values = np.random.default_rng(1).standard_normal(shape)
+    names = [f"component.a_long_name_of_a_variable_{i}" for i in range(shape[1])]
+    page = page_in(Results(np.arange(float(shape[0])), names, values)._repr_html_())
+    assert ("too many values for a page" in page) == (shape[0] > 2)
+    assert 300_000 < len(page.encode()) < 1_000_000
+
+
+def test_notebooks_get_a_table_where_there_is_no_room_for_a_page():
+    names = [f"plant.theta_a[{i}]" for i in (1, 2, 3)] + [f"a.x{i}" for i in range(5000)]
+    info = {"units": dict.fromkeys(names[:3], "rad"), "parameters": {"a.<b>": 1.0}}
+    many = Results(np.array([0.0, 1.5]), names, np.arange(2.0 * len(names)).reshape(2, -1), info)
+    rows = Cells(many._repr_html_()).rows
+    assert rows[:2] == [
+        ["name", "unit", "at 0 s", "at 1.5 s"],
+        ["plant.theta_a[1..3]", "rad", "0, 1, 2", "5003, 5004, 5005"],
+    ]
+    assert len(rows) == 41
+    assert "and 4961 more" in many._repr_html_()
+    many.info["parameters"] = {f"a.parameter_{i}": float(i) for i in range(20_000)}
+    few = Results(many.time, names[:3], many.values[:, :3], many.info)
+    assert [row[0] for row in Cells(few._repr_html_()).rows] == ["name", "plant.theta_a[1..3]"]
 
 
 @pytest.fixture

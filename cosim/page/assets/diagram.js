@@ -18,7 +18,7 @@ function startDiagram(root) {
   /** Boxes {x, y, width, height} of components by name, and points of each bundle, as dagre arranges them. */
   function laidOut(rankdir) {
     const graph = new dagre.graphlib.Graph({ multigraph: true });
-    graph.setGraph({ rankdir, nodesep: 36, ranksep: rankdir === "LR" ? 90 : 56, edgesep: 26, marginx: 14, marginy: 14 });
+    graph.setGraph({ rankdir, nodesep: 36, ranksep: 56, edgesep: 26, marginx: 14, marginy: 14 });
     graph.setDefaultEdgeLabel(() => ({}));
     for (const c of components) graph.setNode(c.name, { width: widthOf(c), height: 58 });
     bundles.forEach((b, i) => {
@@ -173,4 +173,9 @@ function startDiagram(root) {
   svg.setAttribute("height", height);
 }
 
-startDiagram(document.getElementById("system"));
+// It needs sizes of texts, which a frame has only once it is shown.
+new ResizeObserver((entries, observer) => {
+  if (!entries[0].contentRect.width) return;
+  observer.disconnect();
+  startDiagram(document.getElementById("system"));
+}).observe(document.querySelector("#system .diagram"));

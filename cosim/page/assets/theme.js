@@ -47,3 +47,12 @@ function make(tag, attributes = {}, ...children) {
   element.append(...children);
   return element;
 }
+
+// In a frame without an address (a cell of a notebook) a link into the page would lead to that of the notebook.
+if (location.protocol === "about:")
+  document.addEventListener("click", (event) => {
+    const target = document.getElementById(event.target.closest('a[href^="#"]')?.hash.slice(1) ?? "");
+    if (!target) return;
+    event.preventDefault();
+    target.scrollIntoView();
+  });
