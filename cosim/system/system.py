@@ -295,4 +295,4 @@ class System:
                 "signals": {signal.target: True for signal in self.signals},
             }
         )
-        return None if page is None else frame(page, "Diagram of the system", min(240 + 40 * len(self.components), 640))
+        return None if page is None else frame(page, "Diagram of the system", min(220 + 30 * len(self.components), 640))
