@@ -41,6 +41,15 @@ _LONGEST = 4000
 COMMAND_GROUP = "cosim.commands"
 
 
+class _Help(argparse.HelpFormatter):
+    """Help that breaks lines, but for texts that have lines already, as examples do."""
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        if "\n" in text:
+            return "".join(f"{indent}{line}\n" for line in text.splitlines())
+        return super()._fill_text(text, width, indent)
+
+
 def commands() -> dict[str, str]:
     """All commands -> modules: the program's own, and those of installed packages."""
     return {entry.name: entry.value for entry in entry_points(group=COMMAND_GROUP)} | _OWN
@@ -54,13 +63,16 @@ def command_line(chosen: Mapping[str, str] | None = None) -> argparse.ArgumentPa
     chosen : mapping, optional
         Commands -> modules; all of them by default.
     """
-    parser = argparse.ArgumentParser(prog="cosim", description="Co-simulation of FMUs at a fixed communication step.")
+    about = "Co-simulation of FMUs at a fixed communication step."
+    parser = argparse.ArgumentParser(prog="cosim", description=about, epilog="cosim COMMAND --help has examples.")
     parser.add_argument("--version", action="version", version=versions()["closed-chain-cosim"])
     parser.add_argument("--debug", action="store_true", help="show the traceback of an error")
     parser.set_defaults(command_line=command_line)  # for what needs to know all commands
     subparsers = parser.add_subparsers(required=True, metavar="COMMAND")
     for module in (commands() if chosen is None else chosen).values():
         import_module(module).register(subparsers)
+    for command in subparsers.choices.values():
+        command.formatter_class = _Help
     return parser
 
 

@@ -17,12 +17,19 @@ from cosim.results.results import Results
 #: So many signals that the reference lacks are named.
 _MOST_NAMED = 5
 
+_EXAMPLES = """\
+examples:
+  cosim compare results/tanks/results.csv reference.csv --rtol 1e-4
+  cosim compare mine.parquet theirs.mat --atol 1e-3 --report differences.html
+"""
+
 
 def register(subparsers: Any) -> None:
     """Add the parser of `cosim compare`."""
     parser = subparsers.add_parser(
         "compare",
         help="compare a result with a reference",
+        epilog=_EXAMPLES,
         description="Compare all signals of a reference; prints one line a finding, exits 1 on any. Both are tables: "
         "CSV, Parquet, MAT, .npz or JSON. Tolerances are read from the reference's name with .toml in place of .csv, "
         "if there is such a file. To run FMUs and compare them in one go: pytest --fmu FMU (docs/regression.md).",

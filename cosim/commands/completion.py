@@ -9,16 +9,21 @@ from cosim.errors import needs
 
 _SHELLS = ("bash", "zsh", "tcsh")
 
+_EXAMPLES = """\
+examples:
+  cosim completion bash > ~/.local/share/bash-completion/completions/cosim
+  cosim completion zsh > ~/.zfunc/_cosim
+"""
+
 
 def register(subparsers: Any) -> None:
     """Add the parser of `cosim completion`."""
     parser = subparsers.add_parser(
         "completion",
         help="print a script that lets a shell complete commands and options",
+        epilog=_EXAMPLES,
         description="Print a script that lets a shell complete the commands and options of cosim. It is made once, so "
         "completing starts no Python; make it again after an update.",
-        epilog="examples: cosim completion bash > ~/.local/share/bash-completion/completions/cosim; "
-        "cosim completion zsh > ~/.zfunc/_cosim",
     )
     parser.add_argument("shell", choices=_SHELLS)
     parser.set_defaults(run=run)

@@ -39,15 +39,22 @@ _INTERFACES = {
     "scheduledExecution": "scheduled execution",
 }
 
+_EXAMPLES = """\
+examples:
+  cosim info Model.fmu
+  cosim info Model.fmu --all
+  cosim info Model.fmu --json
+"""
+
 
 def register(subparsers: Any) -> None:
     """Add the parser of `cosim info`."""
     parser = subparsers.add_parser(
         "info",
         help="say what an FMU is, can do and has",
+        epilog=_EXAMPLES,
         description="Say what an FMU is, can do and has: its interfaces, capabilities, platforms, default experiment, "
         "and its variables with units and start values. Nothing of the FMU runs.",
-        epilog="examples: cosim info Model.fmu; cosim info Model.fmu --all; cosim info Model.fmu --json",
     )
     parser.add_argument("fmu", type=Path, help="FMU file")
     parser.add_argument("--all", action="store_true", help="list all variables, the local ones too")

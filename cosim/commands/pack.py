@@ -16,12 +16,20 @@ from cosim.files.temporary import TemporaryFolder
 from cosim.scenario.family import families
 from cosim.system.system import System
 
+_EXAMPLES = """\
+examples:
+  cosim pack tanks.toml --out Tanks.fmu
+  cosim pack theirs.ssp --out Theirs.fmu --fmi 3 --outputs plant.x plant.y
+  cosim pack tanks.toml --out Tanks.fmu --platforms all
+"""
+
 
 def register(subparsers: Any) -> None:
     """Add the parser of `cosim pack`."""
     parser = subparsers.add_parser(
         "pack",
         help="pack a system into one FMU",
+        epilog=_EXAMPLES,
         description="Write a scenario, an SSP or an OSP configuration as one FMU for co-simulation that needs no "
         "Python: its FMUs, their couplings and the compiled stepping loop.",
     )

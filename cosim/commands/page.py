@@ -8,15 +8,21 @@ from typing import Any
 
 from cosim.errors import needs
 
+_EXAMPLES = """\
+examples:
+  cosim page my_controller.py
+  cosim page models.py:Tank --out tank.html
+"""
+
 
 def register(subparsers: Any) -> None:
     """Add the parser of `cosim page`."""
     parser = subparsers.add_parser(
         "page",
         help="write a page that runs a model in the browser",
+        epilog=_EXAMPLES,
         description="Write a page with a model as WebAssembly: controls of its parameters and inputs, sliders where "
         "they have both limits, and plots of its outputs, computed again at each change: one file that loads nothing.",
-        epilog="examples: cosim page my_controller.py; cosim page models.py:Tank --out tank.html",
     )
     parser.add_argument(
         "model",

@@ -27,6 +27,14 @@ from cosim.scenario.family import default_scenario, families, named
 if TYPE_CHECKING:
     from cosim.commands.execution import PreparedRun
 
+_EXAMPLES = """\
+examples:
+  cosim run Model.fmu --stop 10 --input inputs.csv --report
+  cosim run theirs.ssp --report --out theirs
+  cosim run tanks.toml --set controller.K_p=0.2 --format parquet
+  cosim run tanks.toml --live --realtime 1
+"""
+
 
 def register(subparsers: Any) -> None:
     """Add the parser of `cosim run`."""
@@ -36,6 +44,7 @@ def register(subparsers: Any) -> None:
     parser = subparsers.add_parser(
         "run",
         help="run a scenario, an SSP, an OSP configuration, or a single FMU",
+        epilog=_EXAMPLES,
         description="Couple the FMUs in a scenario, an SSP or an OSP configuration, or run a single FMU. Scenarios: "
         f"{', '.join([*names, 'or a TOML file'])}.",
     )

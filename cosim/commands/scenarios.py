@@ -11,15 +11,22 @@ from cosim.errors import CosimError, nearest
 from cosim.files.whole import write_whole
 from cosim.scenario.family import families, named
 
+_EXAMPLES = """\
+examples:
+  cosim scenarios
+  cosim scenarios --copy tracking --to mine.toml
+  cosim run mine.toml
+"""
+
 
 def register(subparsers: Any) -> None:
     """Add the parser of `cosim scenarios`."""
     parser = subparsers.add_parser(
         "scenarios",
         help="list the scenarios that are there, or copy one to start from",
+        epilog=_EXAMPLES,
         description="List the scenarios that come with installed packages, with what each is; or copy the TOML file of "
         "one, to change it and run it by its path.",
-        epilog="examples: cosim scenarios; cosim scenarios --copy tracking --to mine.toml; cosim run mine.toml",
     )
     parser.add_argument("--copy", metavar="NAME", help="copy the file of this scenario")
     parser.add_argument("--to", type=Path, metavar="FILE", help="where to (default <NAME>.toml in this folder)")

@@ -10,12 +10,19 @@ from typing import Any
 
 from cosim.errors import CosimError
 
+_EXAMPLES = """\
+examples:
+  cosim sign --new-key mine.pem
+  cosim sign Model.fmu System.ssp --key mine.pem
+"""
+
 
 def register(subparsers: Any) -> None:
     """Add the parser of `cosim sign`."""
     parser = subparsers.add_parser(
         "sign",
         help="sign FMUs and SSPs, so that others can check who made them",
+        epilog=_EXAMPLES,
         description="Sign FMUs and SSPs with an Ed25519 key: FILE.sig beside each, which cosim verify checks.",
     )
     parser.add_argument("archive", nargs="*", type=Path, help="FMU or SSP")

@@ -67,7 +67,6 @@ def register(subparsers: Any) -> None:
         help="run a system at many points, on all cores or a Dask cluster",
         description=_DESCRIPTION.format(names="".join(f"{name}, " for name in names)),
         epilog=_EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     defaults = [family.default for family in known.values() if family.default is not None]
     default = f" (default {defaults[0]})" if len(defaults) == 1 else ""

@@ -16,11 +16,20 @@ from cosim.fmi.validation import problems_of
 #: So many findings of one file are printed.
 _MOST_PROBLEMS = 100
 
+_EXAMPLES = """\
+examples:
+  cosim validate Model.fmu Other.fmu
+  cosim validate Model.fmu --run --build
+"""
+
 
 def register(subparsers: Any) -> None:
     """Add the parser of `cosim validate`."""
     parser = subparsers.add_parser(
-        "validate", help="check FMU files", description="Check FMU files; prints one line a finding, exits 1 on any."
+        "validate",
+        help="check FMU files",
+        epilog=_EXAMPLES,
+        description="Check FMU files; prints one line a finding, exits 1 on any.",
     )
     parser.add_argument("fmu", nargs="+", type=Path, help="FMU file")
     parser.add_argument(

@@ -8,12 +8,18 @@ from typing import Any
 
 from cosim.errors import CosimError
 
+_EXAMPLES = """\
+examples:
+  cosim verify Model.fmu System.ssp --key theirs.pem.pub
+"""
+
 
 def register(subparsers: Any) -> None:
     """Add the parser of `cosim verify`."""
     parser = subparsers.add_parser(
         "verify",
         help="check the signatures of FMUs and SSPs",
+        epilog=_EXAMPLES,
         description="Check that FMUs and SSPs are as the owner of a key has signed them; prints one line a file, exits "
         "1 on any that is not.",
     )

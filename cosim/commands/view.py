@@ -12,12 +12,20 @@ from typing import Any
 from cosim.errors import MissingExtra
 from cosim.results.output import OutputError
 
+_EXAMPLES = """\
+examples:
+  cosim view results/tanks
+  cosim view results/before results/after --title 'Another controller'
+  cosim view theirs.csv --out page.html
+"""
+
 
 def register(subparsers: Any) -> None:
     """Add the parser of `cosim view`."""
     parser = subparsers.add_parser(
         "view",
         help="show a run as a page, or compare several",
+        epilog=_EXAMPLES,
         description="Make a page of a run: the diagram of its system, all curves with zoom and search, what happened, "
         "and how it was made. Several runs are laid over each other. The page is one file that needs no network; where "
         "the values are too many for it, zoom asks for them at an address of this machine, until Ctrl-C.",

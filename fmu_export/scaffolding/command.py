@@ -17,12 +17,19 @@ from fmu_export.modelling.names import check_identifier
 
 KINDS = ("model", "plant", "controller")
 
+_EXAMPLES = """\
+examples:
+  cosim new controller my_controller
+  cosim new plant pump --folder models
+"""
+
 
 def register(subparsers: Any) -> None:
     """Add the parser of `cosim new`."""
     parser = subparsers.add_parser(
         "new",
         help="write the first version of a model, a plant or a controller, with a test",
+        epilog=_EXAMPLES,
         description="Write a Python file with a model as a class, which builds its FMU, and a test of that FMU. "
         "Existing files are not overwritten.",
     )

@@ -8,15 +8,21 @@ from typing import Any
 
 from cosim.errors import needs
 
+_EXAMPLES = """\
+examples:
+  cosim live
+  cosim live --out robot.html
+"""
+
 
 def register(subparsers: Any) -> None:
     """Add the parser of `cosim live`."""
     parser = subparsers.add_parser(
         "live",
         help="write a page on which the robot answers to the gains",
+        epilog=_EXAMPLES,
         description="Write a page that computes the robot's closed loop in the browser, as WebAssembly: controls of "
         "gains, path, start and what acts on the robot, presets, and the map of J. One file that loads nothing.",
-        epilog="example: cosim live --out live.html",
     )
     parser.add_argument("--out", type=Path, default=Path("live.html"), metavar="FILE", help="default: %(default)s")
     parser.add_argument(

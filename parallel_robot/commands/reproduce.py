@@ -25,11 +25,19 @@ class ReproductionError(CosimError):
     """Something that was computed differs from what it has to be; the files are written all the same."""
 
 
+_EXAMPLES = """\
+examples:
+  cosim reproduce
+  cosim reproduce --out results/paper --robustness results/robustness
+"""
+
+
 def register(subparsers: Any) -> None:
     """Add the parser of `cosim reproduce`."""
     parser = subparsers.add_parser(
         "reproduce",
         help="reproduce the paper: figures, Table 1, claims, errata",
+        epilog=_EXAMPLES,
         description="Run the paper's six controllers and its open loop from FMU files, draw Figs. 4 to 17, compute "
         "Table 1, "
         "and judge every claim. Writes figures/, table1.csv, claims.json, errata.json, summary.json and report.html.",

@@ -30,14 +30,20 @@ The same command resumes a stopped study. It writes the rows of both sweeps (mon
 figures/, bands.csv, robustness.json, robustness.md and summary.json.
 """
 
+_EXAMPLES = """\
+examples:
+  cosim robustness --runs 1000
+  cosim robustness --levels 40 --scheduler tcp://head:8786
+"""
+
 
 def register(subparsers: Any) -> None:
     """Add the parser of `cosim robustness`."""
     parser = subparsers.add_parser(
         "robustness",
         help="Monte Carlo over all uncertainties, sensitivities, Pareto front over the gains",
+        epilog=_EXAMPLES,
         description=_DESCRIPTION,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument(
         "--out", type=Path, default=Path("results/robustness"), metavar="DIR", help="folder (default %(default)s)"

@@ -11,12 +11,19 @@ from cosim.results.output import OutputError
 from parallel_robot.choices import FLAVOURS
 from parallel_robot.commands.robot_fmus import chosen_flavour, make_ready
 
+_EXAMPLES = """\
+examples:
+  cosim ssp
+  cosim ssp --version 2.0 --flavour fmi3 --out robot.ssp
+"""
+
 
 def register(subparsers: Any) -> None:
     """Add the parser of `cosim ssp`."""
     parser = subparsers.add_parser(
         "ssp",
         help="write the whole system as an SSP archive",
+        epilog=_EXAMPLES,
         description="Write robot, controller and trajectory, their connections and units, a diagram, and the optimal "
         "gains of each row of Table 1 as parameter sets into an SSP archive.",
     )

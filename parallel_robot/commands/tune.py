@@ -16,12 +16,20 @@ if TYPE_CHECKING:
 
 TABLE_1_WEIGHTS = ((1.0, 1.0), (5.0, 1.0), (10.0, 1.0), (1.0, 10.0), (1.0, 5.0))
 
+_EXAMPLES = """\
+examples:
+  cosim tune --mu 2 --nu 1
+  cosim tune --table --from-plant
+  cosim tune --membership triangle:0,0.2,0.5 --write fmus/fmi2/RobotController.fmu
+"""
+
 
 def register(subparsers: Any) -> None:
     """Add the parser of `cosim tune`."""
     parser = subparsers.add_parser(
         "tune",
         help="find the optimal controller gains",
+        epilog=_EXAMPLES,
         description="Find alpha and beta that minimise the performance index J (paper, section 5).",
     )
     parser.add_argument("--mu", type=float, metavar="M", help="weight of the steady error (default 1)")

@@ -7,6 +7,7 @@ import hashlib
 import json
 import os
 import runpy
+import shlex
 import shutil
 import subprocess
 import sys
@@ -18,7 +19,7 @@ import pytest
 from fmpy.model_description import read_model_description
 
 from controller_fmu.optimal_gains import PerformanceIndex, optimal_gains
-from cosim.__main__ import main
+from cosim.__main__ import command_line, main
 from cosim.commands import compare
 from cosim.errors import CosimError
 from fmu_export.package.start_values import write_start_values
@@ -71,6 +72,19 @@ def test_every_command_has_a_help_that_names_its_options(capsys, command):
     shown = capsys.readouterr().out.lower()
     for option in CONTRACT[command]:
         assert option.lower() in shown
+
+
+def test_every_help_has_examples_that_are_read_as_they_stand():
+    parser = command_line()
+    (subparsers,) = (a for a in parser._actions if isinstance(a, argparse._SubParsersAction))
+    for name, command in some(subparsers.choices.items()):
+        head, *lines = command.format_help().partition("\nexamples:\n")[2].splitlines()
+        for line in some([head, *lines]):
+            program, *arguments = shlex.split(line.partition(" > ")[0])
+            assert program == "cosim", line
+            assert arguments[0] in subparsers.choices, line
+            parser.parse_args(arguments)
+        assert f"cosim {name}" in head
 
 
 def test_help_of_the_program_names_all_commands(capsys):
