@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shlex
@@ -279,6 +280,26 @@ def test_code_of_a_page_runs(folder: Path, page: str) -> None:
     if page == "tutorial.md":  # prints what the page says it does
         printed = next(text for text in blocks(page, "text") if text.startswith("Results"))
         assert printed in out
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("folder")
+def test_octave_reads_results_as_the_page_says() -> None:
+    octave = shutil.which("octave-cli") or pytest.skip("MATLAB's code is not tried: no octave-cli on the path")
+    (code,) = blocks("results.md", "matlab")
+    assert main(["run", "--stop", "0.1", "--format", "mat", "--format", "csv"]) == 0
+    checks = r'printf("%.17g\n", time(end), x(end), theta(end, :), run.parameters.controller_alpha)'
+    lines = [line for line in code.splitlines() if not line.startswith("plot(")]  # Octave may have no window here
+    Path("page.m").write_text("\n".join([*lines, checks]), encoding="utf-8")
+    done = subprocess.run([octave, "page.m"], capture_output=True, text=True, timeout=PATIENCE, check=False)
+    assert done.returncode == 0, done.stderr
+    results = Results.from_csv("results/tracking/results.csv")
+    summary = json.loads(Path("results/tracking/summary.json").read_text(encoding="utf-8"))
+    alpha = summary["parameters"]["controller.alpha"]
+    last = [results.time[-1], results["plant.x_E"][-1], *results["plant.theta_a"][-1]]
+    *found, found_alpha = (float(line) for line in done.stdout.split()[-6:])
+    assert found == last
+    assert found_alpha == pytest.approx(alpha, rel=1e-15)  # Octave's reader of JSON rounds
 
 
 @pytest.mark.parametrize("page", ["tutorial.md", "replace_controller.md"])
