@@ -124,7 +124,7 @@ def test_a_page_that_nobody_reads_does_not_hold_up_a_fast_run(fmus: Path) -> Non
         with LiveView("A tank", s.names, s.types, s.units, s.settable, 0.0, 200.0) as view:
             results = s.run(200.0, 1e-3, observe=view.observe, steering=view.steering)
     assert results.values.tobytes() == plain.values.tobytes()
-    assert view._process.returncode == 0
+    assert view.process.returncode == 0
 
 
 @pytest.mark.slow
