@@ -18,7 +18,14 @@ from typing import TYPE_CHECKING, Any, Self
 
 from tqdm import tqdm
 
-from cosim.commands.options import LOG_FILE, IsolationOptions, check_signatures, chosen_interfaces, log_options
+from cosim.commands.options import (
+    LOG_FILE,
+    IsolationOptions,
+    check_signatures,
+    chosen_interfaces,
+    chosen_places,
+    log_options,
+)
 from cosim.commands.supervision import works_in
 from cosim.errors import CosimError, SetupError, nearest
 from cosim.files.whole import PART, part_of, write_json
@@ -140,6 +147,7 @@ def run_prepared(prepared: PreparedRun, args: argparse.Namespace, figures: Figur
     CosimError
         The run can't be made, or failed; the message says where what was recorded is.
     """
+    prepared = dataclasses.replace(prepared, system=with_places(prepared.system, args.place))
     fmus = [component.fmu for component in prepared.system.components.values() if component.fmu is not None]
     check_signatures(args.require_signed, map(prepared.archive_of, fmus))
     formats = args.format or ["csv"]
@@ -176,6 +184,7 @@ def run_prepared(prepared: PreparedRun, args: argparse.Namespace, figures: Figur
                 live=args.live,
                 nonfinite=args.nonfinite,
                 isolation=IsolationOptions.of(args),
+                scheduler=args.scheduler,
             )
         except SetupError as error:
             raise UsageError(f"{prepared.source}: {error}{_kept_log(folder.unfinished)}") from error
@@ -259,6 +268,7 @@ def execute(
     live: bool = False,
     nonfinite: NonFinite = "mark",
     isolation: IsolationOptions = IsolationOptions(),  # noqa: B008 (frozen)
+    scheduler: str | None = None,
 ) -> Results | StoredResults:
     """Run a system; a run that is too long for memory goes to the disk as it comes, into a folder.
 
@@ -285,6 +295,7 @@ def execute(
             isolate=isolation.isolate,
             limits=isolation.limits,
             iterations=plan.iterations,
+            scheduler=scheduler,
         ) as simulation,
         _progress(plan) as progress,
     ):
@@ -738,6 +749,22 @@ def with_interfaces(system: System, texts: Sequence[str]) -> System:
     changed = {
         name: dataclasses.replace(system.components[name], interface=interface)
         for name, interface in chosen_interfaces(texts, fmus).items()
+    }
+    return dataclasses.replace(system, components={**system.components, **changed})
+
+
+def with_places(system: System, texts: Sequence[str]) -> System:
+    """A copy of a system with the places of options COMPONENT=PLACE.
+
+    Raises
+    ------
+    SetupError
+        An option makes no sense.
+    """
+    fmus = [name for name, component in system.components.items() if component.fmu is not None]
+    changed = {
+        name: dataclasses.replace(system.components[name], place=place)
+        for name, place in chosen_places(texts, fmus).items()
     }
     return dataclasses.replace(system, components={**system.components, **changed})
 

@@ -171,6 +171,42 @@ def add_isolation_options(parser: argparse._ActionsContainer) -> None:
     add_limit_options(parser)
 
 
+def add_place_options(parser: argparse._ActionsContainer) -> None:
+    """Add --place and --scheduler."""
+    parser.add_argument(
+        "--place",
+        action="append",
+        default=[],
+        metavar="COMPONENT=PLACE",
+        help="run the FMU of a component in a process on another machine: that of a worker of a Dask cluster, by its "
+        "address or by a resource that it has; may be repeated",
+    )
+    parser.add_argument(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="scheduler of the Dask cluster that places belong to (default: that of Dask's configuration)",
+    )
+
+
+def chosen_places(texts: Sequence[str], components: Collection[str]) -> dict[str, str]:
+    """Places of components by options COMPONENT=PLACE.
+
+    Raises
+    ------
+    SetupError
+        An option is written otherwise, or names no component.
+    """
+    found: dict[str, str] = {}
+    for text in texts:
+        component, equals, place = text.partition("=")
+        if not (component and equals and place):
+            raise SetupError(f"--place {text}: write COMPONENT=PLACE, as plant=tcp://10.0.0.2:40001")
+        if component not in components:
+            raise SetupError(f"--place {text}: there is no component '{component}'; {nearest(component, components)}")
+        found[component] = place
+    return found
+
+
 def add_limit_options(parser: argparse._ActionsContainer) -> None:
     """Add --step-timeout and --memory-limit."""
     parser.add_argument(

@@ -15,6 +15,7 @@ from cosim.commands.options import (
     add_log_options,
     add_model_exchange_options,
     add_overwrite_option,
+    add_place_options,
     add_signature_option,
     standard_of,
     take_from_isolated,
@@ -90,6 +91,7 @@ def register(subparsers: Any) -> None:
         help="threads that step components at the same time, or 'auto': as many as pay (default 1), with equal results",
     )
     add_isolation_options(parser)
+    add_place_options(parser)
     parser.add_argument(
         "--profile", action="store_true", help="say how long the steps and the exchange of each component took"
     )

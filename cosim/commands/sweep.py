@@ -220,6 +220,13 @@ def _isolation(args: argparse.Namespace, scenarios: Mapping[str, Scenario]) -> I
     """The options of isolation; what no run could take is told before any is tried."""
     options = IsolationOptions.of(args)
     components = {name: c.isolate for scenario in scenarios.values() for name, c in scenario.components.items()}
+    for scenario in scenarios.values():
+        for name, component in scenario.components.items():
+            if component.place is not None:
+                raise SweepError(
+                    f"scenario {scenario.name}: component '{name}' has a place, '{component.place}'; runs of a sweep "
+                    "have all their FMUs on one worker: leave the place out"
+                )
     for name in options.isolate if isinstance(options.isolate, tuple) else ():
         if name not in components:
             raise SweepError(f"--isolated {name}: there is no such component; {nearest(name, components)}")
@@ -283,7 +290,10 @@ def _of_description(
     return Scenario(
         name=path.stem,
         title=found.name,
-        components={name: ScenarioComponent(c.fmu, c.every, interface=c.interface) for name, c in components.items()},
+        components={
+            name: ScenarioComponent(c.fmu, c.every, c.isolate, interface=c.interface, place=c.place)
+            for name, c in components.items()
+        },
         stop_time=found.stop_time or 0.0,
         step_size=found.step_size or 0.0,
         start_time=found.start_time,

@@ -22,7 +22,7 @@ from fmpy.model_description import ModelDescription, ModelVariable
 
 from cosim.fmi.instance import CallFailed, ExperimentSetup, Instance, StepStatus, function_address
 from cosim.fmi.messages import Messages
-from cosim.fmi.shared_library import Library
+from cosim.fmi.shared_library import Library, Loader
 from cosim.fmi.types import Texts
 from cosim.fmi.variable_buffer import VariableBuffer
 
@@ -138,7 +138,7 @@ class EventInstance(Instance):
         texts: Texts | None = None,
         messages: Messages | None = None,
         file: str = "",
-        load: Callable[[Path, str, str], Library] = Library,
+        load: Loader = Library.of,
     ) -> None:
         super().__init__(name, folder, description, asks_for_inputs, texts, messages, file, load)
         self._clocks = {v.valueReference: v for v in reversed(description.modelVariables) if v.type == "Clock"}

@@ -24,7 +24,7 @@ from cosim.errors import CosimError
 from cosim.fmi.loading import LibraryError
 from cosim.fmi.messages import STATUSES, Messages, keep_callbacks
 from cosim.fmi.python_fmus import resources_uri, runs_python
-from cosim.fmi.shared_library import Library, library_path
+from cosim.fmi.shared_library import Library, Loader
 from cosim.fmi.types import Texts
 from cosim.loop.binding import Operation, loop_library
 
@@ -144,6 +144,14 @@ def _arguments_of(experiment: ExperimentSetup) -> tuple[bool, float, float, bool
     )
 
 
+def location(version: int, folder: Path) -> bytes:
+    """Where an FMU is unpacked, as its function that makes an instance wants it."""
+    resources = folder.absolute() / "resources"
+    if version == 1:
+        return resources.parent.as_uri().encode()
+    return (resources_uri(resources) if version == 2 else f"{resources}{os.sep}").encode()
+
+
 def function_address(function: Any) -> int:
     """Address of a function of a loaded library."""
     return ctypes.cast(function, ctypes.c_void_p).value or 0
@@ -172,7 +180,7 @@ class Instance:
     file : str
         Name of the FMU file, for the last line where the FMU ends the process.
     load : callable
-        Loads its library: one in this process by default, see `cosim.fmi.isolation`.
+        Loads its library from the folder: into this process by default, see `cosim.fmi.isolation`.
 
     Raises
     ------
@@ -201,7 +209,7 @@ class Instance:
         texts: Texts | None = None,
         messages: Messages | None = None,
         file: str = "",
-        load: Callable[[Path, str, str], Library] = Library,
+        load: Loader = Library.of,
     ) -> None:
         self.name = name
         self.messages = Messages(name) if messages is None else messages
@@ -216,13 +224,12 @@ class Instance:
         self._corrupted = False
         identifier = self._interface.modelIdentifier
         try:
-            path = library_path(folder, self.version, identifier)
-            self._library = load(path, identifier, f"component '{name}' ({file or identifier})")
+            self._library = load(folder, self.version, identifier, f"component '{name}' ({file or identifier})")
         except LibraryError as error:
             raise CallFailed(str(error)) from error
         self.runs_python = self.uses_events or (not self._library.is_isolated and runs_python(folder))
         prepared = {1: self._prepared_fmi1, 2: self._prepared_fmi2, 3: self._prepared_fmi3}[self.version]
-        self._instantiate = prepared(description.instantiationToken.encode(), folder.absolute() / "resources")
+        self._instantiate = prepared(description.instantiationToken.encode(), location(self.version, folder))
 
     @staticmethod
     def _interface_of(description: ModelDescription) -> Any:
@@ -248,26 +255,25 @@ class Instance:
             raise CallFailed(f"can't be instantiated: {why}")
         self._choose_messages()
 
-    def _prepared_fmi1(self, token: bytes, resources: Path) -> Callable[[], int | None]:
+    def _prepared_fmi1(self, token: bytes, where: bytes) -> Callable[[], int | None]:
         callbacks = self.messages.callbacks_fmi1()
         make = partial(
             self._function("fmi1InstantiateSlave"),
-            *(self.name.encode(), token, resources.parent.as_uri().encode(), b"application/x-fmu-sharedlibrary", 0.0),
+            *(self.name.encode(), token, where, b"application/x-fmu-sharedlibrary", 0.0),
             *(fmi1.fmi1False, fmi1.fmi1False, callbacks, fmi1.fmi1True),  # invisible; alone; says what is wrong
         )
         return lambda: self.messages.of_instance_made_by(make)
 
-    def _prepared_fmi2(self, token: bytes, resources: Path) -> Callable[[], int | None]:
+    def _prepared_fmi2(self, token: bytes, where: bytes) -> Callable[[], int | None]:
         callbacks = self.messages.callbacks_fmi2()
         keep_callbacks(callbacks)  # FMUs have their address
-        uri = resources_uri(resources).encode()
         return partial(
             self._function("fmi2Instantiate"),
-            *(self.name.encode(), self.fmi2_type, token, uri, ctypes.byref(callbacks)),
+            *(self.name.encode(), self.fmi2_type, token, where, ctypes.byref(callbacks)),
             *(fmi2.fmi2False, fmi2.fmi2True),  # invisible; says what is wrong
         )
 
-    def _prepared_fmi3(self, token: bytes, resources: Path) -> Callable[[], int | None]:
+    def _prepared_fmi3(self, token: bytes, where: bytes) -> Callable[[], int | None]:
         """The environment is our own, by which the compiled loop finds the inputs to set."""
         callbacks = (
             self.messages.callback_fmi3(),
@@ -277,7 +283,7 @@ class Instance:
         references = (fmi3.fmi3ValueReference * len(self._asks_for_inputs))(*self._asks_for_inputs)
         return partial(
             self._function("fmi3InstantiateCoSimulation"),
-            *(self.name.encode(), token, f"{resources}{os.sep}".encode()),
+            *(self.name.encode(), token, where),
             *(False, True),  # invisible; says what is wrong
             *(self.uses_events, self.uses_events),  # event mode; early return
             *(references, len(references), ctypes.addressof(self._operation)),

@@ -5,7 +5,6 @@ from __future__ import annotations
 import ctypes
 import json
 import math
-import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
@@ -19,7 +18,7 @@ from fmpy.model_description import ModelDescription, ModelVariable
 from cosim.fmi.event_mode import DISCRETE
 from cosim.fmi.instance import CallFailed, ExperimentSetup, Instance
 from cosim.fmi.messages import Messages, keep_callbacks
-from cosim.fmi.shared_library import Library, library_path
+from cosim.fmi.shared_library import Library, Loader
 from cosim.fmi.types import FMI_TYPES
 from cosim.loop.binding import Operation, OperationKind
 from cosim.loop.model_exchange import FUNCTIONS, ContinuousComponent, Mode
@@ -68,12 +67,12 @@ class ModelExchangeInstance(Instance):
     def _interface_of(description: ModelDescription) -> Any:
         return description.modelExchange
 
-    def _prepared_fmi3(self, token: bytes, resources: Path) -> Callable[[], int | None]:
+    def _prepared_fmi3(self, token: bytes, where: bytes) -> Callable[[], int | None]:
         callback = self.messages.callback_fmi3()
         keep_callbacks(callback)
         return partial(
             self._function("fmi3InstantiateModelExchange"),
-            *(self.name.encode(), token, f"{resources}{os.sep}".encode()),
+            *(self.name.encode(), token, where),
             *(False, True),  # invisible; says what is wrong
             *(None, callback),
         )
@@ -162,12 +161,12 @@ class ModelExchangeInstance(Instance):
 class _Loaded:
     """What FMPy's classes do to load a library and to call its functions, with our library."""
 
-    def __init__(self, folder: Path, description: ModelDescription, load: Callable[[Path, str, str], Library]) -> None:
+    def __init__(self, folder: Path, description: ModelDescription, load: Loader) -> None:
         identifier = description.modelExchange.modelIdentifier
         self.guid = description.instantiationToken
         self.instanceName = self.modelIdentifier = identifier
         self.unzipDirectory = str(folder)
-        self._library = load(library_path(folder, description.fmiMajorVersion, identifier), identifier, "")
+        self._library = load(folder, description.fmiMajorVersion, identifier, "")
         self.component: Any = None
         self.corrupted = False
 
@@ -202,7 +201,7 @@ def model_exchange_instance(
     folder: Path,
     description: ModelDescription,
     messages: Messages,
-    load: Callable[[Path, str, str], Library] = Library,
+    load: Loader = Library.of,
 ) -> Iterator[Any]:
     """An instance of an unpacked FMU of FMI 2.0 or 3.0, freed at the end.
 

@@ -163,6 +163,17 @@ class Library:
         self._symbols: dict[str, Any] = {}
         self._libraries = self._caller.noting(load, "the loading of its library")(path.absolute())
 
+    @classmethod
+    def of(cls, folder: Path, version: int, identifier: str, component: str = "") -> Library:
+        """The library for this machine in an unpacked FMU of a version of FMI.
+
+        Raises
+        ------
+        LibraryError
+            It has none, or it can't be loaded.
+        """
+        return cls(library_path(folder, version, identifier), identifier, component)
+
     #: Whether it is loaded in another process.
     is_isolated = False
 
@@ -227,3 +238,7 @@ class Library:
         function.restype = c_void_p if "Instantiate" in name else None if name.endswith("Instance") else c_int
         self._symbols[name] = function
         return self._caller.noting(function, in_standard(name))
+
+
+#: Loads the library of an FMU from the folder where it is unpacked: version of FMI, model identifier, what to call it.
+Loader = Callable[[Path, int, str, str], Library]

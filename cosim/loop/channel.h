@@ -4,6 +4,8 @@
  * worker makes the calls, with pointers into the area as arguments, and counts `answered` up. Each spins for a short time
  * and then sleeps until the other's number changes. Nothing is copied but the arguments, and nothing is allocated.
  *
+ * Calls have places in the area and no addresses: so they can be carried to a worker on another machine, see channel_relay.c.
+ *
  * The worker may be damaged by its FMU and write anything here: the master trusts no size or place that stands here, only
  * those that it remembers itself. */
 #ifndef CHANNEL_H
@@ -115,7 +117,9 @@ typedef struct {
     uint32_t spin; /* how long (ns) the worker looks for calls before it sleeps */
     uint32_t at; /* of the worker: the call that it makes now */
     uint64_t written, read; /* bytes of messages, by the worker and the master */
-    uint8_t apart2[32];
+    uint64_t used; /* of the master: bytes of the calls */
+    uint64_t reach; /* of the worker: bytes of the calls and of what they have given */
+    uint8_t apart2[16];
     uint8_t messages[MESSAGES_SIZE];
     uint8_t area[]; /* the calls */
 } Channel;

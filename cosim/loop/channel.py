@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import ctypes
-from ctypes import c_bool, c_char_p, c_double, c_int, c_size_t, c_uint32, c_uint64, c_void_p
+from ctypes import c_bool, c_char_p, c_double, c_int, c_int64, c_size_t, c_uint32, c_uint64, c_void_p
 from functools import cache
+from mmap import mmap
+from typing import Any
 
 from cosim.loop.binding import loop_library
 
@@ -32,6 +34,20 @@ _MAKING = {
     "fmi3InstantiateModelExchange": (c_void_p, c_char_p, c_char_p, c_char_p),
 }
 
+#: What the functions of relays return, and their arguments.
+_RELAYING: dict[str, tuple[Any, ...]] = {
+    "asked": (c_uint32, c_void_p, c_uint32, c_int64),
+    "request": (c_uint64, c_void_p, ctypes.POINTER(c_uint64)),
+    "at": (None, c_void_p, c_uint32),
+    "answer": (None, c_void_p, c_uint32),
+    "hand_on": (c_uint64, c_void_p, c_char_p, c_uint64),
+    "ask": (c_uint32, c_void_p, c_uint64, c_uint64),
+    "is_answered": (c_bool, c_void_p, c_uint32, c_int64),
+    "reach": (c_uint64, c_void_p, ctypes.POINTER(c_uint32)),
+    "take": (c_uint64, c_void_p, c_char_p),
+    "room": (c_uint64,),
+}
+
 
 @cache
 def channel_library() -> ctypes.CDLL:
@@ -51,6 +67,9 @@ def channel_library() -> ctypes.CDLL:
     library.channel_end_with.argtypes, library.channel_end_with.restype = [c_int], c_bool
     library.channel_functions.restype = ctypes.POINTER(c_char_p)
     library.channel_area.restype = c_uint64
+    for name, prototype in _RELAYING.items():
+        function = getattr(library, f"relay_{name}")
+        function.restype, *function.argtypes = prototype
     for name, arguments in _MAKING.items():
         function = getattr(library, f"isolated_{name}")
         function.argtypes, function.restype = arguments, c_void_p
@@ -65,3 +84,80 @@ def functions() -> tuple[str, ...]:
     while name := names[len(found)]:
         found.append(name.decode())
     return tuple(found)
+
+
+class _Relay:
+    """One end of a channel whose other end is on another machine; see channel_relay.c."""
+
+    def __init__(self, memory: mmap) -> None:
+        self._memory = memory
+        self._library = channel_library()
+        self._address = ctypes.addressof(ctypes.c_char.from_buffer(memory))
+        self._area: int = self._library.channel_area()
+
+    def _write(self, data: bytes) -> None:
+        self._memory[self._area : self._area + len(data)] = data
+
+
+class RelayToMaster(_Relay):
+    """The end of the master, for which it stands in for the worker; `memory` is that of the channel."""
+
+    def asked(self, before: int, longest: int) -> int:
+        """What the master has asked for, by its number, once that is another one, or after so long (ns)."""
+        asked: int = self._library.relay_asked(self._address, before, longest)
+        return asked
+
+    def request(self) -> tuple[int, bytes]:
+        """How many calls the master asks for, and their bytes."""
+        n_calls = c_uint64()
+        used = self._library.relay_request(self._address, ctypes.byref(n_calls))
+        return n_calls.value, self._memory[self._area : self._area + used]
+
+    def note_call(self, call: int) -> None:
+        """Say at which call the worker is."""
+        self._library.relay_at(self._address, call)
+
+    def write(self, data: bytes) -> None:
+        """Put bytes at the beginning of the area."""
+        self._write(data)
+
+    def answer(self, asked: int) -> None:
+        """Tell the master that it has its answer."""
+        self._library.relay_answer(self._address, asked)
+
+    def hand_on(self, messages: bytes) -> bytes:
+        """Hand messages on; those for which there is no room yet."""
+        return messages[self._library.relay_hand_on(self._address, messages, len(messages)) :]
+
+
+class RelayToWorker(_Relay):
+    """The end of the worker, for which it stands in for the master; `memory` is that of the channel."""
+
+    def ask(self, n_calls: int, calls: bytes) -> int:
+        """Ask for calls; the number of what was asked for."""
+        self._write(calls)
+        asked: int = self._library.relay_ask(self._address, n_calls, len(calls))
+        return asked
+
+    def is_answered(self, asked: int, longest: int) -> bool:
+        """Whether what was asked for is done, soon or within so long (ns)."""
+        done: bool = self._library.relay_is_answered(self._address, asked, longest)
+        return done
+
+    def answer(self) -> bytes:
+        """The bytes of the calls, and of what they have given."""
+        reach = self._library.relay_reach(self._address, ctypes.byref(c_uint32()))
+        return self._memory[self._area : self._area + reach]
+
+    @property
+    def call(self) -> int:
+        """Number of the call that the worker is at, or was at last."""
+        call = c_uint32()
+        self._library.relay_reach(self._address, ctypes.byref(call))
+        return call.value
+
+    def messages(self) -> bytes:
+        """The messages that have come."""
+        taken = ctypes.create_string_buffer(self._library.relay_room())
+        size = self._library.relay_take(self._address, taken)
+        return ctypes.string_at(taken, size)

@@ -162,6 +162,7 @@ static Call *call_in(const Remote *r, uint64_t start) { return (Call *)(r->chann
 static int have_made(Remote *r, uint32_t n_before) {
     Channel *channel = r->channel;
     channel->n_calls = r->n_calls;
+    channel->used = r->used;
     tell(&channel->asked, ++r->asked, &channel->worker_sleeps);
     bool made = is_answered(r);
     r->n_calls = 0;

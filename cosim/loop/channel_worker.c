@@ -192,6 +192,7 @@ static bool give_back(uint64_t at, void **values, const size_t sizes[], uint64_t
         memcpy(channel->area + at + sizeof size, values[i] ? values[i] : "", size);
         at += sizeof size + size;
     }
+    channel->reach = at;
     return true;
 }
 
@@ -308,6 +309,7 @@ EXPORT void channel_serve(Channel *own, uint64_t size, void *const functions_of_
         }
         before = seen(&channel->asked);
         uint64_t n = channel->n_calls;
+        channel->reach = channel->used;
         if (n) make_calls(n);
         tell(&channel->answered, before, &channel->master_sleeps);
         if (!n) return;

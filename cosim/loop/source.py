@@ -17,7 +17,7 @@ SYSTEM_LIBRARIES = ("pthread",)
 #: Files that a library of which the loop is a part goes without.
 _NO_PARTS = (
     _COEFFICIENTS.name,
-    *("channel_master.c", "channel_worker.c", "current_calls.c"),
+    *("channel_master.c", "channel_relay.c", "channel_worker.c", "current_calls.c"),
     *(f"{name}.{ending}" for name in ("algebraic_loop", "model_exchange", "team") for ending in ("c", "h")),
 )
 

@@ -11,7 +11,7 @@ from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
 from types import TracebackType
-from typing import Any, get_args
+from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 
@@ -20,13 +20,13 @@ from cosim.fmi.event_mode import EventInstance
 from cosim.fmi.fmu_file import LoadedFMU, load
 from cosim.fmi.instance import INITIALIZING, CallFailed, CallInterrupted, ExperimentSetup, Instance
 from cosim.fmi.interfaces import AUTO_INTERFACE, INTERFACES, MODEL_EXCHANGE, is_model_exchange, used_interface
-from cosim.fmi.isolation.library import IsolatedLibrary
+from cosim.fmi.isolation.library import IsolatedLibrary, PlacedLibrary
 from cosim.fmi.isolation.limits import Limits
 from cosim.fmi.isolation.process import can_isolate, check_platform
 from cosim.fmi.message_log import Log, LogWriter
 from cosim.fmi.messages import Messages, summary
 from cosim.fmi.model_exchange import ModelExchangeInstance
-from cosim.fmi.shared_library import Library
+from cosim.fmi.shared_library import Library, Loader
 from cosim.fmi.structure import depends_on_start_values, is_size
 from cosim.fmi.types import Texts
 from cosim.fmi.unpacking import folder_for_fmus
@@ -66,6 +66,9 @@ from cosim.results.results import Results
 from cosim.system.resolution import Drive, StartValue, resolve, resolve_start_value, split
 from cosim.system.system import Signal, System
 from cosim.system.variables import LARGE, Element, Ports, variables_of
+
+if TYPE_CHECKING:
+    from cosim.fmi.isolation.placement import Hosts
 
 #: By how many steps the stop time may miss a whole number of them, for rounding.
 _STEP_TOLERANCE = 1e-6
@@ -137,6 +140,9 @@ class Simulation:
         isolates; see `System.add`.
     limits : Limits, optional
         Limits of isolated FMUs.
+    scheduler : str, optional
+        Address of the scheduler of a Dask cluster, on whose workers FMUs live that have a place (`System.add`); by
+        default that of the configuration of Dask.
 
     Raises
     ------
@@ -168,6 +174,7 @@ class Simulation:
         isolate: bool | Sequence[str] = False,
         limits: Limits | None = None,
         iterations: int | str | None = None,
+        scheduler: str | None = None,
     ) -> None:
         chosen = algorithm(order, extrapolation)
         self._threads = checked_threads(threads)
@@ -188,8 +195,15 @@ class Simulation:
         self._fmus = _loaded(system, interface)
         self._build = build
         self._limits = Limits() if limits is None else limits
+        self._places = {name: component.place for name, component in system.components.items() if component.place}
+        self._scheduler = scheduler
+        if scheduler is not None and not self._places:
+            raise SetupError(f"scheduler {scheduler}: no component has a place there; give one its place (--place)")
+        self._hosts: Hosts | None = None
         self._isolated = self._to_isolate(isolate)
         for name, fmu in self._fmus.items():
+            if name in self._places:  # its machine has a look
+                continue
             with self._setting_up(name):
                 fmu.check_binary(build=build)
         self._functions = {name: c.function for name, c in system.components.items() if c.function is not None}
@@ -242,7 +256,7 @@ class Simulation:
         SetupError
             There is no such component, or the platform can't isolate FMUs.
         """
-        own = {name for name, component in self._system.components.items() if component.isolate}
+        own = {name for name, c in self._system.components.items() if c.isolate or c.place is not None}
         asked = set(self._fmus) if isolate is True else set(isolate or ())
         for name in sorted(asked - set(self._fmus)):
             raise SetupError(f"isolate: there is no component '{name}' with an FMU; {nearest(name, self._fmus)}")
@@ -339,25 +353,30 @@ class Simulation:
         if self._stack is not None:
             raise SetupError("the simulation is open already; make another one of the same system")
         self._folders.clear()
-        with watched_calls(), self._interruptible(), ExitStack() as stack:
-            if self._log is not None:
-                self._log.open()
-                stack.callback(self._log.close)
-            folders: dict[str, Path] = {}
-            for name, fmu in self._fmus.items():
-                # an instance of an FMU that allows one in a process has a library, and its global variables, of its own
-                alone = used_interface(fmu.description).canBeInstantiatedOnlyOncePerProcess
-                if alone or fmu.sha256 not in folders:
-                    folders[fmu.sha256] = Path(stack.enter_context(folder_for_fmus()))
-                    with self._setting_up(name):
-                        fmu.unpack(folders[fmu.sha256], build=self._build)
-                self._folders[name] = folders[fmu.sha256]
-            stack.callback(self._free)
-            for name in self._ports:
-                self._load(name)
-            for name in self._ports:
-                self._instantiate(name)
-            self._stack = stack.pop_all()
+        with ExitStack() as opened:
+            self._reach_hosts(opened)
+            with watched_calls(), self._interruptible(), ExitStack() as stack:
+                if self._log is not None:
+                    self._log.open()
+                    stack.callback(self._log.close)
+                folders: dict[str, Path] = {}
+                for name, fmu in self._fmus.items():
+                    if name in self._places:
+                        continue
+                    # an instance of an FMU that allows one in a process has a library, and global variables, of its own
+                    alone = used_interface(fmu.description).canBeInstantiatedOnlyOncePerProcess
+                    if alone or fmu.sha256 not in folders:
+                        folders[fmu.sha256] = Path(stack.enter_context(folder_for_fmus()))
+                        with self._setting_up(name):
+                            fmu.unpack(folders[fmu.sha256], build=self._build)
+                    self._folders[name] = folders[fmu.sha256]
+                stack.callback(self._free)
+                for name in self._ports:
+                    self._load(name)
+                for name in self._ports:
+                    self._instantiate(name)
+                opened.push(stack.pop_all())
+                self._stack = opened.pop_all()
         return self
 
     def __exit__(
@@ -372,6 +391,18 @@ class Simulation:
                 self._stack.close()
             self._stack = None
 
+    def _reach_hosts(self, stack: ExitStack) -> None:
+        """Become a client of the cluster where components have their places."""
+        if not self._places:
+            return
+        from cosim.fmi.isolation.placement import Hosts
+
+        self._hosts = Hosts(self._scheduler)
+        stack.callback(self._hosts.close)
+        for name, place in self._places.items():
+            with self._setting_up(name):
+                self._hosts.check(place)
+
     def _load(self, name: str) -> None:
         self._exchange = None
         if name in self._functions:
@@ -385,12 +416,20 @@ class Simulation:
             if port.is_model_exchange:
                 kind = ModelExchangeInstance
             messages = self._messages[name]
-            load: Callable[[Path, str, str], Library] = Library
-            if name in self._isolated:
-                load = partial(IsolatedLibrary, messages=messages, limits=self._limits, stop=self._is_interrupted)
+            folder, load = self._folders.get(name, Path()), self._loader(name)
             self._instances[name] = kind(
-                name, self._folders[name], fmu.description, asks, self._texts, messages, fmu.path.name, load
+                name, folder, fmu.description, asks, self._texts, messages, fmu.path.name, load
             )
+
+    def _loader(self, name: str) -> Loader:
+        """What loads the library of a component: into this process, one of its own, or one on another machine."""
+        if name not in self._isolated:
+            return Library.of
+        messages, limits, stop = self._messages[name], self._limits, self._is_interrupted
+        if self._hosts is None or name not in self._places:
+            return partial(IsolatedLibrary.starting, messages=messages, limits=limits, stop=stop)
+        process = self._hosts.process(self._places[name], self._fmus[name], name, build=self._build, limits=limits)
+        return partial(PlacedLibrary.on, process, messages=messages, limits=limits, stop=stop)
 
     def _instantiate(self, name: str) -> None:
         with self._setting_up(name):
@@ -942,6 +981,7 @@ class Simulation:
                     **({"event_mode": True} if self._instances[name].uses_events else {}),
                     **({"interface": MODEL_EXCHANGE} if self._ports[name].is_model_exchange else {}),
                     **({"isolated": True} if name in self._isolated else {}),
+                    **({"place": self._places[name]} if name in self._places else {}),
                 }
                 for name, f in self._fmus.items()
             },
@@ -1108,6 +1148,7 @@ def simulate(
     isolate: bool | Sequence[str] = False,
     limits: Limits | None = None,
     iterations: int | str | None = None,
+    scheduler: str | None = None,
 ) -> Results:
     """Couple the FMUs of a system at a fixed communication step.
 
@@ -1129,6 +1170,7 @@ def simulate(
         isolate=isolate,
         limits=limits,
         iterations=iterations,
+        scheduler=scheduler,
     ) as simulation:
         return simulation.run(
             stop_time,

@@ -292,6 +292,11 @@ def _loaded(system: System) -> Iterator[tuple[str, LoadedFMU]]:
             raise SetupError(f"component '{name}' is a function in Python, which can't be packed; make it an FMU first")
         if component.interface == MODEL_EXCHANGE:
             raise SetupError(f"component '{name}' is in model exchange, which can't be packed; use its co-simulation")
+        if component.place is not None:
+            raise SetupError(
+                f"component '{name}' has a place, '{component.place}'; a packed FMU has its FMUs on one machine: leave "
+                "it out"
+            )
         fmu = load(name, component.fmu, CO_SIMULATION)
         if fmu.description.fmiMajorVersion == 1:
             raise SetupError(

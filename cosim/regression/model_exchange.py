@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,7 +15,7 @@ from cosim.fmi.isolation.limits import Limits
 from cosim.fmi.message_log import Log, LogWriter
 from cosim.fmi.messages import Messages
 from cosim.fmi.model_exchange import model_exchange_instance
-from cosim.fmi.shared_library import Library
+from cosim.fmi.shared_library import Library, Loader
 from cosim.fmi.unpacking import folder_for_fmus
 from cosim.loop.current_calls import watched_calls
 from cosim.regression.case import Between, Case, CaseError, Method, RunError
@@ -50,9 +49,9 @@ def model_exchange(
     signals = _structured_inputs(case, between, ports)
     start = _start_values(case, ports)
     messages = Messages(fmu.path.stem, None if options.log is None else LogWriter(Log(options.log)))
-    load: Callable[[Path, str, str], Library] = Library
+    load: Loader = Library.of
     if options.isolate:
-        load = partial(IsolatedLibrary, messages=messages, limits=options.limits or Limits())
+        load = partial(IsolatedLibrary.starting, messages=messages, limits=options.limits or Limits())
     with watched_calls(), folder_for_fmus() as folder:
         fmu.unpack(Path(folder), build=options.build)
         steps = _euler_steps(case, fmu, experiment.interval) if method == "Euler" else 1

@@ -49,7 +49,7 @@ _RUN: dict[str, Any] = {
 }
 
 #: Keys of a component, a connection and a metric, and their types.
-_COMPONENT = {"fmu": str, "every": int, "interface": str, "isolate": bool}
+_COMPONENT = {"fmu": str, "every": int, "interface": str, "isolate": bool, "place": str}
 _CONNECTION = {"from": str, "to": str, "factor": float, "offset": float, "units": str, "extrapolation": str}
 _METRIC = {"of": str, "minus": str, "measure": str, "after": float}
 
@@ -177,6 +177,8 @@ def _component(where: str, name: str, spec: Any, folder: Path, known: ScenarioCo
         raise ScenarioError(f"{where}: the name must be a text without a dot")
     if values.get("every", 1) < 1:
         raise ScenarioError(f"{where} every = {values['every']!r} must be at least 1")
+    if not values.get("place", "somewhere"):
+        raise ScenarioError(f"{where} place is empty; write the address of a worker, or the name of a resource of one")
     _check_interface(where, values)
     if "fmu" in values:
         values |= {"fmu": folder / values["fmu"], "stands_in": known is not None}

@@ -36,6 +36,8 @@ class ScenarioComponent:
         Interface of the FMU; that of the scenario by default.
     isolate : bool
         The FMU lives in a process of its own.
+    place : str, optional
+        Worker of a Dask cluster, by its address or a resource, where the FMU lives; see `System.add`.
     stands_in : bool
         The FMU stands in for one of the family: `cosim run` leaves out connections to what it does not have.
     """
@@ -45,6 +47,7 @@ class ScenarioComponent:
     isolate: bool = False
     stands_in: bool = False
     interface: str | None = None
+    place: str | None = None
 
 
 @dataclass(frozen=True)
@@ -131,8 +134,8 @@ class Scenario:
             if component.fmu is None:
                 raise ScenarioError(f"component '{name}' has no FMU; name its file: [components.{name}] fmu = ...")
             interface = component.interface or self.interface
-            start, isolate = self.start.get(name), component.isolate
-            system.add(name, component.fmu, start, component.every, interface, isolate=isolate)
+            start, isolate, place = self.start.get(name), component.isolate, component.place
+            system.add(name, component.fmu, start, component.every, interface, isolate=isolate, place=place)
         system.connections.extend(self.connections)
         for shapes, feed in ((self.signals, system.drive), (self.disturbances, system.disturb)):
             for target, shape in shapes.items():

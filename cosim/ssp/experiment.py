@@ -59,15 +59,23 @@ def is_isolated(part: Part) -> bool:
     SSPError
         It says neither true nor false.
     """
+    said = [str(element.attrib.get("isolate", "false")) for element in _of_ours(part)]
+    if wrong := next((text for text in said if text not in ("true", "false")), None):
+        where = f"{part.document.where}: component '{part.path}'"
+        raise SSPError(f"{where}: isolate is '{wrong}' in its annotation; write true or false")
+    return "true" in said
+
+
+def place_of(part: Part) -> str | None:
+    """Where our annotation wants the FMU of a component, if it says it."""
+    return next((str(text) for element in _of_ours(part) if (text := element.attrib.get("place"))), None)
+
+
+def _of_ours(part: Part) -> Iterator[DataElement]:
+    """What our annotations of a component have."""
     for annotation in children(part.element, "Annotations", "Annotation"):
-        for element in annotation.iter() if annotation.attrib.get("type") == TOOL else ():
-            text = str(element.attrib.get("isolate", "false"))
-            if text not in ("true", "false"):
-                where = f"{part.document.where}: component '{part.path}'"
-                raise SSPError(f"{where}: isolate is '{text}' in its annotation; write true or false")
-            if text == "true":
-                return True
-    return False
+        if annotation.attrib.get("type") == TOOL:
+            yield from annotation.iter()
 
 
 def _numbers(holder: DataElement | None, attributes: dict[str, str], document: Document) -> Iterator[float]:

@@ -10,7 +10,7 @@ from typing import Any, Literal
 from cosim.errors import nearest
 from cosim.files.xml_elements import child, children
 from cosim.ssp.errors import SSPError
-from cosim.ssp.experiment import is_isolated, step_size_of, steps_of
+from cosim.ssp.experiment import is_isolated, place_of, step_size_of, steps_of
 from cosim.ssp.flow import Feed, Flow, Node
 from cosim.ssp.format.document import open_document
 from cosim.ssp.format.package import DESCRIPTION, Package, open_package
@@ -192,7 +192,8 @@ def _system(root: Part, flow: Flow, values: Mapping[Node, Value], step: float | 
         isolate = False
         with findings.collecting():
             isolate = is_isolated(part)
-        system.add(part.path, part.fmu, start, steps_of(part, step), part.interface, isolate=isolate)
+        every, place = steps_of(part, step), place_of(part)
+        system.add(part.path, part.fmu, start, every, part.interface, isolate=isolate, place=place)
     for feed, part, element in mapped:
         with findings.collecting():
             source_part, source_name = feed.source

@@ -10,6 +10,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from cosim.cluster import client_of, quiet
 from cosim.errors import needs
 from cosim.sweep import stock
 from cosim.sweep.errors import SweepError
@@ -19,9 +20,6 @@ with needs("sweep"):
     import dask
     from dask.system import CPU_COUNT
     from distributed import Client, LocalCluster, WorkerPlugin
-
-#: Longest time (s) to wait for an answer of the scheduler, and for a first worker.
-_ANSWER, _FIRST_WORKER = 30.0, 30.0
 
 #: Workers that a task of a local sweep may be involved in losing before it is run in isolation.
 _LOCAL_DEATHS = 1
@@ -43,7 +41,7 @@ def connect(scheduler: str | None = None, workers: int | None = None) -> Iterato
         raise SweepError(f"{workers} workers can't run anything; use at least one")
     if scheduler is not None and workers is not None:
         raise SweepError("--workers starts processes here; a scheduler has its own: leave out --workers or --scheduler")
-    with _quiet():
+    with quiet():
         if scheduler is None:
             with _local(workers or CPU_COUNT) as cluster, Client(cluster, set_as_default=False) as client:
                 yield client
@@ -80,17 +78,7 @@ def are_workers_starting(client: Client) -> bool:
 
 @contextmanager
 def _remote(scheduler: str) -> Iterator[Client]:
-    try:
-        client = Client(scheduler, timeout=_ANSWER, set_as_default=False)
-    except (OSError, ValueError) as error:
-        raise SweepError(f"--scheduler {scheduler}: no answer: {' '.join(str(error).split())}") from error
-    with client:
-        try:
-            client.wait_for_workers(1, timeout=_FIRST_WORKER)
-        except TimeoutError:
-            raise SweepError(
-                f"--scheduler {scheduler} has no workers; start some: dask worker {scheduler} --nthreads 1"
-            ) from None
+    with client_of(scheduler, SweepError) as client:
         _check_versions(client)
         yield client
 
@@ -104,20 +92,6 @@ def _check_versions(client: Client) -> None:
         if found != own:
             has = "none" if isinstance(found, BaseException) else found
             raise SweepError(f"worker {worker} has {name} {has}, here it is {own}; install the same version there")
-
-
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """Dask reports each lost worker and connection at length; here they are no failure, or an error of one line."""
-    loggers = [logging.getLogger(name) for name in logging.root.manager.loggerDict if name.startswith("distributed")]
-    before = [logger.level for logger in loggers]
-    for logger in loggers:
-        logger.setLevel(logging.CRITICAL)
-    try:
-        yield
-    finally:
-        for logger, level in zip(loggers, before, strict=True):
-            logger.setLevel(level)
 
 
 class Parcel(WorkerPlugin):

@@ -45,6 +45,7 @@ class Component:
     function: PythonFunction | None = None
     interface: str | None = None
     isolate: bool = False
+    place: str | None = None
 
 
 @dataclass(frozen=True)
@@ -99,6 +100,7 @@ class System:
         interface: str | None = None,
         *,
         isolate: bool = False,
+        place: str | None = None,
     ) -> None:
         """Add a component.
 
@@ -120,11 +122,15 @@ class System:
         isolate : bool
             Whether its FMU lives in a process of its own: if it crashes, ends its process or never returns, the run
             ends with what was recorded, and this process goes on.
+        place : str, optional
+            Where its FMU lives in a process of its own, on another machine: the address of a worker of a Dask cluster,
+            or a resource that a worker has; see `Simulation`, `scheduler`.
 
         Raises
         ------
         SetupError
-            The name is taken or malformed, `every` is not a positive integer, or the interface is unknown.
+            The name is taken or malformed, `every` is not a positive integer, the interface is unknown, or the place is
+            no text.
         """
         if interface is not None and interface not in INTERFACES:
             raise SetupError(
@@ -132,7 +138,14 @@ class System:
             )
         if not isinstance(isolate, bool):
             raise SetupError(f"component '{name}': isolate = {isolate!r} must be True or False")
-        self._add(Component(name, Path(fmu), dict(start or {}), every, interface=interface, isolate=isolate))
+        if place is not None and not (isinstance(place, str) and place):
+            raise SetupError(
+                f"component '{name}': place = {place!r} must be the address of a worker of a Dask cluster, or the name "
+                "of a resource of one"
+            )
+        self._add(
+            Component(name, Path(fmu), dict(start or {}), every, interface=interface, isolate=isolate, place=place)
+        )
 
     def add_function(
         self,

@@ -15,7 +15,7 @@ TOOLS = ("controller_fmu.membership", "controller_fmu.optimal_gains", "controlle
 
 #: The rooms of `cosim` and what they stand on, from the lowest to the highest: each may import those before it.
 ROOMS = (
-    ("cosim.errors", "cosim.versions", "cosim.terminal", "cosim.files", "cosim.signing"),
+    ("cosim.errors", "cosim.cluster", "cosim.versions", "cosim.terminal", "cosim.files", "cosim.signing"),
     ("cosim.loop", "cosim.page"),
     ("cosim.fmi",),
     ("cosim.system",),

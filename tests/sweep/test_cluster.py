@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import os
 import signal
-import subprocess
-import sys
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -31,61 +28,13 @@ from cosim.versions import versions
 from parallel_robot.scenario import load_scenario
 from parallel_robot.sweep import METRICS, robot_study
 from tests.support import some
+from tests.support.dask_cluster import Cluster
 from tests.support.native_fmus import DEFAULT_FLAVOUR
 from tests.support.patience import PATIENCE, wait_for
 from tests.support.sweep_study import CounterStudy, arrivals, build_counter, process, sha256
 
-ROOT = Path(__file__).parents[2]
-
 #: Simulated time (s) of a run, disturbed at its end; less where only slow FMUs can be built.
 STOP_TIME = 0.2 if DEFAULT_FLAVOUR == "pythonfmu" else 5.0
-
-
-class Cluster:
-    """A scheduler and workers on this machine, each started as on any cluster."""
-
-    def __init__(self, folder: Path, **settings: str) -> None:
-        self.folder = folder
-        self.settings = settings  # of the environment
-        self.processes: list[subprocess.Popen[bytes]] = []
-        file = folder / "scheduler.json"
-        where = ("--host", "tls://127.0.0.1" if settings else "127.0.0.1", "--port", "0")
-        self.scheduler = self._start("scheduler", *where, "--scheduler-file", str(file))
-        self.address: str = wait_for(lambda: file.is_file() and json.loads(file.read_text() or "{}").get("address"))
-
-    def worker(self) -> subprocess.Popen[bytes]:
-        """Start a worker with one thread that nobody restarts when it dies."""
-        local = str(self.folder / "local")
-        options = ("--nthreads", "1", "--no-nanny", "--local-directory", local)
-        return self._start("worker", self.address, *options)
-
-    def _start(self, kind: str, *arguments: str) -> subprocess.Popen[bytes]:
-        command = [sys.executable, "-m", f"distributed.cli.dask_{kind}", *arguments, "--no-dashboard"]
-        log = (self.folder / f"{kind}{len(self.processes)}.log").open("wb")
-        with log:
-            started = subprocess.Popen(
-                command,
-                stdout=log,
-                stderr=log,
-                cwd=self.folder,
-                env={
-                    **os.environ,
-                    **self.settings,
-                    "PYTHONPATH": str(ROOT),
-                },  # the workers import the study of these tests
-            )
-        self.processes.append(started)
-        return started
-
-    def ask(self, question) -> dict[str, object]:
-        """Answers of a function on all workers."""
-        with Client(self.address, set_as_default=False) as client:
-            return client.run(question)
-
-    def close(self) -> None:
-        for started in self.processes:
-            started.kill()
-            started.wait()
 
 
 @pytest.fixture
@@ -246,11 +195,11 @@ def test_a_scheduler_that_does_not_answer_has_no_workers_or_dies_is_one_line(clu
         return str(error.value)
 
     with monkeypatch.context() as impatient:
-        impatient.setattr(cosim.sweep.cluster, "_ANSWER", 0.5)
+        impatient.setattr(cosim.cluster, "_ANSWER", 0.5)
         assert refused("tcp://127.0.0.1:1").startswith("--scheduler tcp://127.0.0.1:1: no answer: ")
         assert refused("nonsense://").startswith("--scheduler nonsense://: no answer: ")
     assert "leave out --workers or --scheduler" in refused(cluster.address, workers=2)
-    monkeypatch.setattr(cosim.sweep.cluster, "_FIRST_WORKER", 0.5)
+    monkeypatch.setattr(cosim.cluster, "_FIRST_WORKER", 0.5)
     assert refused(cluster.address).endswith(f"has no workers; start some: dask worker {cluster.address} --nthreads 1")
 
     cluster.worker()
@@ -292,7 +241,7 @@ def tls(certificates: dict[str, dict[str, str]], ca_file: str | None) -> dask.co
 @pytest.mark.slow
 def test_a_cluster_with_tls_takes_who_has_its_certificates_and_nobody_else(counter, tmp_path, monkeypatch):
     """As docs/sweeps.md has it."""
-    monkeypatch.setattr(cosim.sweep.cluster, "_ANSWER", 5.0)
+    monkeypatch.setattr(cosim.cluster, "_ANSWER", 5.0)
     study = CounterStudy(sha256(counter))
     files, points = {study.fmu: counter}, counter_points(4)
     own, others = certificates(tmp_path / "own"), certificates(tmp_path / "others")

@@ -9,17 +9,20 @@ import weakref
 from collections.abc import Callable
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, Self
 
-from cosim.fmi.instance import CallFailed, CallInterrupted, ProcessEnded
+from cosim.fmi.instance import CallFailed, CallInterrupted, ProcessEnded, location
 from cosim.fmi.isolation.limits import Limits
 from cosim.fmi.isolation.process import WorkerProcess
 from cosim.fmi.isolation.worker import LOADING
 from cosim.fmi.loading import LibraryError, in_standard
 from cosim.fmi.messages import Messages
-from cosim.fmi.shared_library import PROTOTYPES, Library
+from cosim.fmi.shared_library import PROTOTYPES, Library, library_path
 from cosim.loop.channel import FAILED_BEFORE, LOST, TOO_LARGE, GivesUp, Takes, WarnedOf, channel_library, functions
 from cosim.loop.team import cores
+
+if TYPE_CHECKING:
+    from cosim.fmi.isolation.placement import PlacedProcess
 
 #: After Ctrl-C a call may take so much longer (s).
 _LONGEST_AFTER_CTRL_C = 1.0
@@ -35,6 +38,14 @@ _MAKING = {
     "fmi3InstantiateModelExchange": (0, 1, 2),
 }
 
+#: Which argument of them says where the unpacked FMU is.
+_LOCATION = {
+    "fmi1InstantiateSlave": 2,
+    "fmi2Instantiate": 3,
+    "fmi3InstantiateCoSimulation": 2,
+    "fmi3InstantiateModelExchange": 2,
+}
+
 
 class IsolatedLibrary(Library):
     """The library of an FMU, loaded in a process of its own.
@@ -44,37 +55,34 @@ class IsolatedLibrary(Library):
 
     Parameters
     ----------
-    path : Path
-        The file.
-    identifier : str
-        Model identifier.
-    component : str
-        What to call the FMU.
+    process : WorkerProcess or PlacedProcess
+        The process.
     messages : Messages
         Takes what the FMU says.
     limits : Limits
     stop : callable
         Whether a call that takes long is to end, as after Ctrl-C.
+    spin : int
+        How long (ns) each side looks for the other before it sleeps.
     """
 
     is_isolated = True
 
     def __init__(
         self,
-        path: Path,
-        identifier: str,
-        component: str = "",
+        process: WorkerProcess | PlacedProcess,
         *,
         messages: Messages,
-        limits: Limits = Limits(),  # noqa: B008 (frozen)
-        stop: Callable[[], bool] = lambda: False,
+        limits: Limits,
+        stop: Callable[[], bool],
+        spin: int = 0,
     ) -> None:
-        self._component, self._limits, self._stop = component, limits, stop
+        self._limits, self._stop = limits, stop
         self._stopped_at: float | None = None
         self._began_loading: float | None = None
         self.end: CallFailed | None = None
         self._functions: dict[str, Callable[..., Any]] = {}
-        self._process = WorkerProcess(path, identifier, limits)
+        self._process = process
         this = weakref.ref(self)  # what C calls must not keep the library
         self._callbacks = (
             GivesUp(lambda seconds: _of(this)._gives_up(seconds)),
@@ -85,8 +93,23 @@ class IsolatedLibrary(Library):
         self._area = channel_library().channel_area()
         self._address = ctypes.addressof(ctypes.c_char.from_buffer(memory))
         self._remote: int = channel_library().channel_begin(self._address, len(memory), *self._callbacks)
-        spin = _SPIN if cores() > 1 else 0
         channel_library().channel_spin(self._remote, spin, spin)
+
+    @classmethod
+    def starting(
+        cls,
+        folder: Path,
+        version: int,
+        identifier: str,
+        component: str = "",  # noqa: ARG003
+        *,
+        messages: Messages,
+        limits: Limits = Limits(),  # noqa: B008 (frozen)
+        stop: Callable[[], bool] = lambda: False,
+    ) -> Self:
+        """See `Library`; the process is one of this machine."""
+        process = WorkerProcess(library_path(folder, version, identifier), identifier, limits)
+        return cls(process, messages=messages, limits=limits, stop=stop, spin=_SPIN if cores() > 1 else 0)
 
     def __del__(self) -> None:
         if hasattr(self, "_remote"):
@@ -175,13 +198,14 @@ class IsolatedLibrary(Library):
         return self.end is not None
 
     def _found_end(self, seconds: float) -> CallFailed | None:
-        if (end := self._process.end_in_words()) is not None:
-            why = "; it called exit(), which an FMU must not do" if self._process.has_called_exit() else ""
+        if (end := self._process.ending()) is not None:
+            if end.is_of_host:
+                return ProcessEnded(end.what, was_killed=True)
+            why = "; it called exit(), which an FMU must not do" if end.has_called_exit else ""
             limit = self._limits.memory
             limited = "" if limit is None else f"; its memory is limited to {limit} bytes"
-            killed = self._process.was_killed()
-            ask = "" if killed else "; ask its supplier"
-            return ProcessEnded(f"its process {end} in {self._current}{why}{limited}{ask}", was_killed=killed)
+            ask = "" if end.was_killed else "; ask its supplier"
+            return ProcessEnded(f"{end.what} in {self._current}{why}{limited}{ask}", was_killed=end.was_killed)
         longest = self._limits.call_time
         if longest is not None and seconds - self._before_loading(seconds) > longest:
             return ProcessEnded(f"{self._current} took longer than {longest:g} s, and its process was ended")
@@ -207,6 +231,7 @@ class IsolatedLibrary(Library):
     @property
     def _current(self) -> str:
         """Name of the function that is being called."""
+        self._process.note_call()
         number = channel_library().channel_current(self._remote)
         if number >= 0:
             return in_standard(functions()[number])
@@ -224,6 +249,38 @@ class IsolatedLibrary(Library):
         """End the process as it is."""
         self._process.kill()
         self.end = self.end or ProcessEnded("its process has been ended")
+
+
+class PlacedLibrary(IsolatedLibrary):
+    """The library of an FMU, loaded in a process on another machine, where the FMU has been unpacked."""
+
+    _place: PlacedProcess
+
+    @classmethod
+    def on(
+        cls,
+        process: PlacedProcess,
+        folder: Path,  # noqa: ARG003 (the other machine has one of its own)
+        version: int,  # noqa: ARG003
+        identifier: str,  # noqa: ARG003
+        component: str = "",  # noqa: ARG003
+        **options: Any,
+    ) -> Self:
+        """See `Library`; `options` as of `IsolatedLibrary`."""
+        library = cls(process, **options)
+        library._place = process
+        return library
+
+    def _making(self, name: str) -> Callable[..., int | None]:
+        make, position = super()._making(name), _LOCATION[name]
+
+        def made(*arguments: Any) -> int | None:
+            if name not in self._available:  # waits until the folder is known
+                return make(*arguments)
+            there = location(int(name[3]), Path(self._place.folder))
+            return make(*arguments[:position], there, *arguments[position + 1 :])
+
+        return made
 
 
 def _of(reference: weakref.ref[IsolatedLibrary]) -> IsolatedLibrary:

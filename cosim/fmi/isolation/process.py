@@ -11,6 +11,7 @@ import sys
 import tempfile
 import time
 from contextlib import nullcontext, suppress
+from dataclasses import dataclass
 from pathlib import Path
 
 from cosim.errors import SetupError
@@ -50,6 +51,28 @@ def check_platform() -> None:
     """
     if not can_isolate():
         raise SetupError("FMUs can't be isolated on Windows; run without isolation, or under Linux (WSL)")
+
+
+@dataclass(frozen=True)
+class Ending:
+    """How the process of an FMU has ended.
+
+    Attributes
+    ----------
+    what : str
+        In words, as "its process ended with exit code 0"; "in" and the function that was called go on from there.
+    has_called_exit : bool
+        Whether it ended by a call of exit().
+    was_killed : bool
+        Whether it was killed, as by a system that is short of memory, and perhaps by no fault of its FMU.
+    is_of_host : bool
+        Whether it is the machine that was lost.
+    """
+
+    what: str
+    has_called_exit: bool = False
+    was_killed: bool = False
+    is_of_host: bool = False
 
 
 class WorkerProcess:
@@ -110,26 +133,21 @@ class WorkerProcess:
         """Number of the process."""
         return self._process.pid
 
-    def end_in_words(self) -> str | None:
+    def ending(self) -> Ending | None:
         """How the process has ended; None while it runs."""
         code = self._process.poll()
         if code is None:
             return None
         if code >= 0:
-            return f"ended with exit code {code}"
+            return Ending(f"its process ended with exit code {code}", has_called_exit=True)
         try:
             name = signal.Signals(-code).name
         except ValueError:
             name = f"signal {-code}"
-        return f"was ended ({_WORDS.get(name, name)})"
+        return Ending(f"its process was ended ({_WORDS.get(name, name)})", was_killed=code == -signal.SIGKILL)
 
-    def has_called_exit(self) -> bool:
-        """Whether it ended by a call of exit()."""
-        return (self._process.poll() or 0) >= 0
-
-    def was_killed(self) -> bool:
-        """Whether it was killed, as by a system that is short of memory, and perhaps by no fault of its FMU."""
-        return self._process.poll() == -signal.SIGKILL
+    def note_call(self) -> None:
+        """Have the memory say at which call the worker is, as it always does here."""
 
     def wait(self) -> None:
         """Wait for the end of a process that has been told to end; it is killed when that takes long."""

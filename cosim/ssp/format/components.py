@@ -23,6 +23,7 @@ class PackagedComponent:
     ports: Ports
     source: str
     isolate: bool = False
+    place: str | None = None
     inputs: list[Element] = field(default_factory=list)
     start: dict[str, tuple[Element, Any]] = field(default_factory=dict)
 
@@ -59,9 +60,11 @@ def content_of(system: System) -> SystemContent:
     ports = {name: Ports(name, fmu.description, system.components[name].start) for name, fmu in fmus.items()}
     resolve(system, ports, needs_levels=False)
     sources = _sources(fmus)
-    content = SystemContent(
-        {n: PackagedComponent(f, ports[n], sources[n], system.components[n].isolate) for n, f in fmus.items()}, [], []
-    )
+    asked = system.components
+    components = {
+        n: PackagedComponent(f, ports[n], sources[n], asked[n].isolate, asked[n].place) for n, f in fmus.items()
+    }
+    content = SystemContent(components, [], [])
     for component in system.components.values():
         if component.every != 1:
             raise SSPError(f"component '{component.name}' has steps of its own (every); an SSP can't describe that")

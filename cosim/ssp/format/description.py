@@ -182,9 +182,11 @@ def _component(
     for source in sources:
         assert holder is not None
         _sub(holder, "ssd:ParameterBinding", source=source)
-    if packaged.isolate:
+    said = {"isolate": "true"} if packaged.isolate else {}
+    said |= {} if packaged.place is None else {"place": packaged.place}
+    if said:
         annotation = _sub(_sub(component, "ssd:Annotations"), "ssc:Annotation", type=TOOL)
-        SubElement(annotation, "Instance", isolate="true")
+        SubElement(annotation, "Instance", said)
 
 
 def _type(element: Element, ports: Ports, definitions: _Definitions, version: str) -> tuple[str, dict[str, str]]:
