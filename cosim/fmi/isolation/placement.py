@@ -148,10 +148,6 @@ class Hosts:
         return PlacedProcess(self, place, fmu, component, build=build, limits=limits)
 
 
-class _Over(Exception):
-    """The thread of a process has nothing more to carry."""
-
-
 class PlacedProcess:
     """The process of an FMU on another machine: what `WorkerProcess` is for one on this machine.
 
@@ -218,30 +214,30 @@ class PlacedProcess:
     def _carry(self) -> None:
         try:
             with self._hosts.current():
-                actor = self._actor = self._made()
-                self._load(actor)
+                self._actor = actor = self._made()
+                if actor is None or not self._is_loaded(actor):
+                    return
                 before, asked = 1, 1
                 while not self._is_over.is_set():
                     before, asked = asked, self._relay.asked(asked, _LOOK_NS)
-                    if asked != before:
-                        self._take(actor.exchange(*self._relay.request()).result())
-                        self._relay.answer(asked)
-        except _Over:
-            return
+                    if asked != before and not self._is_answered(
+                        asked, actor.exchange(*self._relay.request()).result()
+                    ):
+                        return
         except CosimError as error:
             self._refuse(str(error))
         except Exception as error:
             self._ending = self._lost(" ".join(f"{type(error).__name__}: {error}".split()))
 
-    def _made(self) -> Actor:
-        """The actor, once Dask has made it; a worker that is busy makes it later."""
+    def _made(self) -> Actor | None:
+        """The actor, once Dask has made it; a worker that is busy makes it later. None where it is no longer wanted."""
         future = self._future = self._hosts.begin(self._place, self._component)
         while not self._is_over.is_set():
             with suppress(TimeoutError):
                 return self._hosts.actor_of(future, _LOOK)
-        raise _Over
+        return None
 
-    def _load(self, actor: Actor) -> None:
+    def _is_loaded(self, actor: Actor) -> bool:
         from cosim.fmi.isolation.host import Order
 
         interface = MODEL_EXCHANGE if is_model_exchange(self._fmu.description) else CO_SIMULATION
@@ -251,21 +247,22 @@ class PlacedProcess:
         order = Order(data, self._component, interface, self._build, self._limits, package_version())
         self.folder = actor.prepare(order).result()
         self._relay.write(LOADING)
-        self._take(actor.load().result())
-        self._relay.answer(1)
+        return self._is_answered(1, actor.load().result())
 
-    def _take(self, answer: Answer) -> None:
-        """Put an answer where the master finds it."""
+    def _is_answered(self, asked: int, answer: Answer) -> bool:
+        """Put an answer where the master finds it; false where there is none, and there will be no more."""
         messages = answer.messages
         while messages := self._relay.hand_on(messages):
             if self._is_over.wait(_ROOM):
-                raise _Over
+                return False
         self._relay.note_call(answer.call)
         if answer.ending is not None:
             what = answer.ending.what.replace("its process", f"its process on {self._place}", 1)
             self._ending = dataclasses.replace(answer.ending, what=what)
-            raise _Over
+            return False
         self._relay.write(answer.area)
+        self._relay.answer(asked)
+        return True
 
     def _refuse(self, why: str) -> None:
         """Say why the FMU can't be loaded."""
