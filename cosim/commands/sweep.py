@@ -6,8 +6,8 @@ import argparse
 import dataclasses
 import os
 import sys
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -33,11 +33,12 @@ from cosim.files.temporary import TemporaryFolder
 from cosim.scenario.family import ScenarioFamily, default_scenario, families, family_name, named
 from cosim.scenario.scenario import Scenario, ScenarioComponent
 from cosim.sweep.errors import SweepError
-from cosim.sweep.points import DESIGNS, Factor, Levels, Range, advice, design, parse_factor, parse_whole_numbers
+from cosim.sweep.points import DESIGNS, Factor, Levels, Points, Range, advice, design, parse_factor, parse_whole_numbers
 from cosim.terminal import screen
 
 if TYPE_CHECKING:
     from cosim.scenario.metrics import Metric
+    from cosim.sweep.page.live import SweepView
     from cosim.sweep.store import SweepSummary
 
 _DESCRIPTION = """\
@@ -54,6 +55,7 @@ examples:
   cosim sweep --vary controller.alpha=0.5:3:11 --vary controller.beta=1,1.5,2 --seeds 1:10
   cosim sweep --vary controller.alpha=0.5:3 --vary plant.tau_d.rms=0:0.05 --design sobol --points 1024
   cosim sweep tracking pd --flavour fmi2,fmi3 --seeds 1:100 --scheduler tcp://head:8786
+  cosim sweep --vary controller.alpha=0.5:3:11 --vary controller.beta=0.5:3:11 --live
   cosim sweep tanks.ssp --vary pump.mode=low,high --metric highest=max:tank.level
 """
 
@@ -121,6 +123,9 @@ def register(subparsers: Any) -> None:
     add_model_exchange_options(run_)
     add_iterations_option(run_)
     run_.add_argument("--out", type=Path, metavar="DIR", help="results folder (default results/sweep-<scenario>)")
+    run_.add_argument(
+        "--live", action="store_true", help="show the runs in the browser as they come: a scatter plot and a table"
+    )
     run_.add_argument("--workers", type=int, metavar="N", help="processes on this machine (default: one for each core)")
     run_.add_argument("--scheduler", metavar="ADDRESS", help="run on the Dask cluster there, as tcp://head:8786")
     options = {}
@@ -197,23 +202,46 @@ def _run(args: argparse.Namespace, unpacked: Path) -> int:
         print(note)
     first = next(iter(system.scenarios.values()))
     folder = args.out if args.out is not None else Path("results") / f"sweep-{first.name}"
-    with sweep_progress(len(points)) as progress:
-        summary = sweep(
-            study,
-            files,
-            points,
-            folder,
-            scheduler=args.scheduler,
-            workers=args.workers,
-            progress=progress,
-            warn=sweep_warning,
-        )
+    with _shown_live(first.title, points, study.metrics) if args.live else nullcontext() as view:
+        with sweep_progress(len(points)) as bar:
+
+            def progress(done: int, workers: int) -> None:
+                bar(done, workers)
+                if view is not None:
+                    view.progress(done, workers)
+
+            summary = sweep(
+                study,
+                files,
+                points,
+                folder,
+                scheduler=args.scheduler,
+                workers=args.workers,
+                progress=progress,
+                warn=sweep_warning,
+                observe=None if view is None else view.observe,
+            )
+        if view is not None:
+            view.ended(interrupted=summary.interrupted)
     print(sweep_table(summary, folder))
     if summary.interrupted:
         print("cosim: interrupted; the same command goes on where it stopped", file=sys.stderr)
         return 130
     check_some_succeeded(summary)
     return 0
+
+
+def _shown_live(title: str, points: Points, metrics: Sequence[str]) -> SweepView:
+    """A page that shows a sweep as it goes on, opened in the browser."""
+    import webbrowser
+
+    from cosim.sweep.page.live import SweepView
+
+    def show(address: str) -> bool:
+        print(f"live: {address}", flush=True)
+        return webbrowser.open(address)
+
+    return SweepView(title, points, metrics, show)
 
 
 def _isolation(args: argparse.Namespace, scenarios: Mapping[str, Scenario]) -> IsolationOptions:

@@ -17,6 +17,7 @@ examples:
   cosim view results/tanks
   cosim view results/before results/after --title 'Another controller'
   cosim view theirs.csv --out page.html
+  cosim view results/sweep-tracking
 """
 
 
@@ -27,11 +28,16 @@ def register(subparsers: Any) -> None:
         help="show a run as a page, or compare several",
         epilog=_EXAMPLES,
         description="Make a page of a run: the diagram of its system, all curves with zoom and search, what happened, "
-        "and how it was made. Several runs are laid over each other. The page is one file that needs no network; where "
-        "the values are too many for it, zoom asks for them at an address of this machine, until Ctrl-C.",
+        "and how it was made. Several runs are laid over each other; a sweep is a scatter plot and a table of its "
+        "runs. The page is one file that needs no network; where the values are too many for it, zoom asks for them at "
+        "an address of this machine, until Ctrl-C.",
     )
     parser.add_argument(
-        "runs", nargs="+", type=Path, metavar="FOLDER", help="folder that `cosim run` has written, or a table"
+        "runs",
+        nargs="+",
+        type=Path,
+        metavar="FOLDER",
+        help="folder that `cosim run` or `cosim sweep` has written, or a table",
     )
     parser.add_argument("--out", type=Path, metavar="HTML", help="write the page into this file, and open no browser")
     parser.add_argument("--title", default="", help="title of the page")
@@ -40,8 +46,13 @@ def register(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run `cosim view`; returns the exit code, raises CosimError with one line on bad input."""
+    from cosim.results.page.folder import is_sweep, read_run
+
+    if len(args.runs) == 1 and is_sweep(args.runs[0]):
+        from cosim.sweep.page.page import page_of_folder
+
+        return _shown(page_of_folder(args.runs[0], args.title), args.out)
     from cosim.results.page.compare_page import compare_page, labelled
-    from cosim.results.page.folder import read_run
     from cosim.results.page.run_page import run_page
 
     found = [read_run(path) for path in args.runs]
@@ -53,9 +64,14 @@ def run(args: argparse.Namespace) -> int:
         page = compare_page(runs, args.title, asks=asks)
     if asks and 'class="hint coarse"' in page and _served(page, runs):
         return 0
-    path = _written(page, args.out)
+    return _shown(page, args.out)
+
+
+def _shown(page: str, out: Path | None) -> int:
+    """Write a page, and unless it was to be a file show it."""
+    path = _written(page, out)
     print(path)
-    if asks and not webbrowser.open(path.resolve().as_uri()):
+    if out is None and not webbrowser.open(path.resolve().as_uri()):
         print("there is no browser to open it with")
     return 0
 

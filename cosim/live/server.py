@@ -23,8 +23,8 @@ with needs("live"):
     import tornado.netutil
     import tornado.web
 
-#: Messages that are kept for a page that is opened late; the oldest go first.
-_MOST_KEPT = 5000
+#: So many characters of messages are kept for a page that is opened late; the oldest go first.
+_MOST_KEPT = 64_000_000
 
 #: A page is told what is left when the run has ended for so long (s).
 _FLUSH = 1.0
@@ -34,12 +34,25 @@ class Hub:
     """What has come of the run, and who wants to know."""
 
     def __init__(self) -> None:
-        self.kept: deque[str] = deque(maxlen=_MOST_KEPT)
+        self._kept: deque[str] = deque()
+        self._size = 0
+        self._progress = ""  # the latest stands for all before it
         self.listeners: set[asyncio.Queue[str]] = set()
+
+    @property
+    def kept(self) -> list[str]:
+        """What a page that is opened now has to know."""
+        return [*self._kept, self._progress] if self._progress else list(self._kept)
 
     def take(self, line: str) -> None:
         """Keep a message, and pass it on."""
-        self.kept.append(line)
+        if line.startswith('{"progress"'):
+            self._progress = line
+        else:
+            self._kept.append(line)
+            self._size += len(line)
+            while self._size > _MOST_KEPT:
+                self._size -= len(self._kept.popleft())
         for listener in self.listeners:
             listener.put_nowait(line)
 

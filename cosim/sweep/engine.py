@@ -59,6 +59,7 @@ def sweep(
     workers: int | None = None,
     progress: Callable[[int, int], None] = lambda done, workers: None,
     warn: Callable[[str], None] = lambda line: None,
+    observe: Callable[[Rows], None] | None = None,
 ) -> SweepSummary:
     """Run all points of a study that the folder has no row of yet.
 
@@ -78,6 +79,8 @@ def sweep(
         Called now and then with the number of rows so far and of workers.
     warn : callable, optional
         Gets a line when workers have ended for good, and when all runs fail.
+    observe : callable, optional
+        Gets the rows that the folder has, without curves, and then those of each batch that comes back.
 
     Raises
     ------
@@ -88,6 +91,8 @@ def sweep(
     question = {"version": versions()["closed-chain-cosim"], **study.fingerprint()}
     store = Store(folder, points, study.metrics, question, curves=study.curves)
     missing = store.missing()
+    if observe is not None:
+        observe(store.kept())
     if not len(missing):
         return store.summary()
     with connect(scheduler, workers) as client:
@@ -98,7 +103,7 @@ def sweep(
         began = clock.perf_counter()
         flight = _Flight(client, key, points, missing)
         try:
-            finished = flight.run(store, progress, warn)
+            finished = flight.run(store, progress, warn, observe)
         finally:
             store.flush()
             flight.cancel()
@@ -129,7 +134,13 @@ class _Flight:
         self.slots = self.most_slots = 0
         self.done = 0
 
-    def run(self, store: Store, progress: Callable[[int, int], None], warn: Callable[[str], None]) -> bool:
+    def run(
+        self,
+        store: Store,
+        progress: Callable[[int, int], None],
+        warn: Callable[[str], None],
+        observe: Callable[[Rows], None] | None,
+    ) -> bool:
         """Run everything; returns False when Ctrl-C came first.
 
         Raises
@@ -152,6 +163,8 @@ class _Flight:
                     self.done += len(batch.indices)
                     self._watch.learn(rows)
                     store.add(rows)
+                    if observe is not None:
+                        observe(rows)
             progress(before + self.done, self.slots)
         return True
 

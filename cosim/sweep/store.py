@@ -152,6 +152,15 @@ class Store:
         left[_scan(self.folder, ["index"])["index"].to_numpy()] = False
         return np.flatnonzero(left)
 
+    def kept(self) -> Rows:
+        """The rows on the disk, without curves, in any order."""
+        metrics = [name for name, kind in self._types.items() if kind == pa.float64()]
+        if not _parts(self.folder):
+            return Rows()
+        table = _scan(self.folder, ["index", *metrics, "error"])
+        numbers = {name: table[name].to_pylist() for name in metrics}
+        return Rows(table["index"].to_pylist(), numbers, table["error"].to_pylist())
+
     def add(self, rows: Rows) -> None:
         """Take the rows of a finished batch; they are on disk at the latest after the next `flush`.
 
@@ -218,9 +227,22 @@ def read(folder: Path, columns: Sequence[str] | None = None) -> pa.Table:
     SweepError
         There is no sweep in this folder, it has no such column, or a file is damaged.
     """
-    if not (folder / "sweep.json").is_file():
-        raise SweepError(f"{folder} holds no sweep: it has no sweep.json")
+    sweep_question(folder)
     return _without_repeats(_scan(folder, None if columns is None else ["index", *columns]))
+
+
+def sweep_question(folder: Path) -> dict[str, Any]:
+    """What a sweep was asked for: its factors, the number of points, and all that decides a row.
+
+    Raises
+    ------
+    SweepError
+        There is no sweep in this folder, or the file about it is damaged.
+    """
+    path = folder / "sweep.json"
+    if not path.is_file():
+        raise SweepError(f"{folder} holds no sweep: it has no sweep.json")
+    return _read_json(path)
 
 
 def _scan(folder: Path, columns: Sequence[str] | None = None, condition: pc.Expression | None = None) -> pa.Table:

@@ -39,6 +39,11 @@ class FoundRun:
     log: str = ""
 
 
+def is_sweep(path: Path) -> bool:
+    """Whether a folder holds a sweep."""
+    return (path / "sweep.json").is_file()
+
+
 def read_run(path: Path) -> FoundRun:
     """Read the run in a folder, or a table that another tool wrote.
 
@@ -59,8 +64,8 @@ def read_run(path: Path) -> FoundRun:
             log = path / _LOG
             text = log.read_text(encoding="utf-8", errors="replace") if log.is_file() else ""
             return FoundRun(path.resolve().name, _table(table, info), text)
-    if (path / "sweep.json").is_file():
-        raise ResultsError(f"{path} holds a sweep; name the folders of single runs")
+    if is_sweep(path):
+        raise ResultsError(f"{path} holds a sweep; name it alone, or the folders of single runs")
     raise ResultsError(
         f"{path} holds no results.parquet, .npz, .csv, .mat or .json; name the folder that `cosim run` has written"
     )
