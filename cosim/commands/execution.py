@@ -616,13 +616,23 @@ def in_words(prepared: PreparedRun, summary: Mapping[str, Any]) -> str:
 
 
 def _iterations(summary: Mapping[str, Any]) -> list[str]:
-    """What it took to solve algebraic loops."""
-    if not (found := summary.get("iterations")):
-        return []
-    return [
-        f"algebraic loops: {len(found['torn'])} values, {found['iterations']} iterations at {found['points']} points, "
-        f"largest residual {found['largest_residual']:.1e}"
-    ]
+    """What it took to solve algebraic loops, and to repeat steps."""
+    lines = []
+    if found := summary.get("iterations"):
+        lines.append(
+            f"algebraic loops: {len(found['torn'])} values, {found['iterations']} iterations at {found['points']} "
+            f"points, largest residual {found['largest_residual']:.1e}"
+        )
+    if found := summary.get("iterated_steps"):
+        left = f"; {found['not_converged']} steps did not get to {found['tolerance']:g}"
+        lines.append(
+            f"iterated steps: {len(found['inputs'])} inputs, {found['iterations'] / max(1, found['steps']):.1f} "
+            f"iterations a step, at most {found['most_iterations']}, largest residual {found['largest_residual']:.1e}"
+            + (left if found["not_converged"] else "")
+        )
+    if why := summary.get("steps_not_iterated"):
+        lines.append(f"steps are not iterated, algebraic loops are: {why}")
+    return lines
 
 
 def _model_exchange(summary: Mapping[str, Any]) -> list[str]:

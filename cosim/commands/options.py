@@ -14,7 +14,7 @@ from cosim.files.kinds import MODEL_DESCRIPTION, SSD, SSV, kind_of, not_read
 from cosim.fmi.interfaces import INTERFACES
 from cosim.fmi.isolation.limits import Limits, parse_bytes
 from cosim.fmi.message_log import LEVELS, Log
-from cosim.master.algorithm import AUTO, EXTRAPOLATIONS, ORDERS, SOLVERS
+from cosim.master.algorithm import AUTO, EXTRAPOLATIONS, LOOPS, ORDERS, SOLVERS
 
 #: Name of the log among the results.
 LOG_FILE = "messages.log"
@@ -63,12 +63,12 @@ def add_model_exchange_options(parser: argparse._ActionsContainer) -> None:
 
 
 def _iterations(text: str) -> int | str:
-    if text == AUTO:
+    if text in (AUTO, LOOPS):
         return text
     try:
         return int(text)
     except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is no whole number, nor '{AUTO}'") from None
+        raise argparse.ArgumentTypeError(f"{text!r} is no whole number, nor '{AUTO}' or '{LOOPS}'") from None
 
 
 def add_iterations_option(parser: argparse._ActionsContainer) -> None:
@@ -76,9 +76,10 @@ def add_iterations_option(parser: argparse._ActionsContainer) -> None:
     parser.add_argument(
         "--iterations",
         type=_iterations,
-        metavar="N|auto",
-        help="solve algebraic loops at the start and at each communication point, by N iterations at most (auto: 50); "
-        "by default a system with one is refused",
+        metavar="N|auto|loops",
+        help="solve algebraic loops at the start and at each communication point, and repeat each step until inputs "
+        "go to what comes out at its end, by N iterations at most (auto: 50; loops: no step is repeated); by default a "
+        "system with an algebraic loop is refused",
     )
 
 

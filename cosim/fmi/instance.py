@@ -27,6 +27,7 @@ from cosim.fmi.python_fmus import resources_uri, runs_python
 from cosim.fmi.shared_library import Library, Loader
 from cosim.fmi.types import Texts
 from cosim.loop.binding import Operation, loop_library
+from cosim.loop.iterated_step import KeptState
 
 #: C functions about the state of an FMU, for FMI 2.0 and for FMI 3.0.
 _STATE_FUNCTIONS = {
@@ -40,6 +41,9 @@ _STATE_FUNCTIONS = {
     }
     for version, word, serialize in ((2, "state", "Serialize"), (3, "State", "serialize"))
 }
+
+#: The attribute of a model description by which states can be kept, in fmpy's words, for FMI 3.0 too.
+_CAN_KEEP = "canGetAndSetFMUstate"
 
 #: Functions that FMI 1.0 has under another name.
 _NAMES_1 = {
@@ -221,6 +225,7 @@ class Instance:
         self._asks_for_inputs = tuple(asks_for_inputs)
         self._operation = ctypes.c_void_p()  # FMI 3.0: what answers when the FMU asks for its inputs
         self._component: int | None = None
+        self._kept: list[ctypes.c_void_p] = []  # states in memory, which go with the instance
         self._corrupted = False
         identifier = self._interface.modelIdentifier
         try:
@@ -449,6 +454,28 @@ class Instance:
         finally:
             self.call(self._state_functions["free"], ctypes.byref(state))
 
+    def kept_state(self) -> KeptState:
+        """Room for a state of the FMU in memory, which the loop keeps and goes back to; freed with the instance.
+
+        Raises
+        ------
+        CallFailed
+            It can't be kept.
+        """
+        check_kept(self._interface)
+        get, set_ = self._state_functions["get"], self._state_functions["set"]
+        state = ctypes.c_void_p()
+        kept = KeptState(
+            instance=self.address,
+            get=self.function_address(get),
+            set=self.function_address(set_),
+            state=ctypes.pointer(state),
+            code_of_get=self.code_of_call(get),
+            code_of_set=self.code_of_call(set_),
+        )
+        self._kept.append(state)
+        return kept
+
     def check_states(self) -> None:
         """Whether the FMU has states that can be saved.
 
@@ -457,7 +484,7 @@ class Instance:
         CallFailed
             It has none.
         """
-        for capability in ("canGetAndSetFMUstate", "canSerializeFMUstate"):  # fmpy's words, for FMI 3.0 too
+        for capability in (_CAN_KEEP, "canSerializeFMUstate"):
             if not getattr(self._interface, capability):
                 raise CallFailed(f"can't save its state ({capability} is not set in its model description)")
 
@@ -538,6 +565,7 @@ class Instance:
         """
         if self._corrupted:
             raise CallFailed("a fatal error has left the instance unusable")
+        self._free_kept()
         self.call(f"fmi{self.version}Reset")
         self.log()
         self._choose_messages()
@@ -556,7 +584,29 @@ class Instance:
 
     def free(self) -> None:
         """Free the instance; its library stays loaded."""
+        self._free_kept(forget=True)
         name = f"fmi{self.version}FreeInstance"
         self._function(_NAMES_1.get(name, name))(self._component)
         self._component = None
         self._operation.value = None
+
+    def _free_kept(self, *, forget: bool = False) -> None:
+        for state in self._kept:
+            if state.value is not None:
+                with suppress(CallFailed):
+                    self.call(self._state_functions["free"], ctypes.byref(state))
+                state.value = None
+        if forget:
+            self._kept.clear()
+
+
+def check_kept(interface: Any) -> None:
+    """Whether an FMU says that its state can be kept in memory and gone back to.
+
+    Raises
+    ------
+    CallFailed
+        It can't.
+    """
+    if not getattr(interface, _CAN_KEEP, False):
+        raise CallFailed(f"can't save its state ({_CAN_KEEP} is not set in its model description)")

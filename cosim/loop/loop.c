@@ -129,7 +129,7 @@ static bool all_finite(const double *values, const int32_t *positions, int32_t n
 }
 
 /* Whether something jumps in (t_first, t_last], by the numbers of the points. */
-static bool jumps_within(const Loop *loop, int64_t first, int64_t last) {
+bool loop_jumps_within(const Loop *loop, int64_t first, int64_t last) {
     for (int64_t i = first + 1; i <= last; i++) {
         int64_t row = i - loop->first_sample;
         if (row >= 0 && row < loop->n_rows && loop->jumps[row]) return true;
@@ -244,8 +244,8 @@ static int extrapolate(const Loop *loop, const Operation *op, int64_t point, dou
     const double *restrict now = loop->values + op->first;
     double per_second = op->every == 1 ? loop->per_second : 1.0 / (op->every * loop->step_size);
     int64_t next = point + op->every, row = next - loop->first_sample;
-    bool fresh = point == 0 || jumps_within(loop, point - op->every, point); /* what was before says nothing */
-    bool ahead = row < loop->n_rows && !jumps_within(loop, point, next);
+    bool fresh = point == 0 || loop_jumps_within(loop, point - op->every, point); /* what was before says nothing */
+    bool ahead = row < loop->n_rows && !loop_jumps_within(loop, point, next);
     bool knew_all = in->known == in->points;
     in->known = fresh ? 1 : in->known < in->points ? in->known + 1 : in->points;
     if (in->rates) {

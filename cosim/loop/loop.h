@@ -144,6 +144,9 @@ EXPORT void intermediate_update(void *environment, double time, bool set_request
 /* Copy slots to values of a C type that are known to fit, or back. */
 void loop_convert(int32_t type, void *buffer, double *slots, int64_t n, bool to_fmu);
 
+/* Whether something jumps in (t_first, t_last], by the numbers of the points. */
+bool loop_jumps_within(const Loop *loop, int64_t first, int64_t last);
+
 /* Carry a value to a slot of another type; false where that can't hold it exactly. */
 bool loop_carry(const Conversion *conversion, const double *source, double *target);
 

@@ -18,7 +18,11 @@ SYSTEM_LIBRARIES = ("pthread",)
 _NO_PARTS = (
     _COEFFICIENTS.name,
     *("channel_master.c", "channel_relay.c", "channel_worker.c", "current_calls.c"),
-    *(f"{name}.{ending}" for name in ("algebraic_loop", "model_exchange", "team") for ending in ("c", "h")),
+    *(
+        f"{name}.{ending}"
+        for name in ("algebraic_loop", "iterated_step", "kept_states", "model_exchange", "team")
+        for ending in ("c", "h")
+    ),
 )
 
 LIBRARY = _FOLDER / ("_loop" + {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so"))

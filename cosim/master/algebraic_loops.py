@@ -16,35 +16,14 @@ from typing import Any
 
 import numpy as np
 
-from cosim.errors import SetupError
 from cosim.loop.algebraic_loop import NO_SOLUTION, AlgebraicLoop, algebraic_loop_library
 from cosim.loop.arena import Arena
 from cosim.loop.binding import Operation, OperationKind
-from cosim.master.algorithm import AUTO
+from cosim.master.algorithm import MOST_ITERATIONS
 from cosim.system.resolution import Link
-
-#: Iterations at a communication point that "auto" allows.
-_MOST = 50
 
 #: Relative residual at which a loop is solved.
 _TOLERANCE = 1e-10
-
-
-def most_iterations(iterations: int | str | None) -> int:
-    """Number of iterations at a communication point at most; 0 where algebraic loops are not solved.
-
-    Raises
-    ------
-    SetupError
-        The number makes no sense.
-    """
-    if iterations is None:
-        return 0
-    if iterations == AUTO:
-        return _MOST
-    if isinstance(iterations, bool) or not isinstance(iterations, int) or iterations < 1:
-        raise SetupError(f"iterations = {iterations!r} must be a positive whole number, or '{AUTO}'")
-    return iterations
 
 
 class TornExchange:
@@ -84,7 +63,7 @@ class TornExchange:
         for name in ("jacobian", "factors"):
             setattr(self._loop, name, arena.zeros(n * n))
         self._loop.n, self._loop.most, self._loop.tolerance = n, most, _TOLERANCE
-        self._loop.follows = most >= _MOST  # not where somebody wants few iterations
+        self._loop.follows = most >= MOST_ITERATIONS  # not where somebody wants few iterations
         self._first = 0
 
     def operation(self) -> Operation:

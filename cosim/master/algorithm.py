@@ -115,6 +115,12 @@ EXTRAPOLATIONS: dict[str, Extrapolation] = {}
 #: In place of the name of an extrapolation: the default, that of the order where FMUs can, else linear, else held.
 AUTO = "auto"
 
+#: In place of a number of iterations: as many as "auto" allows, for algebraic loops only; steps are not repeated.
+LOOPS = "loops"
+
+#: Iterations that "auto" allows, at a communication point and of a step.
+MOST_ITERATIONS = 50
+
 #: What integrates components in model exchange, by name; see `cosim.master.model_exchange.Solver`.
 SOLVERS = (AUTO, "rk4", "dopri5", "cvode")
 
@@ -335,6 +341,23 @@ def extrapolation_named(name: str, order: Order) -> tuple[Extrapolation, bool]:
     if name != AUTO and name not in EXTRAPOLATIONS:
         raise SetupError(f"extrapolation {name!r} is unknown; use '{AUTO}', {_choices(EXTRAPOLATIONS)}")
     return EXTRAPOLATIONS[order.auto if name == AUTO else name], name != AUTO
+
+
+def most_iterations(iterations: int | str | None) -> int:
+    """Number of iterations at a communication point at most; 0 where algebraic loops are not solved.
+
+    Raises
+    ------
+    SetupError
+        The number makes no sense.
+    """
+    if iterations is None:
+        return 0
+    if iterations in (AUTO, LOOPS):
+        return MOST_ITERATIONS
+    if isinstance(iterations, bool) or not isinstance(iterations, int) or iterations < 1:
+        raise SetupError(f"iterations = {iterations!r} must be a positive whole number, or '{AUTO}' or '{LOOPS}'")
+    return iterations
 
 
 def _choices(registry: Mapping[str, Order] | Mapping[str, Extrapolation]) -> str:

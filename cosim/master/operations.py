@@ -9,6 +9,7 @@ first point has no delay.
 from __future__ import annotations
 
 import ctypes
+import dataclasses
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -25,11 +26,13 @@ from cosim.fmi.variable_buffer import VariableBuffer
 from cosim.loop.arena import Arena
 from cosim.loop.binding import EXTRAPOLATED, NONE, Conversion, Extrapolated, Operation, OperationKind, Rates
 from cosim.loop.current_calls import codes
+from cosim.loop.iterated_step import Doing
 from cosim.master.algebraic_loops import TornExchange, first_guesses
 from cosim.master.algorithm import ORDERS, Extrapolation
 from cosim.master.events import Events, events_of
 from cosim.master.extrapolated_inputs import ExtrapolatedInputs
 from cosim.master.function_instance import FunctionInstance
+from cosim.master.iterated_steps import Iterated, IteratedSteps, Iteration
 from cosim.master.value_layout import ExtrapolatedGroup, Transfer, ValueLayout
 from cosim.system.resolution import Drive, Link, ResolvedSystem
 from cosim.system.system import Component
@@ -54,6 +57,7 @@ class NamedOperation:
         None  # gives the error, or the row, that it failed with
     )
     torn: TornExchange | None = None  # what solves algebraic loops
+    iterated: IteratedSteps | None = None  # what performs the steps of all components, again and again
     integrates: bool = False  # all components in model exchange
     transfer: Transfer | None = None  # GET: what is read; EXTRAPOLATE: what is set
 
@@ -133,6 +137,8 @@ class Exchange:
         The components in model exchange.
     most_iterations : int
         At a communication point, to solve algebraic loops.
+    iterated : Iteration
+        Whether steps are repeated until inputs go to what comes out.
 
     Attributes
     ----------
@@ -142,6 +148,8 @@ class Exchange:
         What is recorded: position of the first value and number of each contiguous run.
     at_start, at_point, at_step : OperationTable
         What to do once in the initialisation mode, at every communication point, and to go on to the next one.
+    steps : OperationTable
+        The steps of components that `at_step` performs, itself or by iteration.
     events : Events or None
         Events of components that have some.
     demanded : bool
@@ -158,12 +166,14 @@ class Exchange:
         layout: ValueLayout,
         group: Group | None = None,
         most_iterations: int = 0,
+        iterated: Iteration = Iteration(),  # noqa: B008 (frozen)
     ) -> None:
         self._system = system
         self._group = group
         self._instances = instances
         self._layout = layout
         self.demanded = extrapolated.algorithm.demanded
+        self._extrapolated_inputs = extrapolated
         self._arena = Arena()
         self._buffers: list[VariableBuffer] = []  # that operations point into
         self._extrapolated: list[tuple[Extrapolated, int]] = []  # with the number of inputs
@@ -216,8 +226,12 @@ class Exchange:
         alone = [row for c, rows in steps.items() if not self._is_in_group(c) for row in rows]
         together = [row for c, rows in steps.items() if self._is_in_group(c) for row in rows]
         together += [] if group is None else [group.advance()]
-        self.at_step = OperationTable([*alone, *together], instances)
+        self.steps = self.at_step = OperationTable([*alone, *together], instances)
         self._let_fmus_ask_for_inputs()
+        self._iterated = self._iterated_steps(iterated, [row for rows in sets.values() for row in rows])
+        if self._iterated is not None:
+            repeated = NamedOperation(self._iterated.operation(), "", iterated=self._iterated)
+            self.at_step = OperationTable([repeated], instances)
 
     @property
     def components(self) -> Mapping[str, Component]:
@@ -254,6 +268,7 @@ class Exchange:
         """Values of extrapolated inputs at earlier communication points, as numbers (n,)."""
         numbers = [number for inputs, n in self._extrapolated for number in _history_of(inputs, n)]
         numbers += self.numbers_of_loops()
+        numbers += [] if self._iterated is None else self._iterated.numbers()
         return np.array(numbers if self._group is None else [*numbers, *self._group.numbers()])
 
     def forget_history(self) -> None:
@@ -270,12 +285,14 @@ class Exchange:
                 for i in range(count):
                     pointer[i] = rest.pop(0)
         self.restore_loops(rest)
+        if self._iterated is not None:
+            self._iterated.restore(rest)
         if self._group is not None:
             self._group.restore(rest)
 
     def refusing(self) -> set[str]:
         """Components whose FMUs have refused inputs during a step, which were held then (FMI 3.0)."""
-        rows = [row for row in self.at_step.rows if row.operation.kind == OperationKind.EXTRAPOLATE]
+        rows = [row for row in self.steps.rows if row.operation.kind == OperationKind.EXTRAPOLATE]
         return {row.component for row in rows if Extrapolated.from_address(row.operation.data).refused}
 
     def _events(self, layout: ValueLayout, *, reads_again: bool) -> Events | None:
@@ -310,6 +327,8 @@ class Exchange:
             self.values[position] = value
         for torn in self._torn:
             torn.begin()
+        if self._iterated is not None:
+            self._iterated.begin()
 
     def numbers_of_loops(self) -> list[float]:
         """What of its algebraic loops belongs to the state of a run."""
@@ -329,6 +348,27 @@ class Exchange:
         residual = max(at_start["largest_residual"], at_points["largest_residual"])
         return {**at_points, **both, "largest_residual": residual}
 
+    def _iterated_steps(self, asked: Iteration, sets: Iterable[NamedOperation]) -> IteratedSteps | None:
+        """What repeats steps; None where that is not asked for, or nothing goes on during a step."""
+        if not asked.most:
+            return None
+        iterated = Iterated(self._system, self._extrapolated_inputs, self._layout)
+        if not iterated.positions:
+            return None
+        held = [row for row in sets if row.operation.kind == OperationKind.SET and _sets(row.operation, iterated.held)]
+        tables = {
+            Doing.STEPPING: self.steps,
+            Doing.EXCHANGING: self.at_point,
+            Doing.SETTING: OperationTable([_without_copying(row) for row in held], self._instances),
+        }
+        return IteratedSteps(
+            iterated, self._instances, tables, self._layout.size, asked, self._arena, demanded=self.demanded
+        )
+
+    def iterated_steps(self) -> dict[str, Any] | None:
+        """For people: what repeating steps took; None where they are not."""
+        return None if self._iterated is None else self._iterated.summary()
+
     def _around_exchange(self) -> tuple[list[NamedOperation], list[NamedOperation]]:
         """What is to be done before and after the exchange at a communication point."""
         before: list[NamedOperation] = []
@@ -344,7 +384,7 @@ class Exchange:
     def _let_fmus_ask_for_inputs(self) -> None:
         """FMI 3.0: the first operation that extrapolates an FMU's inputs answers, and finds the others behind it."""
         asking: set[str] = set()
-        for row, operation in zip(self.at_step.rows, self.at_step.operations, strict=True):
+        for row, operation in zip(self.steps.rows, self.steps.operations, strict=True):
             extrapolates = operation.kind == OperationKind.EXTRAPOLATE and operation.function
             if extrapolates and operation.version == 3 and row.component not in asking:
                 self._instances[row.component].let_ask_for_inputs(operation)
@@ -622,6 +662,17 @@ class Exchange:
             data=ctypes.addressof(self._arena.zeros(1)),
         )
         return NamedOperation(operation, component, name)
+
+
+def _sets(operation: Operation, positions: Iterable[int]) -> bool:
+    return any(operation.first <= position < operation.first + operation.n for position in positions)
+
+
+def _without_copying(row: NamedOperation) -> NamedOperation:
+    """An operation that sets inputs as they stand, whatever feeds them."""
+    operation = Operation.from_buffer_copy(row.operation)
+    operation.n_targets = 0
+    return dataclasses.replace(row, operation=operation)
 
 
 def _describe(conversion: Conversion, source: FmiType, code: int, bounds: tuple[float, float]) -> None:

@@ -190,7 +190,10 @@ class Run:
                 instance.enter_initialization_mode(experiments[component])
                 _set_start_elements(instance, own)
         repeats = (
-            self._exchange.events is not None or self._group is not None or self._exchange.iterations() is not None
+            self._exchange.events is not None
+            or self._group is not None
+            or self._exchange.iterations() is not None
+            or self._exchange.iterated_steps() is not None
         )
         for instance in self._instances.values() if repeats else ():
             if isinstance(instance, FunctionInstance):  # after an event its inputs may be others
@@ -211,7 +214,7 @@ class Run:
         Those of FMI 3.0 ask for their inputs during a step, and refuse them there.
         """
         refused = {}
-        for row in self._exchange.at_step.rows:
+        for row in self._exchange.steps.rows:
             operation = row.operation
             if operation.kind != OperationKind.EXTRAPOLATE or operation.version == 3:
                 continue
@@ -350,6 +353,8 @@ class Run:
             results.info["not_terminated"] = dict(self._not_terminated)
         if iterations := self._exchange.iterations():
             results.info["iterations"] = iterations
+        if iterated := self._exchange.iterated_steps():
+            results.info["iterated_steps"] = iterated
         if self._group is not None:
             results.info["model_exchange"] = self._group.summary()
         results.info |= summary(instance.messages for instance in self._instances.values())
@@ -597,6 +602,12 @@ class Run:
     def _failure(self, table: OperationTable) -> BaseException:
         """The error that the loop has ended with."""
         row, time = table.rows[self._loop.failed], self._grid.time(self._loop.point)
+        if row.iterated is not None:
+            of_table = row.iterated.failed(self._loop.status)
+            if of_table is None:
+                component, what = row.iterated.failure(self._loop.status, self._instances)
+                return SimulationError(component, time, what, "")
+            row = of_table
         if row.torn is not None:
             if what := row.torn.failure(self._loop.status):
                 self._failed = row

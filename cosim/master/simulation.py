@@ -34,14 +34,14 @@ from cosim.fmi.variable_buffer import VariableBuffer
 from cosim.loop.binding import loop_library
 from cosim.loop.current_calls import is_at, watched_calls
 from cosim.loop.team import Threads, checked_threads
-from cosim.master.algebraic_loops import most_iterations
-from cosim.master.algorithm import AUTO, algorithm
+from cosim.master.algorithm import AUTO, algorithm, most_iterations
 from cosim.master.checkpoint import Checkpoint, CheckpointedRun
 from cosim.master.coupling_tolerance import MOST_VALUES, ToleranceSearch, check_for_tolerance, compared_names
 from cosim.master.extrapolated_inputs import extrapolated_inputs
 from cosim.master.failures import Failing, InterruptedInCall, SimulationError, SimulationInterrupted
 from cosim.master.function_instance import FunctionInstance
 from cosim.master.interrupts import DeferredInterrupt
+from cosim.master.iterated_steps import Iteration, iteration_of_steps, why_not_repeated
 from cosim.master.model_exchange import ModelExchangeGroup, Solver, check_components, group_of
 from cosim.master.operations import Exchange
 from cosim.master.pacing import Pacer
@@ -129,9 +129,12 @@ class Simulation:
         stiff equations. "auto" is rk4 where model exchange was chosen, and dopri5 where an FMU has nothing else.
     solver_step : float, optional
         Step (s) of a fixed method, which divides the communication step; that itself by default.
-    iterations : int or "auto", optional
+    iterations : int, "auto" or "loops", optional
         Solve algebraic loops at the start and at each communication point, by so many iterations of Newton's method at
-        most; "auto" allows 50. By default a system with an algebraic loop is refused.
+        most; "auto" allows 50. By default a system with an algebraic loop is refused. And repeat each step, by so many
+        iterations at most, until the inputs of all components have gone to what comes out at its end; with "auto" up to
+        50, and a step that is not solved is an error. FMUs must be able to save their state. "loops" solves algebraic
+        loops only.
     profile : bool
         Measure how long the steps and the exchange of each component take, at one communication point in 61; results
         say it (`info["profile"]`).
@@ -229,6 +232,11 @@ class Simulation:
             tears=self._most_iterations > 0,
         )
         check_components(self._resolved, asked_solver)
+        self._iterated, self._not_iterated = iteration_of_steps(iterations), ""
+        if self._iterated.most and (why := why_not_repeated(self._resolved, self._functions)):
+            if not self._resolved.torn:
+                raise SetupError(f"iterations = {iterations!r}: steps can't be repeated: {why}")
+            self._iterated, self._not_iterated = Iteration(), why
         self._texts = Texts()
         self._algorithm = chosen
         self._recorded, self._records_all = _recorded(record, self._ports), record is None
@@ -523,6 +531,7 @@ class Simulation:
                     self._layout,
                     self._group,
                     self._most_iterations,
+                    self._iterated,
                 )
                 if self._group is not None:
                     self._group.attach(self._exchange, self._layout)
@@ -813,6 +822,7 @@ class Simulation:
         """Properties of the system that a state must match, besides those in the results."""
         return {
             "components": {name: component.every for name, component in self._resolved.components.items()},
+            "iterations": [self._most_iterations, self._iterated.most],
             "start_values": {
                 f"{start.component}.{element.name}": value.hex() if isinstance(value, bytes) else value
                 for start in starts
@@ -969,6 +979,7 @@ class Simulation:
             "extrapolation": self._extrapolated.summary(),
             "inputs_kept": list(self._resolved.kept),
             **({"arrays_not_recorded": self._large} if self._large else {}),
+            **({"steps_not_iterated": self._not_iterated} if self._not_iterated else {}),
             **({"clocks_without_source": list(self._resolved.unticked)} if self._resolved.unticked else {}),
             "record_every": record_every,
             "units": dict(self._units),
@@ -1062,7 +1073,8 @@ class Simulation:
             known, samples = self._samples
             if known == (drives, grid) and samples.first == 0 and samples.failure is None:
                 return samples
-        ahead = any((d.component, e.name) in self._extrapolated.moving for d in drives for e in d.targets)
+        ahead = self._iterated.most > 0  # what is exchanged at the end of a step
+        ahead = ahead or any((d.component, e.name) in self._extrapolated.moving for d in drives for e in d.targets)
         reach = max(component.every for component in self._resolved.components.values())
         inside = ahead and any(each.degree > 1 for each in self._extrapolated.moving.values())
         samples = Samples(

@@ -10,10 +10,10 @@ from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
-from cosim.errors import nearest
+from cosim.errors import SetupError, nearest
 from cosim.files.kinds import SCENARIO, TOML, not_read
 from cosim.fmi.interfaces import INTERFACES
-from cosim.master.algorithm import AUTO, EXTRAPOLATIONS, ORDERS, SOLVERS
+from cosim.master.algorithm import AUTO, EXTRAPOLATIONS, ORDERS, SOLVERS, most_iterations
 from cosim.scenario.family import ScenarioFamily, families, family_of, named
 from cosim.scenario.metrics import Metric
 from cosim.scenario.scenario import Scenario, ScenarioComponent, ScenarioError
@@ -243,8 +243,10 @@ def _run(data: Mapping[str, Any], kind: type[Scenario]) -> dict[str, Any]:
     iterations = given.pop("iterations", None)
     values = _fields("[run]", given, known, required=[key for key in known if key in demanded])
     if iterations is not None:
-        if iterations != AUTO and (isinstance(iterations, bool) or not isinstance(iterations, int) or iterations < 1):
-            raise ScenarioError(f"[run] iterations = {iterations!r} must be a positive whole number, or '{AUTO}'")
+        try:
+            most_iterations(iterations)
+        except SetupError as error:
+            raise ScenarioError(f"[run] {error}") from error
         values["iterations"] = iterations
     _check_interface("[run]", values)
     known_names = (("order", tuple(ORDERS)), ("extrapolation", (AUTO, *EXTRAPOLATIONS)), ("solver", SOLVERS))

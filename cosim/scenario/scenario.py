@@ -74,8 +74,8 @@ class Scenario:
         What integrates components in model exchange.
     solver_step : float, optional
         Step (s) of rk4; the communication step by default.
-    iterations : int or "auto", optional
-        Solve algebraic loops, by so many iterations at most.
+    iterations : int, "auto" or "loops", optional
+        Solve algebraic loops and repeat steps, by so many iterations at most; "loops" repeats none.
     tolerance : float, optional
         Relative tolerance that the FMUs are told; that of the default experiment of each by default.
     seed : int
