@@ -19,6 +19,9 @@ _MOST_ROWS = 12_000
 
 _NUMBERS = (1, 2, 3)
 
+#: Forces whose sum is smaller than this share of the largest balance.
+_BALANCED = 1e-6
+
 
 @dataclass(frozen=True, eq=False)
 class Motion:
@@ -53,6 +56,17 @@ class Motion:
         """Number of rows."""
         return len(self.columns["E_x"])
 
+    @property
+    def sent(self) -> dict[str, np.ndarray]:
+        """Columns that a page needs: the force of the third chain, where it balances the others, follows from them."""
+        first, second, third = (
+            np.stack([self.columns.get(f"f{i}_{axis}", np.array([np.nan])) for axis in "xy"]) for i in _NUMBERS
+        )
+        off = np.abs(first + second + third).max()  # NaN where a force is not known
+        if off <= _BALANCED * np.abs(third).max():
+            return {name: column for name, column in self.columns.items() if name not in ("f3_x", "f3_y")}
+        return self.columns
+
     def as_data(self, block: str) -> dict[str, Any]:
         """What the script of a page knows of it; `block` is the id of its deflated columns."""
         return {
@@ -63,7 +77,7 @@ class Motion:
             "step": self.step,
             "rows": self.rows,
             "robot": dict(self.geometry),
-            "names": list(self.columns),
+            "names": list(self.sent),
             "block": block,
         }
 

@@ -28,7 +28,7 @@ def player_data(motions: Sequence[Motion]) -> tuple[dict[str, Any], dict[str, by
     The data have the motions, the views [left, bottom, right, top] (m), and the force (N) and torque (N m) of usual
     size, which set the scales.
     """
-    blocks = {f"motion-{k}": block([c.astype("<f4") for c in m.columns.values()]) for k, m in enumerate(motions)}
+    blocks = {f"motion-{k}": block([c.astype("<f4") for c in m.sent.values()]) for k, m in enumerate(motions)}
     aimed = [m for m in motions if "d_x" in m.columns] or list(motions)
     joints = [points for m in motions for points in _joints(m)]
     pairs = (("E_x", "E_y"), ("d_x", "d_y"))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import zlib
 from pathlib import Path
 
@@ -84,6 +85,15 @@ def test_the_section_has_all_runs_with_the_robot_and_views_that_hold_all_that_mo
         assert len(octets) == 4 * described["rows"] * len(described["names"])
 
 
+def test_the_force_of_the_third_chain_is_sent_where_it_does_not_follow_from_the_others(run):
+    motion = motion_of(run, "a", "")
+    assert motion is not None
+    assert set(motion.columns) - set(motion.sent) == {"f3_x", "f3_y"}
+    for changed in ({"f3_x": motion.columns["f3_x"] + 0.01}, {"f1_x": np.full(motion.rows, np.nan)}):
+        other = dataclasses.replace(motion, columns={**motion.columns, **changed})
+        assert other.sent == other.columns
+
+
 def test_the_page_of_a_run_has_it(run):
     text = run_page(run)
     assert text.index('<section id="robot"') < text.index('<section id="signals"')
@@ -98,6 +108,9 @@ def test_it_plays_in_the_page_of_a_run(browser, run, tmp_path, width):
     tabs = Tabs(browser)
     tab = tabs.open(page, width=width)
     until(tab, "document.querySelector('.player').dataset.state === 'paused'")
+    third = tab.evaluate("at([...MOTIONS.values()][0], 'f3_x', 0.5)")
+    force = motion_of(run, "a", "").columns["f3_x"][50]
+    assert third == pytest.approx(force, rel=1e-5)  # 32-bit floats of the others
     tab.focus(".player")
     tab.keyboard.press("End")
     assert tab.get_attribute(".player", "data-time") == "1.000"

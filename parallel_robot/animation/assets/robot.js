@@ -6,7 +6,9 @@ const MOTIONS = new Map(ROBOT.runs.map((run) => [run.key, run]));
 /** Decode the columns of a run, once; each has `rows` values, the first at `start`, then every `step` seconds. */
 async function prepared(run) {
   const found = await columnsOf(run.block, run.names.map((name) => ({ name, rows: run.rows })));
-  run.columns = Object.fromEntries(run.names.map((name, i) => [name, found[i]]));
+  const columns = (run.columns = Object.fromEntries(run.names.map((name, i) => [name, found[i]])));
+  if (columns.f1_x && !columns.f3_x) for (const axis of ["x", "y"]) // the forces of the closure balance
+    columns[`f3_${axis}`] = columns[`f1_${axis}`].map((f, row) => -f - columns[`f2_${axis}`][row]);
   return run;
 }
 
