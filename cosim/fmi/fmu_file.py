@@ -28,7 +28,8 @@ from cosim.fmi.further_libraries import keep_apart
 from cosim.fmi.interfaces import AUTO_INTERFACE, CO_SIMULATION, MODEL_EXCHANGE, is_model_exchange, used_interface
 from cosim.fmi.load_failure import not_loadable
 from cosim.fmi.loading import LibraryError
-from cosim.fmi.python_fmus import prepare
+from cosim.fmi.own_variables import forget_unique_symbols
+from cosim.fmi.python_fmus import is_script, prepare
 from cosim.fmi.shared_library import Library, library_names, library_path
 
 if TYPE_CHECKING:
@@ -49,6 +50,14 @@ class LoadedFMU:
     files: tuple[str, ...]
     resets_completely: bool = False
     input_derivative_order: int = 0
+
+    @property
+    def shares_library(self) -> bool:
+        """Whether its instances are independent though they have one library, and its global variables, together.
+
+        So do those of pythonfmu's binary, whose modules are kept apart.
+        """
+        return self.resets_completely or is_script(self.files)
 
     @property
     def tolerance(self) -> float | None:
@@ -123,7 +132,9 @@ class LoadedFMU:
             raise SetupError(f"{self.path}: {error}") from error
         own = [folder / name for identifier in self._identifiers for name in self._library_names(identifier)]
         for libraries in {library.parent for library in own}:
-            keep_apart(libraries, {library.name for library in own})
+            if not keep_apart(libraries, {library.name for library in own}) and not self.shares_library:
+                for library in filter(Path.is_file, own):
+                    forget_unique_symbols(library)
         if build and has_sources(self.files):
             for identifier in self._identifiers:
                 self._build(folder, identifier)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 import sys
+from collections.abc import Container
 from pathlib import Path
 
 import fmpy
@@ -29,6 +30,11 @@ _TIED = re.compile(rb"libpython3\.(\d+)\w*\.|python3(\d+)\.dll")
 def runs_python(folder: Path) -> bool:
     """Whether an unpacked FMU runs Python in this process."""
     return (folder / "resources" / _MODULE_FILE).is_file()
+
+
+def is_script(files: Container[str]) -> bool:
+    """Whether an FMU with these files runs Python in this process."""
+    return f"resources/{_MODULE_FILE}" in files
 
 
 def prepare(folder: Path, description: ModelDescription) -> None:

@@ -17,6 +17,7 @@ import fmpy
 from fmpy.fmi1 import fmi1CallbackFunctions
 
 from cosim.fmi.loading import LibraryError, in_standard, load, names_in_library, unload
+from cosim.fmi.own_variables import library_of_its_own
 from cosim.loop.current_calls import Caller
 
 if TYPE_CHECKING:
@@ -149,6 +150,8 @@ class Library:
         Model identifier; the names of functions of FMI 1.0 begin with it.
     component : str, optional
         What to call the FMU where it ends the process.
+    own_variables : bool
+        Whether its global variables must be those of no other instance; a library that is loaded is then copied.
 
     Raises
     ------
@@ -156,15 +159,18 @@ class Library:
         It can't be loaded; the text says why, and what to do.
     """
 
-    def __init__(self, path: Path, identifier: str, component: str = "") -> None:
+    def __init__(self, path: Path, identifier: str, component: str = "", *, own_variables: bool = False) -> None:
         self._identifier = identifier
         self._caller = Caller(component or f"the FMU '{identifier}'")
         self._functions: dict[str, Callable[..., Any]] = {}
         self._symbols: dict[str, Any] = {}
-        self._libraries = self._caller.noting(load, "the loading of its library")(path.absolute())
+        file = library_of_its_own(path.absolute()) if own_variables else path.absolute()
+        self._libraries = self._caller.noting(load, "the loading of its library")(file)
 
     @classmethod
-    def of(cls, folder: Path, version: int, identifier: str, component: str = "") -> Library:
+    def of(
+        cls, folder: Path, version: int, identifier: str, component: str = "", *, own_variables: bool = False
+    ) -> Library:
         """The library for this machine in an unpacked FMU of a version of FMI.
 
         Raises
@@ -172,7 +178,7 @@ class Library:
         LibraryError
             It has none, or it can't be loaded.
         """
-        return cls(library_path(folder, version, identifier), identifier, component)
+        return cls(library_path(folder, version, identifier), identifier, component, own_variables=own_variables)
 
     #: Whether it is loaded in another process.
     is_isolated = False

@@ -310,11 +310,11 @@ def _loaded(system: System) -> Iterator[tuple[str, LoadedFMU]]:
 
 
 def _components(fmus: Mapping[str, LoadedFMU]) -> list[PackedComponent]:
-    """Components and their folders: one a file, or an instance of an FMU that allows but one in a process."""
+    """Components and their folders: one a file, or a component whose FMU does not share its library."""
     folders: dict[str, str] = {}
     found = []
     for number, (name, fmu) in enumerate(fmus.items(), 1):
-        alone = fmu.description.coSimulation.canBeInstantiatedOnlyOncePerProcess
+        alone = fmu.description.coSimulation.canBeInstantiatedOnlyOncePerProcess or not fmu.shares_library
         taken = {folder.lower() for folder in folders.values()}
         folder = name if _FOLDER_NAME.fullmatch(name) and name.lower() not in taken else f"component-{number}"
         key = f"{fmu.sha256} {name}" if alone else fmu.sha256

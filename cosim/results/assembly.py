@@ -18,6 +18,9 @@ _SECONDS = ("", "s", "sec", "second", "seconds")
 #: Units that a column of times may have, as far as they are recognised.
 TIME_UNITS = (*_SECONDS[1:], "ns", "us", "µs", "ms", "min", "h", "d")
 
+#: What many write for the unit one.
+_ONES = ("-", "–", "—")
+
 _UNIT = re.compile(r"(?P<name>.*\S)(?:\s*\[(?P<bracket>[^\[\]\s]+)\]|\s+\((?P<parenthesis>[^()\s]+)\))")
 
 #: What a unit has and indices, slices and the like do not: a letter, or the sign of one.
@@ -33,12 +36,21 @@ def name_and_unit(text: str) -> tuple[str, str]:
     ('motor.tau[2]', '')
     >>> name_and_unit("motor.ratio [1]")
     ('motor.ratio', '1')
+    >>> name_and_unit("motor.ratio [-]")
+    ('motor.ratio', '1')
     """
     found = _UNIT.fullmatch(text)
     unit = (found["bracket"] or found["parenthesis"]) if found else ""
-    if not found or (not _CAN_BE_UNIT.search(unit) and not text.endswith(" [1]")):  # [1] behind a space is the unit one
+    one = unit in _ONES or text.endswith(" [1]")  # [1] behind a space is the unit one
+    if not found or not (one or _CAN_BE_UNIT.search(unit)):
         return text, ""
-    return found["name"], unit
+    return found["name"], "1" if one else unit
+
+
+def unit_of(text: str) -> str:
+    """A unit by the text for it, alone or in brackets."""
+    unit = re.sub(r"^[\[(](.*)[\])]$", r"\1", text.strip())
+    return "1" if unit in _ONES else unit
 
 
 def is_time(text: str) -> bool:

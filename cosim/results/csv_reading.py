@@ -18,7 +18,16 @@ import numpy as np
 
 from cosim.errors import ResultsError
 from cosim.files.whole import is_part
-from cosim.results.assembly import TIME_UNITS, assembled, check_once, check_seconds, is_time, name_and_unit, time_unit
+from cosim.results.assembly import (
+    TIME_UNITS,
+    assembled,
+    check_once,
+    check_seconds,
+    is_time,
+    name_and_unit,
+    time_unit,
+    unit_of,
+)
 from cosim.results.formats import TIME, Table
 from cosim.results.unfinished import whole_lines
 
@@ -62,7 +71,7 @@ def read_csv(path: str | PathLike[str]) -> Table:
         reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator, skipinitialspace=True, strict=True)
         header, *rows = [_Row(before + reader.line_num, cells) for cells in reader if any(map(str.strip, cells))]
     except csv.Error as error:
-        raise ResultsError(f"{path}: can't be read as CSV: {error}") from error
+        raise ResultsError(f"{path}: line {before + reader.line_num}: can't be read as CSV: {error}") from error
     names, units = _names(path, header, header_line, separator)
     if rows and (own := _units_row(path, rows[0], len(names))) is not None:
         units = {name: unit or units.get(name, "") for name, unit in zip(names, own, strict=True)}
@@ -93,7 +102,10 @@ def _text(path: str | PathLike[str]) -> tuple[str, int]:
     before = 0
     while text:
         line, _, rest = text.partition("\n")
-        if line.strip() and not re.fullmatch(r"\s*sep=.\s*", line):
+        if names := re.match(r"\s*#+\s*(?=[\"']?\w)", line):  # a comment, or the names, as numpy.savetxt writes them
+            if is_time(re.split(r"[,;\t]", line[names.end() :])[0].strip().strip('"')):
+                return text[names.end() :], before
+        elif line.strip() and not re.fullmatch(r"\s*(sep=.|#.*)\s*", line):
             break
         text, before = rest, before + 1
     return text, before
@@ -144,7 +156,7 @@ def _names(path: str | PathLike[str], header: _Row, line: str, separator: str) -
 
 def _units_row(path: str | PathLike[str], row: _Row, n: int) -> list[str] | None:
     """Units in a row of their own, the first of which is that of the time; None where the row is none of units."""
-    units = [re.sub(r"^[\[(](.*)[\])]$", r"\1", cell.strip()) for cell in row.cells]
+    units = [unit_of(cell) for cell in row.cells]
     if len(units) < n or any(units[n:]) or units[0] not in TIME_UNITS:
         return None
     check_seconds(f"{path}: line {row.line}", units[0])

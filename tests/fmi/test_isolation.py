@@ -10,7 +10,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -37,7 +37,8 @@ def children(parent: int | str = "self") -> set[int]:
     """Processes of this one that are there, but for those that have ended."""
     found = set()
     for folder in Path(f"/proc/{parent}/task").iterdir():
-        found |= {int(text) for text in (folder / "children").read_text().split()}
+        with suppress(FileNotFoundError):  # a thread that has ended
+            found |= {int(text) for text in (folder / "children").read_text().split()}
     return {number for number in found if is_there(number)}
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -21,6 +22,7 @@ import cosim.fmi.unpacking
 import cosim.master.simulation
 from cosim import SetupError, Simulation, SimulationError, System, simulate
 from cosim.fmi.load_failure import why_not_loaded
+from cosim.fmi.own_variables import unique_symbols
 from cosim.fmi.unpacking import folder_for_fmus, is_plain
 from fmu_export import build_script
 from tests.support.c_fmus import binary, compile_c, description_of_tank, packed, sources_of_tank, tank
@@ -101,12 +103,53 @@ def test_an_fmu_that_allows_one_instance_in_a_process_is_there_twice(tmp_path: P
                 assert simulation.run(2.0, 0.5)["tank2.y"][-1] == 4.0
 
 
-def test_an_fmu_that_does_not_say_so_is_refused_in_its_own_words(tmp_path: Path) -> None:
+def test_an_fmu_that_does_not_say_so_is_there_twice_too(tmp_path: Path) -> None:
     once = tank(tmp_path / "once.fmu", "ONCE")
-    with pytest.raises(
-        SetupError, match=r"^component 'tank2': .*once\.fmu can't be instantiated: there is one already$"
-    ):
-        levels(once, once)
+    assert levels(once, once, once) == [1.0, 2.0, 3.0]
+
+
+# Global variables of libraries
+
+
+def runs(*fmus: Path) -> list[list[float]]:
+    """What the tanks have after two seconds, divided by two, in three runs of one simulation."""
+    with Simulation(system_of(*fmus)) as simulation:
+        results = [simulation.run(2.0, 0.5) for _ in range(3)]
+    return [[float(found[f"tank{n}.y"][-1]) / 2.0 for n in range(1, len(fmus) + 1)] for found in results]
+
+
+@pytest.mark.parametrize("options", [(), pytest.param(("-Wl,-z,nodelete",), marks=linux)], ids=["usual", "nodelete"])
+def test_instances_share_no_global_variables(tmp_path: Path, options: tuple[str, ...]) -> None:
+    """Neither those of one FMU, nor those of runs, also where the loader never unloads the library."""
+    fmu = tank(tmp_path / "global.fmu", "GLOBAL", options=options)
+    same = shutil.copy(fmu, tmp_path / "same.fmu")
+    assert runs(fmu, same, fmu) == [[1.0, 2.0, 3.0]] * 3
+    assert levels(fmu, fmu) == [1.0, 2.0]
+
+
+@linux
+def test_unique_symbols_are_those_of_one_library(tmp_path: Path) -> None:
+    """The loader knows one for the whole process, also for FMUs that differ."""
+    fmu = tank(tmp_path / "unique.fmu", "UNIQUE")
+    assert unique_symbols(fmu.with_suffix(".so").read_bytes())
+    other = tank(tmp_path / "other.fmu", "UNIQUE", "OTHER")
+    assert runs(fmu, other, fmu) == [[1.0, 2.0, 3.0]] * 3
+
+
+@linux
+def test_unique_symbols_of_what_is_damaged_are_none(tmp_path: Path) -> None:
+    data = tank(tmp_path / "unique.fmu", "UNIQUE").with_suffix(".so").read_bytes()
+    assert [unique_symbols(data[:length]) for length in (0, 4, 64, len(data) // 2, len(data) - 1)] == [[]] * 5
+    assert unique_symbols(data[:4] + b"\1" + data[5:]) == []
+
+
+@linux
+def test_instances_share_no_global_variables_of_further_libraries(tmp_path: Path) -> None:
+    library = further(tmp_path, "libfurther.so.1", "({ static int calls; (double)++calls; })")
+    beside = {binary("further").replace("further.so", library.name): library}
+    fmu = tank(tmp_path / "tank.fmu", "FURTHER", "GLOBAL", options=[str(library)], members=beside)
+    library.unlink()
+    assert runs(fmu, fmu) == [[1.0, 2.0]] * 3
 
 
 # Further libraries

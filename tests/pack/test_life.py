@@ -412,3 +412,13 @@ def test_a_damaged_plan_is_refused(loop: Path, tmp_path: Path, damage: str) -> N
         fmpy.instantiate_fmu(str(folder), description, "CoSimulation", logger=said)
     assert "the plan of the system" in said.texts[0]
     shutil.rmtree(folder)
+
+
+def test_components_share_no_global_variables(tmp_path: Path) -> None:
+    """Two of one FMU have libraries of their own."""
+    fmu = tank(tmp_path / "tank.fmu", "GLOBAL")
+    system = System()
+    for n in (1, 2):
+        system.add(f"tank{n}", fmu, start={"u": float(n)})
+    packed = pack(system, tmp_path / "Tanks.fmu", 0.5).path
+    assert run_in_fmpy(packed, 2.0, 0.5, ["tank1.y", "tank2.y"])[-1].tolist() == [2.0, 4.0]

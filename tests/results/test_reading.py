@@ -44,6 +44,8 @@ def read(folder: Path, text: str, encoding: str = "utf-8") -> Results:
         "time,m.u,m.y\r0,0.5,1\r1,1.5,2\r",
         "t, m.u , m.y\n0, 0.5, 1\n1, 1.5 ,2\n",
         "\ufefftime,m.u,m.y\n0,0.5,1\n1,1.5,2\n",
+        "# made by a tool\n#\n# on a day\ntime,m.u,m.y\n0,0.5,1\n1,1.5,2\n",
+        "# time,m.u,m.y\n0.0e+00,5.0e-01,1.0e+00\n1.0e+00,1.5e+00,2.0e+00\n",
     ],
 )
 def test_one_table_in_many_dialects(tmp_path: Path, text: str) -> None:
@@ -77,7 +79,7 @@ def test_unicode_text_of_spreadsheets(tmp_path: Path, encoding: str) -> None:
         ("time,x,Time,time\n0,1,2,3\n", "column 'time' stands there twice"),
         ("time,,x\n0,1,2\n", "line 1: column 2 has no name"),
         ("time,x\n0,inf\n1,1e400\n", "line 3: '1e400' is larger than any number that can be kept"),
-        ('time,"x\n0,1\n1,2\n', "can't be read as CSV: unexpected end of data"),
+        ('time,"x\n0,1\n1,2\n', "line 3: can't be read as CSV: unexpected end of data"),
         ("time,x\n2026-11-30,1\n", "line 2: column 'time' has '2026-11-30', which is no number"),
         ("time [ms],x\n0,1\n", "the time is in 'ms'; it must be in s"),
         ("time,x\nmin,m\n0,1\n", "line 2: the time is in 'min'; it must be in s"),
@@ -107,6 +109,7 @@ def test_units_behind_names_and_in_a_row_below(tmp_path: Path) -> None:
     assert (found.names, found.units) == (["m.x", "m.w", "m.v[2]", "m.b"], units)
     found = read(tmp_path, '"time","m.x","m.w","m.v[2]"\n"s","m","[rad/s]",""\n0,1,2,3\n')
     assert (found.names, found.units, found.values.tolist()) == (["m.x", "m.w", "m.v[2]"], units, [[1.0, 2.0, 3.0]])
+    assert read(tmp_path, "time,m.x [-]\n0,1\n").units == read(tmp_path, "time,m.x\ns,-\n0,1\n").units == {"m.x": "1"}
     # without the brackets the names would be the same
     assert read(tmp_path, "time,x [a],x [b]\n0,1,2\n").names == ["x [a]", "x [b]"]
 

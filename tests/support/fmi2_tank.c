@@ -1,7 +1,8 @@
 /* FMI 2.0 co-simulation FMU for tests of loading: x' = u, y = scale x, with the functions that a run needs and no others.
 
 ONCE: one instance in a process. FURTHER: the scale comes from a further library. NOWHERE: it comes from a function that
-no library has. RESOURCE: it stands in the file scale.txt of the resources. */
+no library has. RESOURCE: it stands in the file scale.txt of the resources. GLOBAL: x is a global variable, which begins
+at 0 when the library is loaded; UNIQUE: one that the loader keeps once for the process. */
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -17,6 +18,17 @@ typedef struct {
 
 #ifdef ONCE
 static int instances;
+#endif
+
+#if defined GLOBAL || defined UNIQUE
+double tank_level;
+#define LEVEL(m) (*((void)(m), &tank_level))
+#else
+#define LEVEL(m) ((m)->x)
+#endif
+
+#ifdef UNIQUE
+__asm__(".type tank_level, %gnu_unique_object");
 #endif
 
 #ifdef FURTHER
@@ -95,19 +107,19 @@ fmi2Status fmi2Terminate(fmi2Component c) { return c ? fmi2OK : fmi2Error; }
 
 fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference r[], size_t n, fmi2Real v[]) {
     const Model *m = c;
-    for (size_t i = 0; i < n; i++) v[i] = r[i] == Y ? m->scale * m->x : r[i] == U ? m->u : m->x;
+    for (size_t i = 0; i < n; i++) v[i] = r[i] == Y ? m->scale * LEVEL(m) : r[i] == U ? m->u : LEVEL(m);
     return fmi2OK;
 }
 
 fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference r[], size_t n, const fmi2Real v[]) {
     Model *m = c;
-    for (size_t i = 0; i < n; i++) *(r[i] == U ? &m->u : &m->x) = v[i];
+    for (size_t i = 0; i < n; i++) *(r[i] == U ? &m->u : &LEVEL(m)) = v[i];
     return fmi2OK;
 }
 
 fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real step, fmi2Boolean no_rollback) {
     Model *m = c;
     (void)time, (void)no_rollback;
-    m->x += step * m->u;
+    LEVEL(m) += step * m->u;
     return fmi2OK;
 }
