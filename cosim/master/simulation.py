@@ -432,7 +432,7 @@ class Simulation:
     def _loader(self, name: str) -> Loader:
         """What loads the library of a component: into this process, one of its own, or one on another machine."""
         if name not in self._isolated:
-            return partial(Library.of, own_variables=name in self._fmus and not self._fmus[name].shares_library)
+            return partial(Library.of, own_variables=not self._fmus[name].shares_library)
         messages, limits, stop = self._messages[name], self._limits, self._is_interrupted
         if self._hosts is None or name not in self._places:
             return partial(IsolatedLibrary.starting, messages=messages, limits=limits, stop=stop)
