@@ -87,7 +87,7 @@ ROOMS = {
         (*_first("tests/master", "sampling", "value_layout", "recording", "coupling", "stepping"), "tests/loop"),
     ),
     "ssp": Room(("cosim/ssp",), _first("tests/ssp", "values", "diagram", "description")),
-    "regression": Room(("cosim/regression",), _first("tests/regression", "compare", "funnel", "plot", "page", "case")),
+    "regression": Room(("cosim/regression",), _first("tests/regression", "compare", "funnel", "page", "case")),
     "trace": Room(("fmu_export/trace",), _first("tests/fmu_export/trace")),
 }
 
