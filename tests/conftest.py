@@ -27,9 +27,11 @@ from tests.support.native_fmus import DEFAULT_FLAVOUR, FLAVOURS, require_compile
 hypothesis.settings.register_profile("tests", deadline=None, suppress_health_check=[hypothesis.HealthCheck.too_slow])
 hypothesis.settings.load_profile("tests")
 
-# nohup and background jobs start the tests with SIGINT ignored, and every process that the tests start inherits it
+# background jobs start the tests with SIGINT ignored and nohup with SIGHUP, and every process of the tests inherits it
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
 class LeftOut:
