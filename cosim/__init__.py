@@ -85,6 +85,8 @@ __all__ = [
 if TYPE_CHECKING:
     __version__: str
     from cosim.errors import ArgumentError, CosimError, MissingExtra, ResultsError, SetupError
+    from cosim.fmi.isolation.limits import Limits
+    from cosim.fmi.message_log import Log
     from cosim.master.algorithm import Extrapolation, Order
     from cosim.master.checkpoint import Checkpoint
     from cosim.master.failures import SimulationError, SimulationInterrupted

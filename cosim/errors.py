@@ -1,7 +1,7 @@
 """The errors that a user can mend: each message is one line that names what was wrong, where, and the remedy.
 
-Every error that the packages `cosim` and `parallel_robot` raise on purpose is a `CosimError`. The exporter, which knows
-no master, has a root of its own: `fmu_export.errors.ExportError`.
+Every error that the packages `cosim` and `parallel_robot` raise on purpose is a `CosimError`. Models and the exporter,
+which know no master, have a root of their own: `fmu_export.errors.ModelError`.
 """
 
 from __future__ import annotations

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from os import PathLike
 from pathlib import Path
 
 import numpy as np
@@ -31,7 +32,7 @@ _MOST_TICKS = 6
 _PNG = {"compress_level": 1}
 
 
-def write_figures(results: Results, title: str, steady_after: float, folder: Path) -> list[Path]:
+def write_figures(results: Results, title: str, steady_after: float, folder: str | PathLike[str]) -> list[Path]:
     """Draw what a run recorded, as PNG files.
 
     Parameters
@@ -42,7 +43,7 @@ def write_figures(results: Results, title: str, steady_after: float, folder: Pat
         Stands above every figure.
     steady_after : float
         Start (s) of the zoom on the steady part.
-    folder : Path
+    folder : path
         Where `path.png`, `tracking_errors.png`, `torques.png`, `psi.png` and `closure_error.png` are written; those
         whose variables were not recorded are left out.
 
@@ -71,7 +72,7 @@ def write_figures(results: Results, title: str, steady_after: float, folder: Pat
                     axes.locator_params(nbins=_MOST_TICKS)
                 canvas = FigureCanvasAgg(figure)
                 canvas.draw()
-                path = folder / f"{name}.png"
+                path = Path(folder) / f"{name}.png"
                 saved[path] = pool.submit(imsave, path, np.asarray(canvas.buffer_rgba()), dpi=_DPI, pil_kwargs=_PNG)
     for future in saved.values():
         future.result()

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import replace
 from importlib.resources import files
+from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, cast
 
@@ -65,13 +66,13 @@ def _model(component: str) -> Model:
 
 
 def build(
-    folder: Path, flavour: str, components: Iterable[str] = _COUPLED, *, all_platforms: bool = False
+    folder: str | PathLike[str], flavour: str, components: Iterable[str] = _COUPLED, *, all_platforms: bool = False
 ) -> list[Path]:
     """Build FMUs of a flavour into `<folder>/<flavour>`; those that are there and would come out the same stay.
 
     Parameters
     ----------
-    folder : Path
+    folder : path
     flavour : str
         One of `FLAVOURS`, or `WASM`.
     components : iterable of str
@@ -84,6 +85,7 @@ def build(
     BuildError
         The flavour is unknown, there is no C compiler, or the folder can't be written; older files are unchanged.
     """
+    folder = Path(folder)
     if flavour not in (*FLAVOURS, WASM):
         raise BuildError(f"flavour '{flavour}' is unknown; {nearest(flavour, [*FLAVOURS, WASM])}")
     try:

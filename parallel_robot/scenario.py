@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -39,12 +40,12 @@ class RobotScenario(Scenario):
     step_size: float = 1e-3
     steady_after: float = 8.0
 
-    def system(self, folder: Path | None = None, flavour: str = "fmi2") -> System:
+    def system(self, folder: str | PathLike[str] | None = None, flavour: str = "fmi2") -> System:
         """The system that the scenario describes.
 
         Parameters
         ----------
-        folder : Path, optional
+        folder : path, optional
             The FMUs of components that have none of their own are those in `<folder>/<flavour>`.
         flavour : str
             One of `parallel_robot.choices.FLAVOURS`.
@@ -56,12 +57,12 @@ class RobotScenario(Scenario):
         """
         return Scenario.system(self if folder is None else self.with_flavour(folder, flavour))
 
-    def with_flavour(self, folder: Path, flavour: str) -> RobotScenario:
+    def with_flavour(self, folder: str | PathLike[str], flavour: str) -> RobotScenario:
         """A copy in which components without an FMU of their own have those in `<folder>/<flavour>`."""
         from parallel_robot.fmus import fmu_path  # the models take a while to import
 
         missing = [name for name, component in self.components.items() if component.fmu is None]
-        scenario = self.with_fmus({name: fmu_path(folder, flavour, name) for name in missing})
+        scenario = self.with_fmus({name: fmu_path(Path(folder), flavour, name) for name in missing})
         for target, value in UNFED_INPUTS.items():
             component, _, name = target.partition(".")
             if component in missing and self.shape(target) is None and name not in self.start.get(component, {}):

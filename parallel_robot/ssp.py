@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from os import PathLike
 from typing import Literal
 
 from cosim.ssp.errors import SSPError
@@ -20,8 +20,8 @@ _DESCRIPTION = (
 
 
 def write_robot_ssp(
-    path: Path,
-    folder: Path,
+    path: str | PathLike[str],
+    folder: str | PathLike[str],
     flavour: str,
     *,
     row: tuple[float, float] = (1.0, 1.0),
@@ -31,8 +31,8 @@ def write_robot_ssp(
 
     Parameters
     ----------
-    path : Path
-    folder : Path
+    path : path
+    folder : path
         The FMUs are `<folder>/<flavour>/*.fmu`.
     flavour : str
     row : tuple

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from os import PathLike
 from pathlib import Path
 from typing import Any, Literal
 from xml.etree import ElementTree
@@ -41,13 +42,13 @@ _PARSERS: Mapping[str, Callable[[str], Any]] = {
 
 
 def read_osp(
-    path: Path, *, units: Literal["convert", "ignore"] = "ignore", step_size: float | None = None
+    path: str | PathLike[str], *, units: Literal["convert", "ignore"] = "ignore", step_size: float | None = None
 ) -> ReadSystem:
     """Read an OSP configuration.
 
     Parameters
     ----------
-    path : Path
+    path : path
         Of the file, or of a folder with `OspSystemStructure.xml`.
     units : {"convert", "ignore"}
         Take all numbers as they are, as libcosim does, or convert them where both ends have a unit.
@@ -64,6 +65,7 @@ def read_osp(
     OSPError
         The configuration is malformed, or has what can't be run; the message names all of it.
     """
+    path = Path(path)
     file = path / FILE if path.is_dir() else path
     reader = _Reader(file, parse(file, "OspSystemStructure"), units, step_size)
     if path.is_dir() and (path / "SystemStructure.ssd").is_file():

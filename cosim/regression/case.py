@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from os import PathLike
 from pathlib import Path
 from typing import Any, Literal
 
@@ -168,13 +169,13 @@ class Case:
         return start
 
 
-def find_cases(fmu: Path, folder: Path | None = None) -> list[Case]:
+def find_cases(fmu: str | PathLike[str], folder: str | PathLike[str] | None = None) -> list[Case]:
     """Cases of an FMU file.
 
     Parameters
     ----------
-    fmu : Path
-    folder : Path, optional
+    fmu : path
+    folder : path, optional
         Folder of cases, or of one; by default that of the FMU, else `reference` in it, else `reference` here.
 
     Returns
@@ -183,15 +184,16 @@ def find_cases(fmu: Path, folder: Path | None = None) -> list[Case]:
         Those named as the FMU file, and those whose tolerances name it; a case whose tolerances can't be read counts
         as one of the FMU that it is named after.
     """
+    fmu = Path(fmu)
     if folder is None:
         for near in (fmu.parent, fmu.parent / "reference", Path("reference")):
             if near.is_dir() and (cases := find_cases(fmu, near)):
                 return cases
         return []
-    own = Case(fmu.stem, folder)
+    own = Case(fmu.stem, Path(folder))
     if own.exists:
         return [own]
-    cases = [Case(path.name, path) for path in sorted(folder.glob("*/"))]
+    cases = [Case(path.name, path) for path in sorted(Path(folder).glob("*/"))]
     return [case for case in cases if case.exists and _fmu_of(case) == fmu.stem]
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time as clock
 from contextlib import suppress
 from dataclasses import dataclass
+from os import PathLike
 from pathlib import Path
 
 import numpy as np
@@ -67,7 +68,7 @@ def share(signal: SignalComparison) -> float:
 
 def check(
     case: Case,
-    fmu: Path,
+    fmu: str | PathLike[str],
     interface: Interface,
     *,
     isolated: bool = True,
@@ -80,7 +81,7 @@ def check(
     Parameters
     ----------
     case : Case
-    fmu : Path
+    fmu : path
     interface : {"co_simulation", "model_exchange"}
     isolated : bool
         In a process of its own, which a crash ends without harm to this one.
@@ -97,6 +98,7 @@ def check(
         Also what can't be read or run is a finding.
     """
     began = clock.perf_counter()
+    fmu = Path(fmu)
 
     from cosim.fmi.isolation.process import can_isolate  # takes a while to import
     from cosim.regression.isolated import run_isolated

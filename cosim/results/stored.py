@@ -52,7 +52,7 @@ class TableWriter:
         Name -> unit.
     units_row : bool
         Whether CSV files have the units in a second line.
-    growing_in : Path, optional
+    growing_in : path, optional
         Folder of the files with `.part`; that of each file by default.
 
     Raises
@@ -65,22 +65,22 @@ class TableWriter:
 
     def __init__(
         self,
-        paths: Sequence[Path],
+        paths: Sequence[str | PathLike[str]],
         names: Sequence[str],
         types: Mapping[str, str] | None = None,
         units: Mapping[str, str] | None = None,
         *,
         units_row: bool = False,
-        growing_in: Path | None = None,
+        growing_in: str | PathLike[str] | None = None,
     ) -> None:
         self._names, self._types = list(names), dict(types or {})
         self._schema = schema(names, units, self._types)
-        formats = {path: format_of(path, streamed=True) for path in paths}
+        formats = {path: format_of(path, streamed=True) for path in map(Path, paths)}
         self._streams = {
             path: CSV_WITH_UNITS.stream if units_row and known is FORMATS["csv"] else known.stream
             for path, known in formats.items()
         }
-        self._parts = {path: part_of(path if growing_in is None else growing_in / path.name) for path in paths}
+        self._parts = {path: part_of(path if growing_in is None else Path(growing_in) / path.name) for path in formats}
         self._writers: list[StreamWriter] = []
         self._group = rows_in_group(len(names))
         self._waiting: list[pa.RecordBatch] = []
@@ -155,7 +155,7 @@ class StoredResults(Recorded):
 
     Parameters
     ----------
-    path : Path
+    path : path
         File that `TableWriter` or `Results.save` wrote, or has not finished (`.part`).
     info : mapping
         How the run was made.
@@ -170,8 +170,8 @@ class StoredResults(Recorded):
         As of `Results`.
     """
 
-    def __init__(self, path: Path, info: Mapping[str, Any]) -> None:
-        self._file = open_parquet(path)
+    def __init__(self, path: str | PathLike[str], info: Mapping[str, Any]) -> None:
+        self._file = open_parquet(Path(path))
         self.names = self._file.schema_arrow.names[1:]
         self._types = {f.name: str(f.type) for f in self._file.schema_arrow if str(f.type) != "double"}
         self.info = dict(info)

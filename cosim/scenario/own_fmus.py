@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from cosim.system.variables import Ports
 
 
 def replaced(
-    system: System, fmus: Mapping[str, Path], optional_inputs: Mapping[str, Any] | None = None
+    system: System, fmus: Mapping[str, str | PathLike[str]], optional_inputs: Mapping[str, Any] | None = None
 ) -> tuple[System, list[str]]:
     """A copy of a system in which some components are other FMUs.
 
@@ -43,7 +44,7 @@ def replaced(
     optional = optional_inputs or {}
     components = dict(system.components)
     missing = []
-    for component, path in fmus.items():
+    for component, path in ((component, Path(fmu)) for component, fmu in fmus.items()):
         components[component] = dataclasses.replace(components[component], fmu=path, function=None)
         ports = Ports(component, load(component, path).description, components[component].start)
         ends = [c.target for c in system.connections]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -143,9 +144,9 @@ class Scenario:
                 feed(target, signal, breakpoints=shape.breakpoints, vectorized=True)
         return system
 
-    def with_fmus(self, fmus: Mapping[str, Path]) -> Self:
+    def with_fmus(self, fmus: Mapping[str, str | PathLike[str]]) -> Self:
         """A copy in which components have these FMUs."""
-        changed = {name: dataclasses.replace(self.components[name], fmu=path) for name, path in fmus.items()}
+        changed = {name: dataclasses.replace(self.components[name], fmu=Path(path)) for name, path in fmus.items()}
         return dataclasses.replace(self, components={**self.components, **changed})
 
     def with_interfaces(self, interfaces: Mapping[str, str]) -> Self:

@@ -6,6 +6,7 @@ import base64
 import hashlib
 import os
 from collections.abc import Callable
+from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,12 +23,12 @@ def public_path(path: Path) -> Path:
     return path.with_name(f"{path.name}.pub")
 
 
-def new_key(path: Path, passphrase: str = "") -> str:
+def new_key(path: str | PathLike[str], passphrase: str = "") -> str:
     """Write a new private key into a file that only its owner can read, and the public one beside it (`.pub`).
 
     Parameters
     ----------
-    path : Path
+    path : path
         New.
     passphrase : str
         Encrypts the private key, if there is one.
@@ -48,6 +49,7 @@ def new_key(path: Path, passphrase: str = "") -> str:
         from cryptography.hazmat.primitives import serialization
         from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
+    path = Path(path)
     for existing in (path, public_path(path)):
         if existing.exists():
             raise SignatureError(f"{existing} is there already, and a key can't be had again; choose another name")

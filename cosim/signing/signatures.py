@@ -7,6 +7,7 @@ import binascii
 import json
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from os import PathLike
 from pathlib import Path
 
 from cosim.errors import needs
@@ -49,14 +50,14 @@ def signature_path(path: Path) -> Path:
     return path.with_name(f"{path.name}{SIGNATURE_ENDING}")
 
 
-def sign(path: Path, key: Path, passphrase: Callable[[], str] = lambda: "") -> Path:
+def sign(path: str | PathLike[str], key: str | PathLike[str], passphrase: Callable[[], str] = lambda: "") -> Path:
     """Sign an archive; one that was signed before gets a new signature.
 
     Parameters
     ----------
-    path : Path
+    path : path
         FMU or SSP.
-    key : Path
+    key : path
         PEM file of the private key.
     passphrase : callable, optional
         Asked where the key is encrypted.
@@ -73,7 +74,8 @@ def sign(path: Path, key: Path, passphrase: Callable[[], str] = lambda: "") -> P
     OSError
         A file can't be read or written.
     """
-    signer = private_key(key, passphrase)
+    path = Path(path)
+    signer = private_key(Path(key), passphrase)
     text = document_of(path)
     content = {
         "document": text,
@@ -85,13 +87,13 @@ def sign(path: Path, key: Path, passphrase: Callable[[], str] = lambda: "") -> P
     return target
 
 
-def verify(path: Path, keys: Sequence[Path]) -> Signature:
+def verify(path: str | PathLike[str], keys: Sequence[str | PathLike[str]]) -> Signature:
     """Check that an archive is as one of some signers has signed it.
 
     Parameters
     ----------
-    path : Path
-    keys : sequence of Path
+    path : path
+    keys : sequence of path
         PEM files of public keys.
 
     Raises
@@ -104,7 +106,8 @@ def verify(path: Path, keys: Sequence[Path]) -> Signature:
     with needs("sign"):
         from cryptography.exceptions import InvalidSignature
 
-    known = [(key, public_key(key)) for key in keys]
+    path = Path(path)
+    known = [(key, public_key(key)) for key in map(Path, keys)]
     where = signature_path(path)
     text, signature, claimed = _read(path, where)
     for key, verifier in known:
@@ -122,7 +125,7 @@ def verify(path: Path, keys: Sequence[Path]) -> Signature:
     raise SignatureError(f"{path}: was not signed with {names}, but with the key {claimed}; trust it or do without")
 
 
-def check_signed(paths: Iterable[Path], keys: Sequence[Path]) -> None:
+def check_signed(paths: Iterable[str | PathLike[str]], keys: Sequence[str | PathLike[str]]) -> None:
     """Check that each of some archives is as one of some signers has signed it, before anything of it runs.
 
     Raises
@@ -130,7 +133,7 @@ def check_signed(paths: Iterable[Path], keys: Sequence[Path]) -> None:
     SignatureError
         One is not.
     """
-    for path in dict.fromkeys(paths):
+    for path in dict.fromkeys(map(Path, paths)):
         if not path.is_file():
             raise SignatureError(f"{path}: there is no such file; check the path")
         verify(path, keys)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from os import PathLike
 from pathlib import Path
 from typing import Any, Literal
 
@@ -27,8 +28,8 @@ __all__ = ["DESCRIPTION", "ReadSystem", "read_ssp"]
 
 
 def read_ssp(
-    path: Path,
-    folder: Path,
+    path: str | PathLike[str],
+    folder: str | PathLike[str],
     *,
     parameter_sets: Sequence[str] = (),
     units: Literal["convert", "ignore"] = "convert",
@@ -38,9 +39,9 @@ def read_ssp(
 
     Parameters
     ----------
-    path : Path
+    path : path
         Of an archive, of a folder with `SystemStructure.ssd`, or of a description alone (`.ssd`).
-    folder : Path
+    folder : path
         FMUs of an archive are unpacked into this folder, which must live as long as the system.
     parameter_sets : sequence of str
         Further parameter sets (SSV), which override all others, later ones earlier ones: `FILE` for the whole system,
@@ -61,9 +62,9 @@ def read_ssp(
         The SSP is malformed, or has what can't be run; the message names all of it.
     """
     findings = Findings(SSPError)
-    package, name = open_package(path, findings)
+    package, name = open_package(Path(path), findings)
     with package:
-        document = open_document(package, name, folder, units == "ignore")
+        document = open_document(package, name, Path(folder), units == "ignore")
         files = ParameterFiles(parameter_sets, document)
         root = read_structure(document)
         flow = Flow(root)

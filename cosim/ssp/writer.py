@@ -6,6 +6,7 @@ import io
 import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from os import PathLike
 from pathlib import Path
 from typing import Literal
 
@@ -56,7 +57,7 @@ class Experiment:
 
 
 def write_ssp(
-    path: Path,
+    path: str | PathLike[str],
     system: System,
     name: str,
     experiment: Experiment,
@@ -73,7 +74,7 @@ def write_ssp(
 
     Parameters
     ----------
-    path : Path
+    path : path
     system : System
     name, description : str
         For people.
@@ -103,8 +104,9 @@ def write_ssp(
         for member, content in files.items():
             compression = zipfile.ZIP_STORED if member.endswith(".fmu") else zipfile.ZIP_DEFLATED
             archive.writestr(zipfile.ZipInfo(member, _DATE), content, compression)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_whole(path, lambda part: part.write_bytes(data.getvalue()))
+    target = Path(path)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    write_whole(target, lambda part: part.write_bytes(data.getvalue()))
 
 
 def _parameter_files(

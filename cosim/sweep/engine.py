@@ -9,6 +9,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import CancelledError
 from contextlib import suppress
+from os import PathLike
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from uuid import uuid4
@@ -51,9 +52,9 @@ _GO_ON = "start the same command again: it goes on where it stopped"
 
 def sweep(
     study: Study,
-    files: Mapping[str, Path],
+    files: Mapping[str, str | PathLike[str]],
     points: Points,
-    folder: Path,
+    folder: str | PathLike[str],
     *,
     scheduler: str | None = None,
     workers: int | None = None,
@@ -69,7 +70,7 @@ def sweep(
     files : mapping
         SHA-256 -> FMU file on this machine.
     points : Points
-    folder : Path
+    folder : path
         Of the results; see `cosim.sweep.store`.
     scheduler : str, optional
         Address of a Dask scheduler; by default workers are started here.
@@ -89,7 +90,7 @@ def sweep(
         disk.
     """
     question = {"version": versions()["closed-chain-cosim"], **study.fingerprint()}
-    store = Store(folder, points, study.metrics, question, curves=study.curves)
+    store = Store(Path(folder), points, study.metrics, question, curves=study.curves)
     missing = store.missing()
     if observe is not None:
         observe(store.kept())
@@ -97,7 +98,7 @@ def sweep(
         return store.summary()
     with connect(scheduler, workers) as client:
         for sha256, path in files.items():
-            if deliver(client, path.read_bytes()) != sha256:
+            if deliver(client, Path(path).read_bytes()) != sha256:
                 raise SweepError(f"{path} has changed in between; {_GO_ON}")
         key = deliver(client, pickle.dumps(study))
         began = clock.perf_counter()

@@ -8,6 +8,7 @@ import json
 import math
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from os import PathLike
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar, get_type_hints
 
@@ -219,7 +220,7 @@ StudyType = TypeVar("StudyType", bound=ScenarioStudy)
 
 def scenario_study(
     scenarios: Mapping[str, Scenario],
-    own_fmus: Mapping[str, Sequence[Path]] | None = None,
+    own_fmus: Mapping[str, Sequence[str | PathLike[str]]] | None = None,
     *,
     curve_period: float | None = None,
     build: bool = False,
@@ -252,7 +253,8 @@ def scenario_study(
         A component has no FMU.
     """
     one = {label: {"": scenario} for label, scenario in scenarios.items()}
-    return study_of_alternatives(ScenarioStudy, one, own_fmus or {}, curve_period=curve_period, build=build)
+    own = {component: [Path(path) for path in paths] for component, paths in (own_fmus or {}).items()}
+    return study_of_alternatives(ScenarioStudy, one, own, curve_period=curve_period, build=build)
 
 
 def study_of_alternatives(
@@ -305,7 +307,7 @@ def study_of_alternatives(
     return kind(bare, fmus, alternative, own, dict(optional_inputs or {}), curve_period, build), files
 
 
-def check(study: ScenarioStudy, files: Mapping[str, Path], factors: Sequence[Factor]) -> None:
+def check(study: ScenarioStudy, files: Mapping[str, str | PathLike[str]], factors: Sequence[Factor]) -> None:
     """Check scenarios, FMUs and what is varied, before anything runs.
 
     Parameters
@@ -328,7 +330,7 @@ def check(study: ScenarioStudy, files: Mapping[str, Path], factors: Sequence[Fac
                 number_of_steps(scenario.start_time, scenario.stop_time, step_size)
                 if study.curve_period is not None:
                     points_each(study.curve_period, step_size * scenario.record_every)
-            simulation = study.simulation(variant, files.__getitem__)
+            simulation = study.simulation(variant, lambda sha256: Path(files[sha256]))
             for factor in factors:
                 if factor.name == STEP:
                     continue

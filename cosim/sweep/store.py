@@ -16,6 +16,7 @@ import time as clock
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from os import PathLike
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
@@ -213,12 +214,12 @@ class Store:
         return SweepSummary(len(self._points), done, len(errors), first)
 
 
-def read(folder: Path, columns: Sequence[str] | None = None) -> pa.Table:
+def read(folder: str | PathLike[str], columns: Sequence[str] | None = None) -> pa.Table:
     """All rows of a sweep so far, in the order of the plan: index, factors, metrics, curves, error.
 
     Parameters
     ----------
-    folder : Path
+    folder : path
     columns : sequence of str, optional
         Only these, after the index: ten million rows with all columns need gigabytes.
 
@@ -227,8 +228,9 @@ def read(folder: Path, columns: Sequence[str] | None = None) -> pa.Table:
     SweepError
         There is no sweep in this folder, it has no such column, or a file is damaged.
     """
-    sweep_question(folder)
-    return _without_repeats(_scan(folder, None if columns is None else ["index", *columns]))
+    where = Path(folder)
+    sweep_question(where)
+    return _without_repeats(_scan(where, None if columns is None else ["index", *columns]))
 
 
 def sweep_question(folder: Path) -> dict[str, Any]:

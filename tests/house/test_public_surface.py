@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import dataclasses
 import inspect
 import re
 import textwrap
@@ -112,12 +113,21 @@ def test_names_in_the_text_of_pages_are_public() -> None:
     assert checked > 3
 
 
+def typed_names(door: str) -> dict[str, str]:
+    """Name -> module of what type checkers and editors see behind a door."""
+    tree = ast.parse(sources()[door].read_text(encoding="utf-8"))
+    blocks = (n for n in tree.body if isinstance(n, ast.If) and ast.unparse(n.test) == "TYPE_CHECKING")
+    imports = [n for block in blocks for n in block.body if isinstance(n, ast.ImportFrom)]
+    return {alias.name: node.module or "" for node in imports for alias in node.names}
+
+
 @pytest.mark.parametrize("door", DOORS)
 def test_a_door_shows_what_it_says(door: str) -> None:
     module = import_module(door)
     names = module.__all__
     assert len(set(names)) == len(names) > 0
     assert sorted(name for name in names if not name.startswith("__")) == sorted(module._MODULES)
+    assert typed_names(door) == {name: module._MODULES[name] for name in names if name != "__version__"}
     for name in names:
         found = getattr(module, name)
         if inspect.isclass(found) or inspect.isfunction(found):
@@ -125,6 +135,33 @@ def test_a_door_shows_what_it_says(door: str) -> None:
             assert found.__module__.partition(".")[0] == door.partition(".")[0]
     with pytest.raises(AttributeError, match=f"module '{door}' has no attribute 'nothing'"):
         _ = module.nothing
+
+
+def public_functions(door: str) -> Iterator[tuple[str, inspect.Signature]]:
+    """Functions behind a door, and what makes and does the methods of its classes; not those that hand out results."""
+    module = import_module(door)
+    for name in module.__all__:
+        found = getattr(module, name)
+        if inspect.isfunction(found):
+            yield name, inspect.signature(found)
+        elif inspect.isclass(found) and not dataclasses.is_dataclass(found):
+            for method, function in vars(found).items():
+                function = getattr(function, "__func__", function)
+                if inspect.isfunction(function) and (method == "__init__" or not method.startswith("_")):
+                    yield f"{name}.{method}", inspect.signature(function)
+
+
+def test_whoever_has_the_name_of_a_file_as_text_gives_it_as_text() -> None:
+    """All functions take paths alike."""
+    paths = {
+        f"{door}.{name}({parameter.name})": str(parameter.annotation)
+        for door in DOORS
+        for name, signature in public_functions(door)
+        for parameter in signature.parameters.values()
+        if re.search(r"\bPath\b|PathLike", str(parameter.annotation)) and "Callable" not in str(parameter.annotation)
+    }
+    assert len(paths) > 40
+    assert {name for name, kind in paths.items() if not re.search(r"\bstr \| (os\.)?PathLike\[str\]", kind)} == set()
 
 
 def reference() -> str:
