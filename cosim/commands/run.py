@@ -145,8 +145,8 @@ def register(subparsers: Any) -> None:
         action="append",
         default=[],
         metavar="COMPONENT.NAME=VALUE",
-        help="start value of a variable, as controller.alpha=2: a number, true or false, an item of an enumeration, or "
-        "a text; may be repeated",
+        help="start value of a variable, as controller.alpha=2: a number, true or false, an item of an enumeration, a "
+        "text, or numbers of a vector, as controller.S=2,2,3; may be repeated",
     )
     parser.add_argument(
         "--input",

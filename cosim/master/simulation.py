@@ -924,7 +924,7 @@ class Simulation:
                 run.initialize(starts, experiments)
                 tried = {} if self._algorithm.demanded else run.refused_derivatives()
             except InterruptedInCall as stop:
-                results = self._nothing_yet(grid, record_every, experiments, assumed, samples.drives)
+                results = self._nothing_yet(grid, record_every, experiments, assumed, samples.drives, starts)
                 results.info["status"] = "interrupted"
                 raise SimulationInterrupted(stop.time, results) from None
             except SimulationError as error:
@@ -940,7 +940,7 @@ class Simulation:
                 assumed.append(error.component)
             else:
                 if not self._do_without(Refusals(tried)):
-                    return run, self._nothing_yet(grid, record_every, experiments, assumed, samples.drives)
+                    return run, self._nothing_yet(grid, record_every, experiments, assumed, samples.drives, starts)
 
     def _refused_outputs(self, run: Run) -> Refusals:
         """Outputs without which a run could begin that has failed to."""
@@ -969,6 +969,7 @@ class Simulation:
         experiments: Mapping[str, ExperimentSetup],
         assumed: Sequence[str],
         drives: Sequence[Drive],
+        starts: Sequence[StartValue],
     ) -> Results:
         """Results without rows, that say how the run is made."""
         info = {
@@ -999,6 +1000,7 @@ class Simulation:
             "connections": {c.target: c.source for c in self._system.connections},
             **self._said_breakpoints(drives),
             "parameters": self._parameters(grid.start_time),
+            "start_values": _said(starts),
             **self._refusals.about(),
             **summary(self._messages.values()),
         }
@@ -1282,6 +1284,17 @@ def number_of_steps(start_time: float, stop_time: float, step_size: float) -> in
             f"stop at {near}, or change the step"
         )
     return steps
+
+
+def _said(starts: Sequence[StartValue]) -> dict[str, Any]:
+    """Start values as JSON can have them: items of enumerations by their names, binary values by digits of base 16."""
+    found: dict[str, Any] = {}
+    for start in starts:
+        for element, value in zip(start.elements if len(start.elements) <= LARGE else (), start.values, strict=False):
+            names = {number: name for name, number in element.items.items()}
+            said = value.hex() if isinstance(value, bytes) else names.get(value, value) if names else value
+            found[f"{start.component}.{element.name}"] = said
+    return found
 
 
 def _large(ports: Mapping[str, Ports]) -> list[str]:

@@ -21,6 +21,8 @@ _FORMAT = 1
 
 #: Names in messages for properties of a run.
 _WORDS = {
+    "step_size": "communication step",
+    "start_time": "start time",
     "fmus": "FMU file of",
     "tolerances": "tolerance of",
     "components": "interval of",
@@ -126,5 +128,9 @@ class RunState:
                 return cls(head["made_with"], head["point"], fmus, *arrays, texts, head["notes"])
         except SetupError:
             raise
+        except OSError as error:
+            why = f"{error.strerror or error}; check the path"
+            raise SetupError(f"{path}: can't be read as the state of a run: {why}") from error
         except Exception as error:  # numpy raises many kinds for damaged files
-            raise SetupError(f"{path}: can't be read as the state of a run: {' '.join(str(error).split())}") from error
+            why = "it is not one, or it is damaged; name a file that RunState.write wrote"
+            raise SetupError(f"{path}: can't be read as the state of a run: {why}") from error

@@ -139,6 +139,9 @@ class SteppedRun:
                 instance.is_stepped = True
         self._exchange()
 
+    def __repr__(self) -> str:
+        return f"SteppedRun: at t = {self.time:.9g} s, {'ended' if self._ended else 'running'}"
+
     @property
     def time(self) -> float:
         """Time (s) of the communication point where the run stands."""
@@ -265,7 +268,9 @@ class SteppedRun:
         """
         exact = (time - self.time) / self.step_size
         if not math.isfinite(exact) or exact < -_STEP_TOLERANCE:
-            raise SetupError(f"advance_to({time!r}): the run stands at t = {self.time:.9g} s already; runs only go on")
+            raise SetupError(
+                f"advance_to({time!r}): the run is at t = {self.time:.9g} s already; restore a saved state to go back"
+            )
         n = round(exact)
         if abs(exact - n) > _STEP_TOLERANCE * max(1, n):
             raise SetupError(
@@ -405,7 +410,7 @@ class SteppedRun:
             n = len(quantity.elements)
             if numbers.shape == ((n,) if numbers.ndim else ()) and math.isfinite(float(numbers.sum())):
                 return numbers
-        values = resolve_start_value(self._system.ports[quantity.component], quantity.variable, value).values
+        values = resolve_start_value(self._system.ports[quantity.component], quantity.variable, value, "value").values
         return quantity.type.slots(values, quantity.texts)
 
     def _exchange_again(self) -> None:

@@ -288,6 +288,11 @@ def _shape(where: str, spec: Mapping[str, Any], folder: Path) -> Shape:
     fields = {field.name: field for field in dataclasses.fields(kind) if field.init}
     required = [name for name, field in fields.items() if field.default is dataclasses.MISSING]
     types = {name: hints[name] if hints[name] in (int, float) else str for name in fields}
+    for key, value in spec.items():
+        if isinstance(value, bool) and types.get(key) is float:
+            raise ScenarioError(
+                f"{where} {key} = {str(value).lower()} must be a number; a Boolean input is true at 1, false at 0"
+            )
     values = _fields(where, {k: v for k, v in spec.items() if k != "shape"}, types, required, further=("shape",))
     for path in set(kind.paths) & set(values):
         values[path] = str(folder / values[path])
@@ -367,8 +372,8 @@ def _value(where: str, value: Any, kind: type) -> Any:
             list: "a list of names",
             bool: "true or false",
         }
-        what = words[kind]
-        raise ScenarioError(f"{where} = {value!r} must be {what}")
+        said = str(value).lower() if isinstance(value, bool) else repr(value)
+        raise ScenarioError(f"{where} = {said} must be {words[kind]}")
     if kind is float and not (math.isfinite(value) if isinstance(value, float) else abs(value) <= sys.float_info.max):
         raise ScenarioError(f"{where} = {value!r} must be finite")
     return kind(value)

@@ -269,8 +269,11 @@ def _transformation(
         return connection.factor, connection.offset
     try:
         factor, offset = conversion(a, b, relative=target_port.is_relative(target))
-    except UnitsDiffer as error:
-        raise SetupError(f"{here}: {error}") from None
+    except UnitsDiffer:
+        raise SetupError(
+            f"{here}: units '{a.name}' and '{b.name}' don't match; give both ends one unit, "
+            "or connect with units='ignore' and a factor and offset of your own"
+        ) from None
     if connection.units == "equal" and (factor, offset) != (1.0, 0.0):
         raise SetupError(
             f"{here}: units '{a.name}' and '{b.name}' don't match; convert one of them in its FMU, "
@@ -288,12 +291,12 @@ def _drive(signal: Signal, ports: Mapping[str, Ports], system: System) -> Drive:
     return Drive(component, tuple(targets), function, signal.breakpoints, signal.vectorized, every, signal.added)
 
 
-def resolve_start_value(port: Ports, name: str, value: Any) -> StartValue:
-    """Start values of the elements of one name.
+def resolve_start_value(port: Ports, name: str, value: Any, what: str = "start value") -> StartValue:
+    """Start values of the elements of one name; `what` is their name in messages.
 
     One value serves for all elements of a vector. Booleans and enumerations take their words as well, as "true" and the
-    name of an item; so a text that a user has typed needs no type. Binary values are bytes, or digits of base 16 where
-    a user has typed them.
+    name of an item; so a text that a user has typed needs no type. Typed lists are written `1,2` or `[1, 2]`, matrices
+    row by row. Binary values are bytes, or digits of base 16 where a user has typed them.
 
     Raises
     ------
@@ -301,7 +304,7 @@ def resolve_start_value(port: Ports, name: str, value: Any) -> StartValue:
         There is no such variable, it can't be set, or the value does not fit it.
     """
     elements = [port.original(element) for element in port.find(name)]
-    here = f"start value of '{port.component}.{name}'"
+    here = f"{what} of '{port.component}.{name}'"
     for element in elements:
         variable = element.variable
         settable = variable.causality == "input" or variable.initial in ("exact", "approx")
@@ -311,7 +314,7 @@ def resolve_start_value(port: Ports, name: str, value: Any) -> StartValue:
             raise SetupError(f"{here}: clocks have none; have a signal or a connection feed a triggered one")
         if not settable or variable.variability == "constant":
             raise SetupError(f"{here}: {variable.causality} variables can't be set; set parameters and inputs only")
-    values = _flat(value)
+    values = _flat(_typed_list(value) if len(elements) > 1 and not elements[0].type.is_text else value)
     if values is None:
         raise SetupError(f"{here}: {value!r} is not a number or a list of numbers")
     if len(values) == 1:
@@ -331,6 +334,13 @@ def _interval(here: str, value: Any) -> float:
     if not (math.isfinite(interval) and interval > 0.0):
         raise SetupError(f"{here}: {value!r} is no interval of a clock; give a positive number of seconds")
     return interval
+
+
+def _typed_list(value: Any) -> Any:
+    """The parts of a list that a user has typed; anything else as it is."""
+    if not isinstance(value, AsWritten):
+        return value
+    return [AsWritten(part.strip("[] ")) for part in value.split(",")]
 
 
 def _flat(value: Any) -> list[Any] | None:
@@ -379,7 +389,7 @@ def _read(here: str, element: Element, text: str) -> int | float | str:
     if element.kind in ("real", "integer") and not isinstance(text, AsWritten):
         raise SetupError(f"{here}: {text!r} is not a number or a list of numbers")
     hint = f"; {nearest(text, element.words)}" if element.words else ""
-    raise SetupError(f"{here}: {str(text)!r} is no value of type {element.variable.type}{hint}")
+    raise SetupError(f"{here}: {str(text)!r} is not a value of type {element.variable.type}{hint}")
 
 
 def _check_bounds(here: str, element: Element, value: Any) -> None:

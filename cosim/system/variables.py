@@ -100,7 +100,9 @@ class Element:
         """
         if isinstance(value, str) and self.words:
             if value not in self.words:
-                raise ArgumentError(f"{value!r} is no value of type {self.variable.type}; {nearest(value, self.words)}")
+                raise ArgumentError(
+                    f"{value!r} is not a value of type {self.variable.type}; {nearest(value, self.words)}"
+                )
             return self.type.value(self.words[value])
         known = self.type.value(value)
         if self.kind == "enumeration" and self.items and known not in self.items.values():

@@ -236,14 +236,14 @@ def files_in(folder: Path) -> dict[Path, bytes]:
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        (["--step", "0.002"], "other step_size: 0.001 then, 0.002 now"),
+        (["--step", "0.002"], "other communication step: 0.001 then, 0.002 now"),
         (["--set", "tank.T=2"], "other start value of tank.T: none then, 2.0 now"),
         (["--order", "parallel"], "other order: sequential then, parallel now"),
         (["--extrapolation", "hold"], "other extrapolation"),
         (["--record", "tank.x"], "other recorded variables"),
         (["--record-every", "2"], "other record_every: 1 then, 2 now"),
         (["--seed", "2"], "other signal of tank.u"),
-        (["--start", "0.5"], "other start_time: 0.0 then, 0.5 now"),
+        (["--start", "0.5"], "other start time: 0.0 then, 0.5 now"),
         (["--fmu", "tank=Other.fmu"], "other FMU file of tank"),
         (["--stop", "0.5"], "beyond the stop time"),
     ],

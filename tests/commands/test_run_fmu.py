@@ -100,18 +100,25 @@ def test_values_of_every_type_are_read_by_the_type_of_their_variable() -> None:
     found = results("probe")
     assert [found[f"probe.{name}"][-1] for name in ("y", "n_out", "e_out", "b_out")] == [1.5, -3.0, 2.0, 1.0]
     assert Path("5").stat().st_size > 0  # where the FMU keeps its journal
+    assert summary("probe")["start_values"] == {
+        "probe.u": 1.5,
+        "probe.n": -3,
+        "probe.e": "on",
+        "probe.b": True,
+        "probe.journal": "5",
+    }
 
 
 @pytest.mark.usefixtures("here")
 @pytest.mark.parametrize(
     ("value", "says"),
     [
-        ("b=maybe", "start value of 'probe.b': 'maybe' is no value of type Boolean"),
+        ("b=maybe", "start value of 'probe.b': 'maybe' is not a value of type Boolean"),
         ("b=2", "start value of 'probe.b': 2 is not a value of type Boolean"),
-        ("e=onn", "start value of 'probe.e': 'onn' is no value of type Enumeration; did you mean 'on'?"),
+        ("e=onn", "start value of 'probe.e': 'onn' is not a value of type Enumeration; did you mean 'on'?"),
         ("n=1.5", "start value of 'probe.n': 1.5 is not a value of type Integer"),
-        ("n=true", "start value of 'probe.n': 'true' is no value of type Integer"),
-        ("u=", "start value of 'probe.u': '' is no value of type Real"),
+        ("n=true", "start value of 'probe.n': 'true' is not a value of type Integer"),
+        ("u=", "start value of 'probe.u': '' is not a value of type Real"),
         ("y=1", "start value of 'probe.y'"),
         ("w=1", "component 'probe' has no variable 'w'"),
         ("u", "--set u: write COMPONENT.NAME=VALUE"),

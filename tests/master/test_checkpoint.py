@@ -248,9 +248,9 @@ def resumed(
 @pytest.mark.parametrize(
     ("other", "says"),
     [
-        ({"step": 0.2}, r"other step_size: 0\.1 then, 0\.2 now"),
+        ({"step": 0.2}, r"other communication step: 0\.1 then, 0\.2 now"),
         ({"order": "parallel"}, "other order: sequential then, parallel now"),
-        ({"start_time": 1.0}, r"other start_time: 0\.0 then, 1\.0 now"),
+        ({"start_time": 1.0}, r"other start time: 0\.0 then, 1\.0 now"),
         ({"start": {"T": 2.0}}, r"other start value of i\.T: none then, 2\.0 now"),
         ({"record": ["i.x"]}, "other recorded variables"),
         ({"record_every": 2}, "other record_every: 1 then, 2 now"),

@@ -371,8 +371,8 @@ def test_booleans_and_enumerations_take_their_words(probe: Path) -> None:
         assert outputs() == [0.5, 3.0, 1.0, 0.0]
         assert outputs(e="on", b="true") == outputs(e=2, b=True) == outputs(e="2", b="1") == [0.5, 3.0, 2.0, 1.0]
         for start, message in (
-            ({"e": "om"}, r"start value of 'p\.e': 'om' is no value of type Enumeration; did you mean 'on'\?"),
-            ({"b": "yes"}, r"'yes' is no value of type Boolean; known are false, true"),
+            ({"e": "om"}, r"start value of 'p\.e': 'om' is not a value of type Enumeration; did you mean 'on'\?"),
+            ({"b": "yes"}, r"'yes' is not a value of type Boolean; known are false, true"),
             ({"n": "3.5"}, r"3\.5 is not a value of type Integer"),
             ({"u": "true"}, r"'true' is not a number or a list of numbers"),
             ({"journal": 3.0}, r"3\.0 is not a value of type String"),

@@ -144,7 +144,10 @@ def test_the_state_of_another_run_is_refused(tiny: Path) -> None:
         with simulation.start(step_size=0.1) as run:
             run.step(3)
             state = run.save()
-        for options, what in (({"step_size": 0.2}, "step_size"), ({"step_size": 0.1, "start_time": 1.0}, "start_time")):
+        for options, what in (
+            ({"step_size": 0.2}, "communication step"),
+            ({"step_size": 0.1, "start_time": 1.0}, "start time"),
+        ):
             with simulation.start(**options) as run, pytest.raises(SetupError, match=rf"other {what}"):
                 run.restore(state)
         with simulation.start(step_size=0.1, stop_time=0.2) as run, pytest.raises(SetupError, match="beyond the stop"):

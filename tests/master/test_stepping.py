@@ -147,8 +147,8 @@ def test_a_value_that_does_not_fit_is_refused_and_the_run_goes_on(tiny: Path, va
         (lambda run: run.step(True), "positive whole number"),
         (lambda run: run.step(4), "beyond the stop time 0.3 s"),
         (lambda run: run.advance_to(0.15), r"around it are at 0.1 s and 0.2 s"),
-        (lambda run: run.advance_to(-0.1), "runs only go on"),
-        (lambda run: run.advance_to(float("nan")), "runs only go on"),
+        (lambda run: run.advance_to(-0.1), "restore a saved state to go back"),
+        (lambda run: run.advance_to(float("nan")), "restore a saved state to go back"),
     ],
 )
 def test_steps_that_make_no_sense_are_refused(tiny: Path, act, message: str) -> None:

@@ -202,7 +202,7 @@ def test_metrics_that_record_leaves_out_are_said(capsys: pytest.CaptureFixture[s
         (["--set", "gain.u[2]=1"], "'gain.u[2]' is fed by a connection or a signal; change the scenario's TOML"),
         (["--set", "lag.u=1"], "'lag.u' is fed by a connection or a signal"),
         (["--set", "lga.T=1"], "has no component 'lga'; did you mean 'lag'?"),
-        (["--set", "lag.T=long"], "'long' is no value of type Real"),
+        (["--set", "lag.T=long"], "'long' is not a value of type Real"),
         (["--flavour", "fmi3"], "--flavour is for scenarios of parallel_robot"),
         (["--fmus", "there"], "--fmus is for scenarios of parallel_robot"),
         (["--input", "in.csv"], "--input is for a single FMU"),

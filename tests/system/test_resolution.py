@@ -9,6 +9,7 @@ import pytest
 
 from cosim import SetupError, System
 from cosim.system.resolution import ResolvedSystem, resolve, resolve_start_value
+from cosim.system.system import AsWritten
 from cosim.system.variables import Ports
 from tests.support.descriptions import fmi2, ports
 
@@ -87,7 +88,7 @@ def test_two_names_of_one_unit_are_equal() -> None:
 @pytest.mark.parametrize("units", ["equal", "convert"])
 @pytest.mark.parametrize(("source", "target"), [("K", "m"), ("K", "strange"), ("strange", "K")])
 def test_units_of_other_quantities_or_of_none_are_refused(source: str, target: str, units: str) -> None:
-    with pytest.raises(SetupError, match=f"units '{source}' and '{target}' don't match; convert one of them"):
+    with pytest.raises(SetupError, match=f"units '{source}' and '{target}' don't match; give both ends one unit"):
         transformed(f"unit={source}", f"unit={target}", units=units)
 
 
@@ -195,6 +196,19 @@ def test_numbers_of_vectors() -> None:
         bad[place] = np.inf
         with pytest.raises(SetupError, match="inf is not a finite number"):
             set_to(VECTOR, bad, "v")
+
+
+@pytest.mark.parametrize("text", ["1,2.5,3", "[1, 2.5, 3]", "[[1], [2.5], [3]]", " 1 , 2.5 , 3 "])
+def test_a_list_that_was_typed_is_a_vector(text: str) -> None:
+    assert set_to(VECTOR, AsWritten(text), "v") == [1.0, 2.5, 3.0]
+    assert set_to(VECTOR, AsWritten("4"), "v") == [4.0] * 3
+    with pytest.raises(SetupError, match="'c.v': 2 values were given for 3$"):
+        set_to(VECTOR, AsWritten("1,2"), "v")
+    with pytest.raises(SetupError, match="'c.v': 'x' is not a value of type Real$"):
+        set_to(VECTOR, AsWritten("1,x,3"), "v")
+    assert set_to("v input String", AsWritten("1,2"), "v") == ["1,2"]
+    with pytest.raises(SetupError, match="'1,2' is not a value of type Real"):
+        set_to(REAL, AsWritten("1,2"), "v")
 
 
 @pytest.mark.parametrize(

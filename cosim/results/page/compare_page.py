@@ -84,7 +84,7 @@ def _differences(runs: Mapping[str, Recorded]) -> Section:
     infos = [run.info for run in runs.values()]
     for heading, column, values in (
         ("Settings", "setting", [_settings(info) for info in infos]),
-        ("Start values", "variable", [info.get("parameters", {}) for info in infos]),
+        ("Start values", "variable", [facts.start_values(info) for info in infos]),
         ("FMUs", "component", [_hashes(info) for info in infos]),
         ("Connections", "input", [info.get("connections", {}) for info in infos]),
         ("Input signals", "input", [_signals(info) for info in infos]),

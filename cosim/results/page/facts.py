@@ -39,6 +39,11 @@ def flattened(entries: Mapping[str, Any], before: str = "") -> dict[str, Any]:
     return found
 
 
+def start_values(info: Mapping[str, Any]) -> dict[str, Any]:
+    """Real parameters as the FMUs had them, and all else that was set for the run, by name."""
+    return {**info.get("parameters", {}), **info.get("start_values", {})}
+
+
 def title_of(info: Mapping[str, Any], otherwise: str) -> str:
     """The title of a run."""
     return str(info.get("title") or info.get("scenario") or otherwise)

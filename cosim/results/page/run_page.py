@@ -156,12 +156,10 @@ def _facts(run: Recorded, log: str) -> Sequence[Section]:
     found += [Section("profile", "Time and error", html) for html in [facts.profile(info)] if html]
     if metrics := facts.flattened(info.get("metrics") or {}):
         found.append(Section("metrics", "Metrics", facts.pairs(metrics, ("metric", "value"), "Metrics")))
-    if parameters := info.get("parameters"):
-        table = facts.pairs(parameters, ("parameter", "value"), "Parameters")
+    if values := facts.start_values(info):
+        table = facts.pairs(values, ("variable", "value"), "Start values")
         found.append(
-            Section(
-                "parameters", "Parameters", f"<details><summary>{len(parameters)} values</summary>{table}</details>"
-            )
+            Section("parameters", "Start values", f"<details><summary>{len(values)} values</summary>{table}</details>")
         )
     if html := facts.made(info):
         found.append(Section("made", "How it was made", html))
