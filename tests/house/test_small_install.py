@@ -19,7 +19,8 @@ from tests.support import some
 from tests.support.native_fmus import DEFAULT_FLAVOUR
 from tests.support.sources import CHECKOUT, sources
 
-pytestmark = pytest.mark.slow  # each starts interpreters that have to do without many packages
+#: Each starts an interpreter that has to do without many packages.
+slow = pytest.mark.slow
 
 PROJECT = tomllib.loads((CHECKOUT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 NAME = PROJECT["name"]
@@ -127,6 +128,7 @@ print(repr(results), results._repr_html_()[:7], results.values.tobytes() == np.l
 """
 
 
+@slow
 def test_the_base_couples_fmus_and_writes_all_formats(folder: Path) -> None:
     done = process(COUPLE, folder)
     assert done.returncode == 0, done.stderr
@@ -134,6 +136,7 @@ def test_the_base_couples_fmus_and_writes_all_formats(folder: Path) -> None:
     assert done.stdout.endswith("<iframe True\n")
 
 
+@slow
 def test_every_module_of_the_base_is_imported(tmp_path: Path) -> None:
     """The packages themselves, and all of cosim that is not about an extra."""
     about_extras = (
@@ -152,6 +155,7 @@ def test_every_module_of_the_base_is_imported(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
 
 
+@slow
 @pytest.mark.parametrize(
     "command",
     [
@@ -170,6 +174,7 @@ def test_commands_of_the_base_run(folder: Path, command: list[str]) -> None:
     assert done.stdout
 
 
+@slow
 @pytest.mark.parametrize("command", [["run", "fmus/fmi2/RobotTrajectory.fmu"], ["run", "tracking"], ["run", "my.toml"]])
 def test_runs_of_the_base_write_all_but_figures(folder: Path, command: list[str]) -> None:
     (folder / "my.toml").write_text(
@@ -207,6 +212,7 @@ FROM_PYTHON = {
 }
 
 
+@slow
 @pytest.mark.parametrize("extra", FROM_PYTHON)
 def test_from_python_a_missing_extra_is_an_error_with_one_line(tmp_path: Path, extra: str) -> None:
     code, package = FROM_PYTHON[extra]
@@ -226,6 +232,7 @@ def test_every_extra_of_the_users_is_tried() -> None:
     assert {*FROM_PYTHON, "all"} == set(FOR_USERS)
 
 
+@slow
 @pytest.mark.parametrize(
     ("command", "extra"),
     [

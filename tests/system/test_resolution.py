@@ -202,9 +202,9 @@ def test_numbers_of_vectors() -> None:
 def test_a_list_that_was_typed_is_a_vector(text: str) -> None:
     assert set_to(VECTOR, AsWritten(text), "v") == [1.0, 2.5, 3.0]
     assert set_to(VECTOR, AsWritten("4"), "v") == [4.0] * 3
-    with pytest.raises(SetupError, match="'c.v': 2 values were given for 3$"):
+    with pytest.raises(SetupError, match=r"'c.v': 2 values were given for 3$"):
         set_to(VECTOR, AsWritten("1,2"), "v")
-    with pytest.raises(SetupError, match="'c.v': 'x' is not a value of type Real$"):
+    with pytest.raises(SetupError, match=r"'c.v': 'x' is not a value of type Real$"):
         set_to(VECTOR, AsWritten("1,x,3"), "v")
     assert set_to("v input String", AsWritten("1,2"), "v") == ["1,2"]
     with pytest.raises(SetupError, match="'1,2' is not a value of type Real"):
