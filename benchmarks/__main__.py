@@ -25,6 +25,7 @@ from benchmarks.loop import measure_loop, measure_pythonfmu, measure_stepping
 from benchmarks.masters import measure_masters
 from benchmarks.measure import Section
 from benchmarks.packed import measure_packed
+from benchmarks.pages import measure_pages
 from benchmarks.placement import measure_placement
 from benchmarks.plant_step import measure_plant_step
 from benchmarks.scaling import measure_chain, measure_many, measure_program
@@ -55,6 +56,7 @@ PARTS: dict[str, Callable[[Path], Section | list[Section]]] = {
     "solvers": lambda _: measure_solvers(),
     "packed": measure_packed,
     "exporters": lambda _: measure_exporters(),
+    "pages": measure_pages,
 }
 
 

@@ -59,6 +59,7 @@ function startLive(root) {
   }
 
   function show(result, { took, waited }) {
+    const heard = performance.now();
     complain(result.error ?? "");
     const { step, robot } = live;
     state.run = { robot, start: 0, step, rows: result.rows, columns: result.columns, time: result.time, readings: result };
@@ -75,10 +76,11 @@ function startLive(root) {
     read(".peak", result.peak);
     read(".effort", result.effort);
     draw();
-    const drawn = performance.now();
     find(".state").textContent = `${stop} s of the robot, computed in ${took.toFixed(0)} ms on this machine`;
-    root.dataset.waited = (waited + performance.now() - drawn).toFixed(1);
-    root.dataset.runs = Number(root.dataset.runs ?? 0) + 1;
+    requestAnimationFrame(() => { // plots are drawn before
+      root.dataset.waited = (waited + performance.now() - heard).toFixed(1);
+      root.dataset.runs = Number(root.dataset.runs ?? 0) + 1;
+    });
     clearTimeout(spoken);
     spoken = setTimeout(() => (find(".spoken").textContent = result.error ?? words(result)), 700); // not at each move
   }
