@@ -5,6 +5,7 @@ from __future__ import annotations
 from os import PathLike
 from typing import Literal
 
+from cosim.master.algorithm import fixed
 from cosim.ssp.errors import SSPError
 from cosim.ssp.writer import Experiment, ParameterSet, write_ssp
 from parallel_robot.paper.reproduce.table import table1
@@ -53,7 +54,7 @@ def write_robot_ssp(
         path,
         scenario.system(folder, flavour),
         "RobotClosedLoop",
-        Experiment(scenario.stop_time, scenario.step_size),
+        Experiment(scenario.stop_time, fixed(scenario.step_size, "an SSP has")),
         sets,
         version=version,
         description=_DESCRIPTION,

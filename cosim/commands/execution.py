@@ -73,7 +73,7 @@ class Plan:
     """Times of a run (s), how values are exchanged, and what is recorded when."""
 
     stop_time: float
-    step_size: float
+    step_size: float | str
     start_time: float = 0.0
     order: str = "sequential"
     extrapolation: str = "auto"
@@ -85,7 +85,9 @@ class Plan:
     iterations: int | str | None = None
 
     @classmethod
-    def from_options(cls, args: argparse.Namespace, stop_time: float, step_size: float, start_time: float) -> Self:
+    def from_options(
+        cls, args: argparse.Namespace, stop_time: float, step_size: float | str, start_time: float
+    ) -> Self:
         """The plan of a system that itself says no more than these times (s)."""
         keys = ("order", "extrapolation", "record", "record_every", "tolerance", "solver", "solver_step", "iterations")
         given = {key: getattr(args, key) for key in keys}
@@ -316,6 +318,8 @@ def execute(
         with _shown_live(prepared.title, plan, simulation) if live else nullcontext() as view:
             if view is not None:
                 run = partial(run, observe=view.observe, steering=view.steering)
+            if isinstance(plan.step_size, str):  # how long it will be is not known
+                return run()
             points = number_of_steps(plan.start_time, plan.stop_time, plan.step_size) + 1
             n_values = points // max(1, plan.record_every) * (len(simulation.names) + 1)
             if n_values <= MOST_VALUES_IN_MEMORY or coupling_tolerance is not None:  # how long it will be is not known
@@ -591,7 +595,7 @@ def in_words(prepared: PreparedRun, summary: Mapping[str, Any]) -> str:
     duration = plan.stop_time - plan.start_time
     lines = [
         prepared.title,
-        f"{duration:g} s at {summary['step_size'] * 1e3:g} ms, {plan.order} order: loop {summary['loop_time_s']:.2f} s",
+        f"{duration:g} s at {_step(summary)}, {plan.order} order: loop {summary['loop_time_s']:.2f} s",
         _extrapolation(summary["extrapolation"]),
         *_model_exchange(summary),
         *_iterations(summary),
@@ -613,6 +617,18 @@ def in_words(prepared: PreparedRun, summary: Mapping[str, Any]) -> str:
         values = {name: summary["metrics"][name] for name in prepared.metrics}
         lines += ["", *(f"{name:<40}{'-' if v is None else f'{v:.6g}':>14}" for name, v in values.items())]
     return "\n".join(lines)
+
+
+def _step(summary: Mapping[str, Any]) -> str:
+    """The communication step, or what variable ones were like."""
+    if found := summary.get("variable_steps"):
+        if not found["steps"]:
+            return "variable steps"
+        return (
+            f"{found['steps']} variable steps of {found['shortest'] * 1e3:.3g} to {found['longest'] * 1e3:.3g} ms for "
+            f"a coupling error of {found['tolerance']:g} ({found['rejected']} rejected)"
+        )
+    return f"{summary['step_size'] * 1e3:g} ms"
 
 
 def _iterations(summary: Mapping[str, Any]) -> list[str]:

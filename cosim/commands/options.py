@@ -14,7 +14,7 @@ from cosim.files.kinds import MODEL_DESCRIPTION, SSD, SSV, kind_of, not_read
 from cosim.fmi.interfaces import INTERFACES
 from cosim.fmi.isolation.limits import Limits, parse_bytes
 from cosim.fmi.message_log import LEVELS, Log
-from cosim.master.algorithm import AUTO, EXTRAPOLATIONS, LOOPS, ORDERS, SOLVERS
+from cosim.master.algorithm import AUTO, EXTRAPOLATIONS, LOOPS, ORDERS, SOLVERS, VARIABLE
 
 #: Name of the log among the results.
 LOG_FILE = "messages.log"
@@ -60,6 +60,16 @@ def add_model_exchange_options(parser: argparse._ActionsContainer) -> None:
         metavar="H",
         help="step of rk4 in s, which divides the communication step (default: that step)",
     )
+
+
+def step_of(text: str) -> float | str:
+    """A communication step (s), or that it is variable, as an option gives it."""
+    if text == VARIABLE:
+        return text
+    try:
+        return float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is no number (s), nor '{VARIABLE}'") from None
 
 
 def _iterations(text: str) -> int | str:

@@ -13,6 +13,7 @@ from typing import Any
 from cosim.commands.options import add_algorithm_options, standard_of
 from cosim.errors import CosimError
 from cosim.files.temporary import TemporaryFolder
+from cosim.master.algorithm import fixed
 from cosim.scenario.family import families
 from cosim.system.system import System
 
@@ -165,7 +166,11 @@ def _reading(args: argparse.Namespace) -> Iterator[_Read]:
         scenario, family = scenario_of(args)
         scenario, system = system_of(scenario, family, args)
         yield _Read(
-            *(scenario.title, system, scenario.step_size, scenario.start_time, scenario.stop_time),
+            scenario.title,
+            system,
+            fixed(scenario.step_size, "a packed system takes"),
+            scenario.start_time,
+            scenario.stop_time,
             *(scenario.order, scenario.extrapolation, scenario.tolerance),
         )
         return

@@ -18,6 +18,7 @@ from cosim.commands.options import (
     add_place_options,
     add_signature_option,
     standard_of,
+    step_of,
     take_from_isolated,
 )
 from cosim.errors import SetupError
@@ -66,7 +67,12 @@ def register(subparsers: Any) -> None:
     parser.add_argument(
         "--build", action="store_true", help="compile the C sources of FMUs that have no binary for this machine"
     )
-    parser.add_argument("--step", type=float, metavar="H", help="communication step in s")
+    parser.add_argument(
+        "--step",
+        type=step_of,
+        metavar="H|variable",
+        help="communication step in s; variable: as long as the coupling tolerance allows (1e-4 by default)",
+    )
     parser.add_argument("--start", type=float, metavar="T", help="start time in s")
     parser.add_argument("--stop", type=float, metavar="T", help="stop time in s")
     parser.add_argument(

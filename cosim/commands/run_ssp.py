@@ -84,10 +84,15 @@ def read_description(path: Path, standard: Standard, unpacked: Path, args: argpa
         from cosim.osp.reader import read_osp
 
         refuse({"--ssv": args.ssv}, "is for SSPs; an OSP configuration takes start values by --set")
-        return read_osp(path, units=args.units or "ignore", step_size=args.step)
+        return read_osp(path, units=args.units or "ignore", step_size=_fixed(args.step))
     from cosim.ssp.reader import read_ssp
 
-    return read_ssp(path, unpacked, parameter_sets=args.ssv, units=args.units or "convert", step_size=args.step)
+    return read_ssp(path, unpacked, parameter_sets=args.ssv, units=args.units or "convert", step_size=_fixed(args.step))
+
+
+def _fixed(step: float | str | None) -> float | None:
+    """The step that intervals of components are multiples of; none where it is variable."""
+    return None if isinstance(step, str) else step
 
 
 def _plan(found: ReadSystem, path: Path, args: argparse.Namespace) -> Plan:

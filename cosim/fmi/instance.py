@@ -476,6 +476,14 @@ class Instance:
         self._kept.append(state)
         return kept
 
+    def keep(self, kept: KeptState) -> None:
+        """Keep the state of the FMU in room that `kept_state` gave."""
+        self.call(self._state_functions["get"], kept.state)
+
+    def go_back(self, kept: KeptState) -> None:
+        """Bring the FMU back to the state that was kept."""
+        self.call(self._state_functions["set"], kept.state[0])
+
     def check_states(self) -> None:
         """Whether the FMU has states that can be saved.
 

@@ -8,7 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
+
+import numpy as np
 
 from cosim.errors import SetupError
 
@@ -114,6 +117,9 @@ EXTRAPOLATIONS: dict[str, Extrapolation] = {}
 
 #: In place of the name of an extrapolation: the default, that of the order where FMUs can, else linear, else held.
 AUTO = "auto"
+
+#: In place of a communication step: as long as the coupling error allows.
+VARIABLE = "variable"
 
 #: In place of a number of iterations: as many as "auto" allows, for algebraic loops only; steps are not repeated.
 LOOPS = "loops"
@@ -281,6 +287,14 @@ register(
 )
 
 
+@cache
+def spacing(ratio: float, known: int) -> np.ndarray:
+    """Weights (known, known + 1) of values at 0, -1, ... -known, which give those of their polynomial at -ratio, ..."""
+    nodes = np.vander(-np.arange(known + 1.0), increasing=True)
+    wanted = np.vander(-ratio * np.arange(1.0, known + 1.0), known + 1, increasing=True)
+    return np.asarray(wanted @ np.linalg.inv(nodes))
+
+
 def can_be_extrapolated(own: int, source: int) -> bool:
     """Whether an input has a new value at each communication point of its component; else it is held.
 
@@ -358,6 +372,19 @@ def most_iterations(iterations: int | str | None) -> int:
     if isinstance(iterations, bool) or not isinstance(iterations, int) or iterations < 1:
         raise SetupError(f"iterations = {iterations!r} must be a positive whole number, or '{AUTO}' or '{LOOPS}'")
     return iterations
+
+
+def fixed(step_size: float | str, who: str) -> float:
+    """A communication step (s), for those who take no variable one.
+
+    Raises
+    ------
+    SetupError
+        It is variable.
+    """
+    if isinstance(step_size, str):
+        raise SetupError(f"{who} a fixed communication step, not '{step_size}'; give one (step_size, or --step)")
+    return step_size
 
 
 def _choices(registry: Mapping[str, Order] | Mapping[str, Extrapolation]) -> str:

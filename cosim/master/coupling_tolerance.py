@@ -103,8 +103,7 @@ class ToleranceSearch:
         tolerance: float,
         most_steps: int,
     ) -> None:
-        if not (isinstance(tolerance, int | float) and 0.0 < tolerance < 1.0):
-            raise SetupError(f"coupling tolerance {tolerance!r} must be a number between 0 and 1, relative, as 1e-4")
+        checked_tolerance(tolerance)
         if not names:
             raise SetupError(
                 "coupling tolerance: no real output is connected, and no coupling error known; leave it out"
@@ -249,6 +248,19 @@ class ToleranceSearch:
             ],
         }
         return results
+
+
+def checked_tolerance(tolerance: float) -> float:
+    """A coupling tolerance.
+
+    Raises
+    ------
+    SetupError
+        It makes no sense.
+    """
+    if not (isinstance(tolerance, int | float) and 0.0 < tolerance < 1.0):
+        raise SetupError(f"coupling tolerance {tolerance!r} must be a number between 0 and 1, relative, as 1e-4")
+    return tolerance
 
 
 def compared_names(recorded: Sequence[str], feeding: Sequence[str], *, chosen: bool) -> list[str]:

@@ -67,13 +67,18 @@ def iteration_of_steps(iterations: int | str | None) -> Iteration:
     return Iteration(MOST_ITERATIONS, must_converge=True) if iterations == AUTO else Iteration(int(iterations))
 
 
-def why_not_repeated(system: ResolvedSystem, functions: Mapping[str, PythonFunction]) -> str:
-    """Why steps of a system can't be repeated, in words that begin with a component; empty where they can."""
+def why_not_repeated(
+    system: ResolvedSystem, functions: Mapping[str, PythonFunction], *, to_other_points: bool = False
+) -> str:
+    """Why steps of a system can't be repeated, in words that begin with a component; empty where they can.
+
+    `to_other_points`: steps of other lengths are tried.
+    """
     for name, port in system.ports.items():
         function = functions.get(name)
         if function is not None:
-            is_called_again = function.owner is not None and function.inputs and function.direct_feedthrough
-            if is_called_again and not function.can_save:
+            is_called_again = to_other_points or (function.inputs and function.direct_feedthrough)
+            if function.owner is not None and is_called_again and not function.can_save:
                 return f"component '{name}': a {type(function.owner).__qualname__} has no save() and restore()"
             continue
         try:

@@ -28,7 +28,7 @@ from cosim.loop.binding import EXTRAPOLATED, NONE, Conversion, Extrapolated, Ope
 from cosim.loop.current_calls import codes
 from cosim.loop.iterated_step import Doing
 from cosim.master.algebraic_loops import TornExchange, first_guesses
-from cosim.master.algorithm import ORDERS, Extrapolation
+from cosim.master.algorithm import ORDERS, Extrapolation, spacing
 from cosim.master.events import Events, events_of
 from cosim.master.extrapolated_inputs import ExtrapolatedInputs
 from cosim.master.function_instance import FunctionInstance
@@ -276,6 +276,32 @@ class Exchange:
         for inputs, _ in self._extrapolated:
             inputs.known = 0
 
+    def space_history(self, ratio: float, last_step: float) -> None:
+        """Have extrapolated inputs know values at another distance, so many times that of the last step (s).
+
+        They are those of the polynomial that an extrapolation of this degree goes on with.
+        """
+        for (inputs, n), row in zip(self._extrapolated, self._rows_of_extrapolated(), strict=True):
+            known = min(inputs.known, inputs.points - 1, inputs.degree, 1 if inputs.rates else inputs.degree)
+            if known < 1:
+                continue
+            inputs.known = known
+            history = np.ctypeslib.as_array(inputs.history, (known, n))
+            now = self.values[row.operation.first : row.operation.first + n]
+            if not inputs.rates:
+                history[:] = spacing(ratio, known) @ np.vstack([now, history])
+                continue
+            rates = np.ctypeslib.as_array(inputs.rates, (2, n))
+            rate = last_step * self.values[inputs.first_rate : inputs.first_rate + n]
+            change = history[0] - now  # the cubic through both values and rates, one step ago and now
+            cubic = rates[1] + rate + 2.0 * change
+            square = change + rate + cubic
+            history[0] = now - ratio * (rate - ratio * (square - ratio * cubic))
+            rates[1] = ratio * (rate - ratio * (2.0 * square - 3.0 * ratio * cubic))
+
+    def _rows_of_extrapolated(self) -> list[NamedOperation]:
+        return [row for row in self.steps.rows if row.operation.kind == OperationKind.EXTRAPOLATE]
+
     def restore_history(self, numbers: np.ndarray) -> None:
         """Give extrapolated inputs what `history` gave."""
         rest = numbers.tolist()
@@ -292,8 +318,11 @@ class Exchange:
 
     def refusing(self) -> set[str]:
         """Components whose FMUs have refused inputs during a step, which were held then (FMI 3.0)."""
-        rows = [row for row in self.steps.rows if row.operation.kind == OperationKind.EXTRAPOLATE]
-        return {row.component for row in rows if Extrapolated.from_address(row.operation.data).refused}
+        return {
+            row.component
+            for row in self._rows_of_extrapolated()
+            if Extrapolated.from_address(row.operation.data).refused
+        }
 
     def _events(self, layout: ValueLayout, *, reads_again: bool) -> Events | None:
         clocks: dict[tuple[str, int], list[int]] = {}

@@ -20,6 +20,7 @@ from cosim.fmi.instance import CallFailed, CallInterrupted, ExperimentSetup, Ins
 from cosim.fmi.messages import summary
 from cosim.fmi.types import Texts
 from cosim.fmi.variable_buffer import VariableBuffer
+from cosim.loop.algebraic_loop import NO_SOLUTION
 from cosim.loop.binding import (
     DOES_NOT_FIT,
     NOT_FINITE,
@@ -34,6 +35,7 @@ from cosim.loop.binding import (
     loop_library,
 )
 from cosim.loop.current_calls import address_of_call
+from cosim.loop.iterated_step import NOT_CONVERGED
 from cosim.loop.team import Team, Threads
 from cosim.master import chunks
 from cosim.master.chunks import ChunkLength
@@ -60,6 +62,9 @@ _SAME_TIME = 1e-6
 
 #: In place of the status with which an FMU refused inputs during a step: that is known.
 _TOLD = -1
+
+#: Statuses after which a shorter step may do: the FMU has discarded it, or something is not finite or has no solution.
+_SHORTER_MAY_DO = (2, NOT_FINITE, NO_SOLUTION, NOT_CONVERGED)
 
 #: Status of FMI after which an instance is left alone.
 _FATAL = 4
@@ -156,6 +161,7 @@ class Run:
         self._not_terminated: dict[str, str] = {}
         self._failed: NamedOperation | None = None
         self._sampled_from = self._sampled_end = 0
+        self._ahead = _AHEAD
         self._records: np.ndarray | None = None  # that the loop points at
 
     @property
@@ -417,13 +423,64 @@ class Run:
         self.exchange(point)
         return point
 
+    # With variable steps
+
+    def go_by(self, grid: Grid, samples: Samples, point: int) -> None:
+        """Go on from a communication point of another grid, with samples of the signals there."""
+        self._grid, self._samples, loop = grid, samples, self._loop
+        samples.begin_at(point)
+        self._sampled_from = self._sampled_end = self._ahead = 0
+        loop.start_time, loop.step_size, loop.per_second = grid.start_time, grid.step_size, 1.0 / grid.step_size
+        loop.last_point = grid.last_point
+
+    def step_to(self, point: int) -> None:
+        """Step from the communication point before to this one, and exchange values there.
+
+        Raises
+        ------
+        SimulationError
+            An FMU or a signal fails.
+        """
+        if self._sampled_until(point - 1, point + 1) < point:
+            raise self._signal_failure(point)
+        table = self._exchange.at_step
+        self._perform_operations(table, 0, len(table), point - 1)
+        self.exchange(point)
+
+    @property
+    def may_try_again(self) -> bool:
+        """Whether the step that failed might go well if it were shorter."""
+        return self._loop.status in _SHORTER_MAY_DO
+
+    def take_over(self, values: np.ndarray, history: np.ndarray) -> None:
+        """Take over values (n,) and a history."""
+        self._exchange.values[:] = values
+        self._exchange.restore_history(history)
+
+    def space_history(self, ratio: float, last_step: float) -> None:
+        """Have extrapolation know values at another distance, so many times that of the last step (s)."""
+        self._exchange.space_history(ratio, last_step)
+
+    def recorded_at(self, time: float) -> np.ndarray:
+        """The recorded values (columns,) at this moment.
+
+        Raises
+        ------
+        SimulationError
+            One is not finite, where that ends the run.
+        """
+        row = self.recorded_now()
+        if self._ends_at_nonfinite and (found := self._columns.first_not_finite(row[None])) is not None:
+            raise self._not_finite(found[1], float(row[self._columns.names.index(found[1])]), time)
+        return row
+
     def _sampled_until(self, first: int, end: int) -> int:
         """End of the points from `first` on that have samples: at `end` or before, at `first` only if a signal fails.
 
         Signals are sampled ahead, for a sampling costs more than a step.
         """
         if not (self._sampled_from <= first and end <= self._sampled_end):
-            wanted = min(end + _AHEAD, self._grid.last_point + 1)
+            wanted = min(end + self._ahead, self._grid.last_point + 1)
             reached = self._samples.cover(first, wanted, lambda: False)
             while reached <= first and self._samples.failure is None:  # a slow signal comes bit by bit
                 reached = self._samples.cover(first, wanted, lambda: False)
@@ -509,13 +566,13 @@ class Run:
             return end
         row, name = begin + found[0], found[1]
         recorder.recorded(row)
+        value = float(rows[row - first, self._columns.names.index(name)])
+        raise self._not_finite(name, value, self._grid.time(row * self._loop.record_every))
+
+    def _not_finite(self, name: str, value: float, time: float) -> SimulationError:
         component, _, variable = name.partition(".")
-        raise SimulationError(
-            component,
-            self._grid.time(row * self._loop.record_every),
-            f"'{variable}' is {rows[row - first, self._columns.names.index(name)]}; --nonfinite mark goes on",
-            self._instances[component].log(),
-        )
+        what = f"'{variable}' is {value}; --nonfinite mark goes on"
+        return SimulationError(component, time, what, self._instances[component].log())
 
     def _finish_step(self, point: int) -> None:
         """Finish the step from a communication point on, in which the loop got stuck at an operation."""

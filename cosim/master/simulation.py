@@ -34,14 +34,20 @@ from cosim.fmi.variable_buffer import VariableBuffer
 from cosim.loop.binding import loop_library
 from cosim.loop.current_calls import is_at, watched_calls
 from cosim.loop.team import Threads, checked_threads
-from cosim.master.algorithm import AUTO, algorithm, most_iterations
+from cosim.master.algorithm import AUTO, VARIABLE, algorithm, most_iterations
 from cosim.master.checkpoint import Checkpoint, CheckpointedRun
-from cosim.master.coupling_tolerance import MOST_VALUES, ToleranceSearch, check_for_tolerance, compared_names
+from cosim.master.coupling_tolerance import (
+    MOST_VALUES,
+    ToleranceSearch,
+    check_for_tolerance,
+    checked_tolerance,
+    compared_names,
+)
 from cosim.master.extrapolated_inputs import extrapolated_inputs
 from cosim.master.failures import Failing, InterruptedInCall, SimulationError, SimulationInterrupted
 from cosim.master.function_instance import FunctionInstance
 from cosim.master.interrupts import DeferredInterrupt
-from cosim.master.iterated_steps import Iteration, iteration_of_steps, why_not_repeated
+from cosim.master.iterated_steps import Iterated, Iteration, iteration_of_steps, why_not_repeated
 from cosim.master.model_exchange import ModelExchangeGroup, Solver, check_components, group_of
 from cosim.master.operations import Exchange
 from cosim.master.pacing import Pacer
@@ -62,6 +68,14 @@ from cosim.master.sampling import Samples, sample
 from cosim.master.steering import SteeredRun, Steering
 from cosim.master.stepping import SteppedRun, why_not_settable
 from cosim.master.value_layout import ValueLayout
+from cosim.master.variable_steps import (
+    DEFAULT_TOLERANCE,
+    Compared,
+    VariablePlan,
+    VariableRun,
+    check_any_step,
+    check_for_variable,
+)
 from cosim.results.results import Results
 from cosim.system.resolution import Drive, StartValue, resolve, resolve_start_value, split
 from cosim.system.system import Signal, System
@@ -81,6 +95,9 @@ _FINGERPRINTED = 20_000
 
 #: Relative tolerance that an FMU is told which fails when it is told none.
 _ASSUMED_TOLERANCE = 1e-6
+
+#: Samples of signals that are kept where each step has its own.
+_FEW_SAMPLES = 100
 
 #: Of a signal, so many breakpoints are said.
 _MOST_BREAKPOINTS = 100
@@ -596,7 +613,7 @@ class Simulation:
     def run(
         self,
         stop_time: float,
-        step_size: float,
+        step_size: float | str,
         *,
         start_time: float = 0.0,
         start: Mapping[str, Any] | None = None,
@@ -619,7 +636,9 @@ class Simulation:
         Parameters
         ----------
         stop_time, step_size, start_time : float
-            In s; the duration must be a whole number of steps.
+            In s; the duration must be a whole number of steps. "variable" takes steps that are as long as the coupling
+            tolerance allows, 1e-4 by default: each is taken as one and as two halves, whose difference says the error;
+            FMUs must be able to save their state. `info["variable_steps"]` has numbers and lengths of steps.
         start : mapping, optional
             Start values `component.variable` of this run, besides those of the system.
         signals : sequence of Signal
@@ -650,7 +669,7 @@ class Simulation:
             Largest coupling error, relative to the largest magnitude of each variable: the results are those of the
             longest communication step that keeps it, which runs with several steps show, `step_size` first. Those that
             feed other components count, or what is recorded where that was chosen. `info["coupling"]` has the step,
-            the estimated error, and what was tried.
+            the estimated error, and what was tried. With variable steps each keeps its share of it.
 
         Returns
         -------
@@ -666,6 +685,23 @@ class Simulation:
         SimulationInterrupted
             Ctrl-C; its `results` hold what had been recorded.
         """
+        if step_size == VARIABLE:
+            once = {"realtime": realtime, "checkpoint": checkpoint, "observe": observe, "steering": steering}
+            check_for_variable(once | {"profile": self._profile or None})
+            return self._run_variable(
+                start_time,
+                stop_time,
+                DEFAULT_TOLERANCE if coupling_tolerance is None else checked_tolerance(coupling_tolerance),
+                start or {},
+                signals,
+                tolerance,
+                record_every,
+                sink,
+                progress,
+                nonfinite,
+            )
+        if isinstance(step_size, str):
+            raise SetupError(f"step_size = {step_size!r} must be a number (s), or '{VARIABLE}'")
         if coupling_tolerance is not None:
             once = {"sink": sink, "realtime": realtime, "checkpoint": checkpoint, "observe": observe}
             check_for_tolerance(
@@ -723,6 +759,79 @@ class Simulation:
                 recorder = Observed(recorder, self._times(grid, record_every), self._columns.values, observe)
             with _timed(results, began):
                 return loop.loop(recorder, record_every, results, progress, pacer)
+
+    def _run_variable(
+        self,
+        start_time: float,
+        stop_time: float,
+        coupling_tolerance: float,
+        start: Mapping[str, Any],
+        signals: Sequence[Signal],
+        tolerance: float | None,
+        record_every: int,
+        sink: Sink | None,
+        progress: Callable[[float], None] | None,
+        nonfinite: NonFinite,
+    ) -> Results:
+        """A run with variable steps; see `run`."""
+        began, names = clock.perf_counter(), self.names
+        number_of_steps(start_time, stop_time, stop_time - start_time)  # times that make sense
+        if why := why_not_repeated(self._resolved, self._functions, to_other_points=True):
+            raise SetupError(f"step_size = '{VARIABLE}': steps can't be repeated: {why}")
+        check_any_step(self._instances)
+        drives = self._drives(signals)
+        iterated = Iterated(self._resolved, self._extrapolated, self._layout)
+        plan = VariablePlan(
+            start_time,
+            stop_time,
+            coupling_tolerance,
+            [b for drive in drives for b in drive.breakpoints],
+            self._order_of_coupling(iterated),
+            record_every,
+            partial(self._new_samples, drives, most=_FEW_SAMPLES),
+        )
+        samples, starts = self._prepared(plan.first_grid(), start, signals, record_every)
+        whole = Grid(start_time, stop_time - start_time, 1, stop_time)
+        compared = self._compared()
+        with self._occupied("a run of this simulation is going on") as interrupt:
+            experiments = self._experiments(whole, tolerance)
+            run, results = self._begun(
+                samples, starts, plan.first_grid(), record_every, experiments, interrupt, nonfinite
+            )
+            results.info |= {"step_size": VARIABLE, "stop_time": stop_time}
+            self._check_sink(sink, names)
+            slots = None if sink is None else self._slot_sink(sink, run.marks)
+            steps = VariableRun(run, self._instances, plan, compared, results, slots, lambda: bool(interrupt.requested))
+            with _timed(results, began):
+                return steps.to_end(progress)
+
+    def _order_of_coupling(self, iterated: Iterated) -> int:
+        """By which power of the step the coupling error falls: that of the input that is extrapolated worst."""
+        held = [2 if self._iterated.most else 1] * bool(iterated.held)
+        polynomials = [e.degree + 1 for e in self._extrapolated.moving.values()]
+        return min([*held, *polynomials], default=1)
+
+    def _compared(self) -> Compared:
+        """What steps are compared by: outputs that feed others, or what is recorded where that was chosen.
+
+        Raises
+        ------
+        SetupError
+            There is nothing to compare.
+        """
+        sources = [(k.source_component, k.source) for k in self._resolved.links]
+        elements = {
+            f"{component}.{element.name}": (component, element)
+            for component, element in (sources if self._records_all else self._recorded)
+            if element.kind == "real" and (component, element.name) in self._layout.positions
+        }
+        if not elements:
+            raise SetupError(
+                f"step_size = '{VARIABLE}': nothing real is connected, so there is no coupling error; give a number"
+            )
+        positions = [self._layout.positions[c, e.name] for c, e in elements.values()]
+        nominal = [_number(e.variable.nominal) or 1.0 for _, e in elements.values()]
+        return Compared(list(elements), np.array(positions), np.abs(np.array(nominal)))
 
     @contextmanager
     def start(
@@ -1075,11 +1184,16 @@ class Simulation:
             known, samples = self._samples
             if known == (drives, grid) and samples.first == 0 and samples.failure is None:
                 return samples
+        samples = self._new_samples(drives, grid)
+        self._samples = ((drives, grid), samples)
+        return samples
+
+    def _new_samples(self, drives: tuple[Drive, ...], grid: Grid, **kept: int) -> Samples:
         ahead = self._iterated.most > 0  # what is exchanged at the end of a step
         ahead = ahead or any((d.component, e.name) in self._extrapolated.moving for d in drives for e in d.targets)
         reach = max(component.every for component in self._resolved.components.values())
         inside = ahead and any(each.degree > 1 for each in self._extrapolated.moving.values())
-        samples = Samples(
+        return Samples(
             drives,
             grid.start_time,
             grid.step_size,
@@ -1088,9 +1202,8 @@ class Simulation:
             ahead=ahead,
             inside=inside,
             texts=self._texts,
+            **kept,
         )
-        self._samples = ((drives, grid), samples)
-        return samples
 
     def _recorder(self, grid: Grid, record_every: int, sink: Sink | None, marks: Marks) -> Recorder:
         rows, columns = grid.last_point // record_every + 1, len(self._names)
@@ -1135,7 +1248,7 @@ class Simulation:
 def simulate(
     system: System,
     stop_time: float,
-    step_size: float,
+    step_size: float | str,
     *,
     start_time: float = 0.0,
     order: str = "sequential",
@@ -1164,7 +1277,7 @@ def simulate(
     iterations: int | str | None = None,
     scheduler: str | None = None,
 ) -> Results:
-    """Couple the FMUs of a system at a fixed communication step.
+    """Couple the FMUs of a system at a fixed communication step, or at variable ones.
 
     Set up, run once, clean up; parameters, results and errors are those of `Simulation` and `Simulation.run`.
     """

@@ -13,7 +13,7 @@ from typing import Any, get_args, get_type_hints
 from cosim.errors import SetupError, nearest
 from cosim.files.kinds import SCENARIO, TOML, not_read
 from cosim.fmi.interfaces import INTERFACES
-from cosim.master.algorithm import AUTO, EXTRAPOLATIONS, ORDERS, SOLVERS, most_iterations
+from cosim.master.algorithm import AUTO, EXTRAPOLATIONS, ORDERS, SOLVERS, VARIABLE, most_iterations
 from cosim.scenario.family import ScenarioFamily, families, family_of, named
 from cosim.scenario.metrics import Metric
 from cosim.scenario.scenario import Scenario, ScenarioComponent, ScenarioError
@@ -241,7 +241,13 @@ def _run(data: Mapping[str, Any], kind: type[Scenario]) -> dict[str, Any]:
     known = _RUN | further
     given = dict(_table(data, "run"))
     iterations = given.pop("iterations", None)
-    values = _fields("[run]", given, known, required=[key for key in known if key in demanded])
+    is_variable = given.get("step_size") == VARIABLE
+    if is_variable:
+        del given["step_size"]
+    required = [key for key in known if key in demanded and not (is_variable and key == "step_size")]
+    values = _fields("[run]", given, known, required=required)
+    if is_variable:
+        values["step_size"] = VARIABLE
     if iterations is not None:
         try:
             most_iterations(iterations)

@@ -61,8 +61,10 @@ class Scenario:
         Name of the file, and one line for people.
     components : mapping
         Name -> FMU and rate of each component.
-    stop_time, step_size : float
+    stop_time : float
         In s.
+    step_size : float or "variable"
+        Communication step (s).
     start_time : float
         In s.
     order : {"sequential", "parallel"}
@@ -100,7 +102,7 @@ class Scenario:
     title: str
     components: Mapping[str, ScenarioComponent]
     stop_time: float
-    step_size: float
+    step_size: float | str
     start_time: float = 0.0
     order: str = "sequential"
     extrapolation: str = "auto"

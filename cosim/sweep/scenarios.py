@@ -15,6 +15,7 @@ from typing import Any, ClassVar, TypeVar, get_type_hints
 from cosim.errors import SetupError, nearest
 from cosim.fmi.fmu_file import load
 from cosim.fmi.isolation.limits import Limits
+from cosim.master.algorithm import fixed
 from cosim.master.simulation import Simulation, number_of_steps
 from cosim.results.results import Results
 from cosim.scenario.metrics import Metric, measured
@@ -155,7 +156,7 @@ class ScenarioStudy:
         return PlannedRun(
             variant=(label, tuple(hashes.items())),
             stop_time=scenario.stop_time,
-            step_size=float(point.get(STEP, scenario.step_size)),
+            step_size=fixed(point.get(STEP, scenario.step_size), "a sweep takes"),
             start=start,
             signals=self._signals_of(label, int(point.get(SEED, scenario.seed)), changes),
             start_time=scenario.start_time,
@@ -417,7 +418,7 @@ def _as_data(value: Any) -> Any:
 def _steps(scenario: Scenario, factors: Sequence[Factor]) -> list[float]:
     """All communication steps (s) of a scenario."""
     levels = [f.values for f in factors if isinstance(f, Levels) and f.name == STEP]
-    return [float(value) for values in levels for value in values] or [scenario.step_size]
+    return [float(value) for values in levels for value in values] or [fixed(scenario.step_size, "a sweep takes")]
 
 
 def _with_number(scenario: Scenario, name: str, value: Value) -> Scenario:

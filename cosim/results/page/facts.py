@@ -65,7 +65,8 @@ def in_a_line(run: Recorded) -> str:
     if n:
         parts.append(f"{run.time[0]:g} to {run.time[-1]:g} s")
     if "step_size" in info:
-        parts.append(f"communication step {info['step_size']:g} s")
+        step = info["step_size"]
+        parts.append(f"{step} communication steps" if isinstance(step, str) else f"communication step {step:g} s")
     if "order" in info:
         parts.append(f"{escape(str(info['order']))} order")
     if fmus := info.get("fmus"):
