@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -185,6 +186,24 @@ def test_options_of_the_command_line_win() -> None:
     results = Results.from_csv("out/results.csv")
     assert results.names == ["lag.x"]
     assert results.time == pytest.approx(np.arange(11) * 0.1, abs=1e-15)
+
+
+@pytest.mark.usefixtures("here", "no_figures")
+def test_steps_may_be_variable_and_iterated(capsys: pytest.CaptureFixture[str]) -> None:
+    text, _, metrics = LOOP.replace("every = 2", "").partition("[disturbances")
+    text += metrics[metrics.index("[metrics.peak]") :]
+    for before, after in (("0.05", '"variable"'), ('"parallel"', '"sequential"'), ("seed = 3", "iterations = 2")):
+        assert before in text
+        text = text.replace(before, after)
+    assert main(["run", written(text), "--coupling-tolerance", "0.1", "--out", "out"]) == 0
+    said = capsys.readouterr().out
+    assert "for a coupling error of 0.1 (" in said
+    assert "iterated steps: " in said
+    summary = json.loads(Path("out/summary.json").read_text())
+    assert summary["step_size"] == "variable"
+    assert summary["variable_steps"]["steps"] > 10
+    assert main(["pack", "mine/loop.toml", "--out", "packed.fmu"]) == 1
+    assert "a packed system takes a fixed communication step, not 'variable'" in capsys.readouterr().err
 
 
 @pytest.mark.usefixtures("here", "no_figures")
