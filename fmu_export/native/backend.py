@@ -21,7 +21,7 @@ from fmu_export.modelling.model_class import AnyModel, flat_model
 from fmu_export.native.adjoint_source import adjoint_source
 from fmu_export.native.c_source import model_sources
 from fmu_export.native.elementary import licences
-from fmu_export.native.toolchain import Target, ToolchainError, compile_library, host_target
+from fmu_export.native.toolchain import Target, ToolchainError, Unit, compile_library, host_target
 from fmu_export.package import description_fmi2, description_fmi3
 from fmu_export.package.archive import write_archive
 from fmu_export.package.bill_of_materials import bill_of_materials
@@ -179,7 +179,8 @@ def build_native(
                 continue
             progress.stage = f"compiling for {target.name}"
             name = f"binaries/{place}/{model.name}{target.suffix}"
-            binaries[name] = compile_library(code, model.name, target if targets is not None else None)
+            compiled_for = target if targets is not None else None
+            binaries[name] = compile_library(code, model.name, compiled_for, units=_units(code, flavour))
         if not binaries:
             raise ToolchainError("FMI 2.0 has no place for binaries of this machine; build the fmi3 flavour")
         progress.stage = "writing the archive"
@@ -232,6 +233,14 @@ def _adapter_sources(
         | {name: _adapter_source(name) for name in own}
         | {name: (headers / name).read_bytes() for name in _HEADERS[flavour]}
     )
+
+
+def _units(code: Mapping[str, bytes], flavour: str) -> list[Unit]:
+    """The adapter's C files in two parts: what runs in a step, and what translates calls or runs at the start."""
+    steps = _CORE + tuple(name for method in _METHODS.values() for name in method) + _EVENTS + _TABLES
+    seldom = _FACES[flavour] + _FILES + _TABLE_FILES
+    present = [tuple(name for name in names if name.endswith(".c") and name in code) for names in (steps, seldom)]
+    return [Unit(present[0]), Unit(present[1], seldom=True)]
 
 
 def core_sources(solver: Solver, *, hybrid: bool, tables: bool) -> dict[str, bytes]:

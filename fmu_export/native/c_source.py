@@ -43,6 +43,16 @@ _ARGUMENTS = {
 _HIDE = "\n#if defined(__GNUC__) && !defined(_WIN32)\n#pragma GCC visibility push(hidden)\n#endif\n"
 _SHOW = "\n#if defined(__GNUC__) && !defined(_WIN32)\n#pragma GCC visibility pop\n#endif\n"
 
+#: Marks functions that no step calls: gcc and clang do not spend their time on them.
+_SELDOM = """#if defined(__GNUC__)
+#define SELDOM __attribute__((cold))
+#else
+#define SELDOM
+#endif
+
+"""
+_CALLED_SELDOM = {"initial_state", "start_margins", "initial_state_direction", "direction"}
+
 #: Functions with fewer characters stay as they are; others get loops where these save so much, where a table of
 #: constants counts for a part of its length, since a compiler takes little time for it.
 _SHORT = 1000
@@ -142,6 +152,7 @@ def _header(traced: TracedModel, interface: Interface, guid: str, equations: _Eq
         HEADER
         + "#ifndef MODEL_H\n#define MODEL_H\n\n"
         + _APART
+        + _SELDOM
         + f'#define MODEL_IDENTIFIER "{traced.model.name}"\n'
         + f"#define MODEL_GUID {c_string(guid)}\n\n"
         + "".join(f"#define {name} {size}\n" for name, size in sizes.items())
@@ -162,7 +173,10 @@ def _header(traced: TracedModel, interface: Interface, guid: str, equations: _Eq
         + "".join(f"extern const {table};\n" for table in hybrid_tables(traced, c_string))
         + _LOOKUP_TABLES * bool(traced.tables)
         + "\n"
-        + "".join(f"{_prototype(f, arguments[f.name()])};\n" for f in equations.functions)
+        + "".join(
+            f"{'SELDOM ' * (f.name() in _CALLED_SELDOM)}{_prototype(f, arguments[f.name()])};\n"
+            for f in equations.functions
+        )
         + hybrid_prototypes(traced)
         + (f"{STEP_PROTOTYPE.format(prefix='model')};\n" if interface.states and traced.model.solver == "rk4" else "")
         + _SHOW

@@ -15,6 +15,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from importlib.metadata import version
 from importlib.util import find_spec
@@ -49,6 +50,15 @@ class Target:
         return self.name.partition("-")[2]
 
 
+@dataclass(frozen=True)
+class Unit:
+    """C files that are compiled as one, so that their headers are read once and calls among them cost nothing."""
+
+    files: tuple[str, ...]
+    #: Whether what they do is called so seldom that optimising it is not worth the compiler's time.
+    seldom: bool = False
+
+
 #: glibc 2.17 is that of manylinux2014, macOS 11 the first on aarch64. FMI 2.0 knows no aarch64; its darwin64 could
 #: hold a universal binary, which is not made here.
 TARGETS: dict[str, Target] = {
@@ -66,6 +76,9 @@ _COMPILERS = ("cc", "gcc", "clang")
 
 #: How far gcc and clang optimise; the bits of the results are the same at any level.
 OPTIMISATION = "-O3"
+
+#: How far gcc and clang optimise what is called seldom.
+_OPTIMISATION_OF_SELDOM = "-O1"
 
 #: What gcc, clang and zig are told for any target, beside how far they optimise.
 _OPTIONS = (
@@ -155,6 +168,7 @@ def compile_library(
     *,
     strict: bool = False,
     libraries: Sequence[str] = (),
+    units: Sequence[Unit] = (),
 ) -> bytes:
     """Compile C99 sources into a shared library and return its bytes.
 
@@ -170,6 +184,9 @@ def compile_library(
         Whether a warning is an error; for tests, since a later compiler may warn of more.
     libraries
         System libraries, by the names that -l takes, besides that of the mathematical functions; none on Windows.
+    units
+        Files that are compiled as one; each other file is compiled for itself. gcc and clang compile the units at the
+        same time.
 
     Raises
     ------
@@ -185,8 +202,30 @@ def compile_library(
             f"no compiler for {target.name} found (looked for the ziglang package); get it by: pip install ziglang"
         )
     library = name + target.suffix
-    files = sorted(source for source in sources if source.endswith(".c"))
-    return _compile(sources, [*compiler, *_arguments(compiler, target, files, library, strict, libraries)], library)
+    in_units = {file for unit in units for file in unit.files}
+    others = sorted(source for source in sources if source.endswith(".c") and source not in in_units)
+    wholes = {f"unit_{i}.c": unit for i, unit in enumerate(units)}
+    sources = {**sources, **{name: _as_one(unit) for name, unit in wholes.items()}}
+    if _is(compiler, "cl"):  # no C99 by name: it is cl's default; /Brepro: no time stamps
+        options = [*"/nologo /LD /MT /O2 /fp:precise /W3 /utf-8 /Brepro /I.".split(), *(["/WX"] if strict else [])]
+        command = [*compiler, *options, *others, *wholes, f"/Fe:{library}", "/link", "/Brepro"]
+        return _compile(sources, [command], library)
+    options, linking = _options(compiler, target, library, strict)
+    linked = [] if target.system == "windows" else [f"-l{name}" for name in ("m", *libraries)]
+    linked = ["-o", library, *linked]
+    if not units or _is_zig(compiler):  # which takes long to start
+        return _compile(sources, [[*compiler, *options, OPTIMISATION, *linking, *others, *wholes, *linked]], library)
+    commands = [[*compiler, *options, OPTIMISATION, "-c", *others]] if others else []
+    for whole, unit in wholes.items():
+        level = min(OPTIMISATION, _OPTIMISATION_OF_SELDOM) if unit.seldom else OPTIMISATION
+        commands.append([*compiler, *options, level, "-c", whole])
+    objects = [Path(source).stem + ".o" for source in (*others, *wholes)]
+    return _compile(sources, commands, library, [*compiler, *linking, *objects, *linked])
+
+
+def _as_one(unit: Unit) -> bytes:
+    """A source that includes those of a unit."""
+    return "".join(f'#include "{file}"\n' for file in unit.files).encode()
 
 
 def compile_module(sources: Mapping[str, bytes], name: str, *, strict: bool = False) -> bytes:
@@ -216,18 +255,28 @@ def compile_module(sources: Mapping[str, bytes], name: str, *, strict: bool = Fa
     options = [*_OPTIONS, "-O3", *(["-Werror"] if strict else []), "-fvisibility=hidden", "-I."]
     options += ["-target", _WEBASSEMBLY]
     options += ["-nostdlib", "-mbulk-memory", "-s", "-Wl,--no-entry", "-Wl,-z,stack-size=1048576"]
-    return _compile(sources, [*_zig(), *options, *files, "-o", module], module)
+    return _compile(sources, [[*_zig(), *options, *files, "-o", module]], module)
 
 
-def _compile(sources: Mapping[str, bytes], command: list[str], output: str) -> bytes:
-    """Run a compiler in a folder of its own with these sources, and return the bytes of its output."""
+def _compile(
+    sources: Mapping[str, bytes], commands: Sequence[list[str]], output: str, link: list[str] | None = None
+) -> bytes:
+    """Run a compiler in a folder of its own with these sources, and return the bytes of its output.
+
+    The commands run at the same time, then that which links what they made.
+    """
     with tempfile.TemporaryDirectory(prefix="toolchain-") as temporary:
         folder = Path(temporary)
         for source, content in sources.items():
             (folder / source).parent.mkdir(parents=True, exist_ok=True)
             (folder / source).write_bytes(content)
         # relative names only, so that no name of the temporary folder gets into the library
-        _run(command, folder, output)
+        with ThreadPoolExecutor() as pool:
+            list(pool.map(lambda command: _run(command, folder, output), commands))
+        if link:
+            _run(link, folder, output)
+        if not (folder / output).is_file():
+            raise ToolchainError(f"{output}: {_compiler_name(commands[0])} wrote no library")
         return (folder / output).read_bytes()
 
 
@@ -261,28 +310,25 @@ def _is_zig(compiler: list[str]) -> bool:
     return _is(compiler, "zig", "ziglang", "python-zig")
 
 
-def _arguments(
-    compiler: list[str], target: Target, files: list[str], library: str, strict: bool, libraries: Sequence[str]
-) -> list[str]:
-    """What follows the compiler's name on its command line."""
-    if _is(compiler, "cl"):  # no C99 by name: it is cl's default; /Brepro: no time stamps
-        options = ["/nologo", "/LD", "/MT", "/O2", "/fp:precise", "/W3", "/utf-8", "/Brepro", "/I."]
-        return [*options, *(["/WX"] if strict else []), *files, f"/Fe:{library}", "/link", "/Brepro"]
-    options = [*_OPTIONS, OPTIMISATION, *(["-Werror"] if strict else []), "-shared", "-fvisibility=hidden", "-I."]
+def _options(compiler: list[str], target: Target, library: str, strict: bool) -> tuple[list[str], list[str]]:
+    """What gcc, clang and zig are told for a platform when they compile, and when they link."""
+    options = [*_OPTIONS, *(["-Werror"] if strict else []), "-fvisibility=hidden", "-I."]
+    linking = ["-shared"]
     if _is_zig(compiler):
         options += ["-target", target.triple]  # without it zig would use all instructions of this very machine
+    if target.system != "windows":  # whose code is position-independent without
+        options += ["-fPIC"]
     if target.system == "linux":
         # a missing function is an error here, not when the FMU is loaded; -fno-plt: libm is called without a detour
-        options += ["-fPIC", "-fno-plt", "-s", "-Wl,--build-id=none", "-Wl,-z,defs"]
+        options += ["-fno-plt"]
+        linking += ["-s", "-Wl,--build-id=none", "-Wl,-z,defs"]
     elif target.system == "darwin":  # Apple's linker ignores -s; -x drops all but the exported names
-        options += ["-fPIC", "-Wl,-x", f"-Wl,-install_name,@rpath/{library}"]
-        options += [] if _is_zig(compiler) else ["-mmacosx-version-min=11.0"]
-    elif _is_zig(compiler):  # code of Windows is position-independent without -fPIC
-        options += ["-s"]
+        linking += ["-Wl,-x", f"-Wl,-install_name,@rpath/{library}"]
+        oldest = [] if _is_zig(compiler) else ["-mmacosx-version-min=11.0"]
+        options, linking = options + oldest, linking + oldest
     else:
-        options += ["-s", "-static-libgcc", "-Wl,--no-insert-timestamp"]
-    linked = [] if target.system == "windows" else [f"-l{name}" for name in ("m", *libraries)]
-    return [*options, *files, "-o", library, *linked]
+        linking += ["-s"] if _is_zig(compiler) else ["-s", "-static-libgcc", "-Wl,--no-insert-timestamp"]
+    return options, linking
 
 
 def _run(command: list[str], folder: Path, library: str) -> None:
@@ -294,12 +340,15 @@ def _run(command: list[str], folder: Path, library: str) -> None:
         )
     except OSError as error:
         raise ToolchainError(f"{library}: can't run the compiler {command[0]}: {error.strerror}") from error
-    if done.returncode == 0 and (folder / library).is_file():
+    if done.returncode == 0:
         return
     # cl writes its errors to the standard output
     output = (done.stderr + b"\n" + done.stdout).decode("utf-8", errors="replace")
     lines = [" ".join(line.split()) for line in output.splitlines() if line.strip()]
     errors = [line for line in lines if _ERROR.search(line)] or lines or [f"exit code {done.returncode}"]
     more = f"; and {len(errors) - _MAX_ERRORS} more" if len(errors) > _MAX_ERRORS else ""
-    compiler = "zig" if _is_zig(command) else Path(command[0]).stem
-    raise ToolchainError(f"{library}: {compiler} failed: {'; '.join(errors[:_MAX_ERRORS])}{more}")
+    raise ToolchainError(f"{library}: {_compiler_name(command)} failed: {'; '.join(errors[:_MAX_ERRORS])}{more}")
+
+
+def _compiler_name(command: list[str]) -> str:
+    return "zig" if _is_zig(command) else Path(command[0]).stem

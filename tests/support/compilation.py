@@ -6,12 +6,12 @@ import hashlib
 import os
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
 from fmu_export.native import backend, toolchain
-from fmu_export.native.toolchain import Target, compile_library, compiler_identity
+from fmu_export.native.toolchain import Target, Unit, compile_library, compiler_identity
 
 #: Set by conftest before any FMU is built: a folder of the session, the same in all workers.
 folder: Path | None = None
@@ -35,17 +35,17 @@ def shared_compilation(optimisation: str | None = None) -> Iterator[None]:
 
 
 def _compile_once(
-    sources: Mapping[str, bytes], name: str, target: Target | None = None, *, strict: bool = False
+    sources: Mapping[str, bytes], name: str, target: Target | None = None, *, units: Sequence[Unit] = ()
 ) -> bytes:
     assert folder is not None
-    digest = hashlib.sha256(repr((sorted(sources.items()), name, target, strict, toolchain.OPTIMISATION)).encode())
+    digest = hashlib.sha256(repr((sorted(sources.items()), name, target, units, toolchain.OPTIMISATION)).encode())
     digest.update(compiler_identity(all_platforms=target is not None).encode())
     path = folder / digest.hexdigest()
     if not path.exists():
         folder.mkdir(exist_ok=True)
         handle, part = tempfile.mkstemp(dir=folder)
         with os.fdopen(handle, "wb") as file:
-            file.write(compile_library(sources, name, target, strict=strict))
+            file.write(compile_library(sources, name, target, units=units))
         Path(part).replace(path)  # whole or not at all: another worker may want it too
     return path.read_bytes()
 
