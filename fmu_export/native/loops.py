@@ -2,14 +2,15 @@
 
 Tracing unrolls what the author wrote with arrays. Here the repeats are found again: expressions are grouped by their
 shape, sorted by where their operands lie, and runs with equal distances become loops, runs of such runs two loops, one
-in the other. Long sums are loops over their terms around a loop over the sums of one shape. Every operation is the
+in the other. Long sums, and products and extremes, are loops over their terms around a loop over the sums of one shape.
+Recurrences, each of whose values is computed from the one before, are loops in their order. Every operation is the
 traced one, and sums keep the order of their terms, so the results are the same to the last bit.
 """
 
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, TypeVar
 
@@ -32,8 +33,20 @@ _FEW_LEAVES = 4
 #: For no more than these statements no other order of the items is tried.
 _FEW_BLOCKS = 4
 
-#: What sums are made of, as C writes it.
-_SUMS = {ca.OP_ADD: "+", ca.OP_SUB: "-"}
+#: What is made of many terms in their order, like a sum, by operation: that of its first term, with which others of its
+#: kind go together.
+_SUMS = {
+    ca.OP_ADD: ca.OP_ADD,
+    ca.OP_SUB: ca.OP_ADD,
+    ca.OP_MUL: ca.OP_MUL,
+    ca.OP_FMIN: ca.OP_FMIN,
+    ca.OP_FMAX: ca.OP_FMAX,
+    ca.OP_AND: ca.OP_AND,
+    ca.OP_OR: ca.OP_OR,
+}
+
+#: Those whose operands may change their places.
+_COMMUTATIVE = (ca.OP_ADD, ca.OP_MUL)
 
 #: Array of the values that other expressions use.
 _STORE = "w"
@@ -43,11 +56,10 @@ _T = TypeVar("_T")
 
 
 class _Tree(NamedTuple):
-    """An expression: number of its shape, nodes at its leaves, and how many others have to come before it."""
+    """An expression: number of its shape, and nodes at its leaves."""
 
     shape: int
     leaves: tuple[int, ...]
-    level: int
 
 
 class _Piece(NamedTuple):
@@ -121,60 +133,126 @@ class _Writer:
 
     def _reference(self, position: int) -> _Tree:
         """A node as an operand of another: its expression, or where its value is stored."""
-        tree = self.trees[position]
         if position in self.stored and not self.graph.nodes[position].is_leaf:
-            return _Tree(self._store, (position,), tree.level + 1)
-        return tree
+            return _Tree(self._store, (position,))
+        return self.trees[position]
 
     def _find_trees(self) -> None:
         for position, node in enumerate(self.graph.nodes):
             if node.operation == ca.OP_CONST:
-                self.trees[position] = _Tree(self._shape(_CONSTANT), (position,), 0)
+                self.trees[position] = _Tree(self._shape(_CONSTANT), (position,))
             elif node.operation == ca.OP_INPUT:
-                self.trees[position] = _Tree(self._shape(self.arguments[node.operands[0]]), (position,), 0)
+                self.trees[position] = _Tree(self._shape(self.arguments[node.operands[0]]), (position,))
             elif node.operation in SINES:
-                level = self.trees[node.operands[0]].level + 1
-                self.trees[position] = _Tree(self._shape(_STORE), (position,), level)
+                self.trees[position] = _Tree(self._store, (position,))
             elif position in self.sums:
-                level = max(self._reference(term).level for _, term in self.sums[position])
-                self.trees[position] = _Tree(self._shape("sum", position), (), level)
+                terms = [self._reference(term) for _, term in self.sums[position]]
+                leaves = tuple(leaf for tree in terms for leaf in tree.leaves)
+                self.trees[position] = _Tree(self._shape("sum", position), leaves)
             elif position not in self.partial:
-                operands = [self._reference(i) for i in node.operands]
-                leaves = tuple(leaf for tree in operands for leaf in tree.leaves)
-                while len(leaves) > _MOST_LEAVES:
-                    largest = max(range(len(operands)), key=lambda k: len(operands[k].leaves))
-                    self.stored.add(node.operands[largest])
-                    operands = [self._reference(i) for i in node.operands]
-                    leaves = tuple(leaf for tree in operands for leaf in tree.leaves)
-                shape = self._shape(node.operation, *(tree.shape for tree in operands))
-                self.trees[position] = _Tree(shape, leaves, max(tree.level for tree in operands))
-                if self.graph.uses[position] > 1 and not self._is_small_result(position, leaves):
+                self.trees[position] = self._tree(position)
+                while len(self.trees[position].leaves) > _MOST_LEAVES:
+                    self._divide(position)
+                if self.graph.uses[position] > 1 and not self._is_small_result(position, self.trees[position].leaves):
                     self.stored.add(position)
+
+    def _tree(self, position: int) -> _Tree:
+        """The expression of an operation."""
+        node = self.graph.nodes[position]
+        operands = [self._reference(i) for i in node.operands]
+        leaves = tuple(leaf for tree in operands for leaf in tree.leaves)
+        return _Tree(self._shape(node.operation, *(tree.shape for tree in operands)), leaves)
+
+    def _divide(self, position: int) -> None:
+        """Store what makes an expression long: along its longest operands the next one that is made as it is.
+
+        Of a recurrence these are values some steps before, and all pieces of it have one shape.
+        """
+        nodes, path = self.graph.nodes, [position]
+        while len(self._reference(path[-1]).leaves) > 1:
+            path.append(max(nodes[path[-1]].operands, key=lambda i: len(self._reference(i).leaves)))
+        alike = (i for i in path[1:-1] if nodes[i].operation == nodes[position].operation)
+        divided = next(alike, path[1])
+        self.stored.add(divided)
+        for i in reversed(path[: path.index(divided)]):
+            self.trees[i] = self._tree(i)
 
     def _is_small_result(self, position: int, leaves: tuple[int, ...]) -> bool:
         """Whether nothing but results is a value that is soon computed: each is better computed where it belongs."""
         return self.graph.uses[position] == self.result_counts[position] and len(leaves) <= _FEW_LEAVES
 
+    # Order
+
+    def _needs(self, position: int) -> set[int]:
+        """Stored values that the expression of a node reads; for a sine its angle, with which it is written."""
+        nodes = self.graph.nodes
+        read = (leaf for leaf in self.trees[position].leaves if not nodes[leaf].is_leaf)
+        return {nodes[leaf].operands[0] if nodes[leaf].operation in SINES else leaf for leaf in read}
+
+    def _ordered(self) -> tuple[dict[int, int], list[list[int]]]:
+        """How many stored values have to come before each, and the recurrences, each of which comes as a whole."""
+        needs = {position: self._needs(position) for position in sorted(self.stored)}
+        recurrences = self._recurrences(needs)
+        while True:
+            first = {member: members[0] for members in recurrences for member in members}
+            levels = _levels(needs, first)
+            possible = [members for members in recurrences if members[0] in levels]
+            if len(possible) == len(recurrences):
+                return levels, recurrences
+            recurrences = possible  # some of the others wait for each other
+
+    def _recurrences(self, needs: dict[int, set[int]]) -> list[list[int]]:
+        """Stored values of one shape, each of which reads the one before, where that makes the longer loops."""
+        others = self.graph.angles | set(self.sums)
+        of_shape = Counter(self.trees[position].shape for position in needs if position not in others)
+        following: dict[int, list[int]] = {}
+        for position, operands in needs.items():
+            if position in others:
+                continue
+            shape = self.trees[position].shape
+            before = max((i for i in operands if self.trees[i].shape == shape and i not in others), default=-1)
+            chain = following.pop(before, [])
+            chain.append(position)
+            following[position] = chain
+        return [chain for chain in following.values() if len(chain) ** 2 > of_shape[self.trees[chain[0]].shape]]
+
     # Values in the order of their levels
 
     def write(self) -> list[str]:
         """The statements."""
+        levels, recurrences = self._ordered()
+        chains: dict[int, list[list[int]]] = defaultdict(list)
+        for members in recurrences:
+            chains[levels[members[0]]].append(members)
+        in_chains = {member for members in recurrences for member in members}
         jobs: dict[int, list[tuple[str, int, int]]] = defaultdict(list)
-        for position in sorted(self.stored):
-            jobs[self.trees[position].level].append((_STORE, 0, position))
+        for position in sorted(self.stored - in_chains):
+            jobs[levels[position]].append((_STORE, 0, position))
         for target, position in sorted(self.graph.results.items()):
-            jobs[self._reference(position).level].append(("y", target, position))
+            read = {position} if position in self.stored else self._needs(position)
+            jobs[max((levels[i] + 1 for i in read), default=0)].append(("y", target, position))
         zero = _Piece(ca.OP_ADD, self._shape(_CONSTANT), 1, (), (), ((0.0,),))
         zeros = [i for i in range(self.graph.n_results) if i not in self.graph.results]
         for rows in _blocks([_Item("y", i, -1, (zero,)) for i in zeros]):
             self._write_loop(rows)
-        for level in sorted(jobs):
+        for level in sorted(jobs | chains):
             angles = [job for job in jobs[level] if job[0] == _STORE and job[2] in self.graph.angles]
             if angles:
                 self._write_jobs(angles)
                 self._write_sines([position for _, _, position in angles])
             self._write_jobs([job for job in jobs[level] if job not in set(angles)])
+            for members in chains[level]:
+                self._write_recurrence(members)
         return ([f"double {_STORE}[{self.n_slots}];"] if self.n_slots else []) + self.lines
+
+    def _write_recurrence(self, members: list[int]) -> None:
+        """Stored values in their order, each of which reads the one before."""
+        for member in members:
+            self.slots[member] = self.n_slots
+            self.n_slots += 1
+        items = [_Item(_STORE, self.slots[member], member, self._pieces(_STORE, member)) for member in members]
+        for run in _runs(items, lambda item: item.kind, lambda item: item.places):
+            self._write_loop([run])
 
     def _write_jobs(self, jobs: list[tuple[str, int, int]]) -> None:
         """Values that do not depend on each other: array, target and node of each."""
@@ -261,17 +339,18 @@ class _Writer:
         total, size = ("total[i]", f"[{len(rows[0])}]") if loop_i else ("total", "")
         lines = [f"double total{size};"]
         for number, (piece, own, constants) in enumerate(expressions):
-            sign, start = _SUMS[piece.operation], 0
+            start = 0
             if number == 0:
                 lines.append(f"{loop_i}{total} = {self._text(piece, own, constants)};")
                 start = 1
             if piece.n_terms > 1:
-                text = self._text(piece, own, constants, term="k")
-                lines.append(
-                    f"for (int k = {start}; k < {piece.n_terms}; k++) {loop_i}{total} = {total} {sign} {text};"
+                text = applied(
+                    piece.operation, [total, self._text(piece, own, constants, term="k")], self.graph.name
                 )
+                lines.append(f"for (int k = {start}; k < {piece.n_terms}; k++) {loop_i}{total} = {text};")
             elif number > 0:
-                lines.append(f"{loop_i}{total} = {total} {sign} {self._text(piece, own, constants)};")
+                text = applied(piece.operation, [total, self._text(piece, own, constants)], self.graph.name)
+                lines.append(f"{loop_i}{total} = {text};")
         lines.append(f"{loop_i}{target} = {total};")
         self.lines += ["{", *(f"    {line}" for line in lines), "}"]
 
@@ -334,6 +413,30 @@ class _Constants:
         return f"{name}[{n} * {term} + {item}]" if term else f"{name}[{item}]"
 
 
+def _levels(needs: Mapping[int, set[int]], whole: Mapping[int, int]) -> dict[int, int]:
+    """How many values have to come before each, where those with one name in `whole` come together.
+
+    Those that wait for each other are left out.
+    """
+    waits: dict[int, set[int]] = defaultdict(set)
+    for position, operands in needs.items():
+        unit = whole.get(position, position)
+        waits[unit] |= {whole.get(i, i) for i in operands} - {unit}
+    users: dict[int, list[int]] = defaultdict(list)
+    for unit, operands in waits.items():
+        for operand_unit in operands:
+            users[operand_unit].append(unit)
+    levels = {unit: 0 for unit, operands in waits.items() if not operands}
+    ready, missing = list(levels), {unit: len(operands) for unit, operands in waits.items()}
+    for unit in ready:  # which grows
+        for user in users[unit]:
+            missing[user] -= 1
+            if not missing[user]:
+                levels[user] = 1 + max(levels[i] for i in waits[user])
+                ready.append(user)
+    return levels | {position: levels[unit] for position, unit in whole.items() if unit in levels}
+
+
 def _loop(name: str, n: int) -> str:
     return f"for (int {name} = 0; {name} < {n}; {name}++) " if n > 1 else ""
 
@@ -391,27 +494,29 @@ def _runs(
 
 
 def _sums(graph: Graph) -> tuple[dict[int, list[tuple[int, int]]], set[int]]:
-    """Long sums: by node of the total its terms, each with its operation; then the nodes of the partial sums."""
+    """Long sums and the like: by node of the total its terms, each with its operation; then nodes of partial ones."""
     sums: dict[int, list[tuple[int, int]]] = {}
     inner: set[int] = set()
-
-    def is_partial(position: int) -> bool:
-        return graph.nodes[position].operation in _SUMS and graph.uses[position] == 1
 
     for head in reversed(range(len(graph.nodes))):
         if graph.nodes[head].operation not in _SUMS or head in inner:
             continue
+        kind = _SUMS[graph.nodes[head].operation]
+
+        def is_partial(position: int, kind: int = kind) -> bool:
+            return _SUMS.get(graph.nodes[position].operation) == kind and graph.uses[position] == 1
+
         position, terms, partial = head, [], []
         while True:
             operation, (a, b) = graph.nodes[position].operation, graph.nodes[position].operands
-            if operation == ca.OP_ADD and is_partial(b) and not is_partial(a):
+            if operation in _COMMUTATIVE and is_partial(b) and not is_partial(a):
                 a, b = b, a
             terms.append((operation, b))
             if not is_partial(a):
                 break
             position = a
             partial.append(a)
-        terms.append((ca.OP_ADD, a))
+        terms.append((kind, a))
         if len(terms) >= _FEWEST_TERMS:
             sums[head] = terms[::-1]
             inner.update(partial)

@@ -130,6 +130,13 @@ def _is_whole_exponent(base: Any) -> bool:
 
 def _applied(ufunc: np.ufunc, inputs: Sequence[Any]) -> tuple[Any, np.dtype[Any]]:
     """A ufunc element by element, with the type that numpy gives to the result."""
+    f, converted, dtype = _chosen(ufunc, inputs)
+    bases = np.broadcast_arrays(*converted) if len(converted) > 1 else converted
+    return elementwise(f, bases, dtype), dtype
+
+
+def _chosen(ufunc: np.ufunc, inputs: Sequence[Any]) -> tuple[Callable[..., Any], list[Any], np.dtype[Any]]:
+    """The function of expressions that a ufunc is for such inputs, these as object arrays, and the result's type."""
     converted = [elements_of(i) for i in inputs]
     types = [_weak(i) if type(i) in (int, float) else d for i, (_, d) in zip(inputs, converted, strict=True)]
     dtype = ufunc.resolve_dtypes((*types, None))[-1]
@@ -154,8 +161,7 @@ def _applied(ufunc: np.ufunc, inputs: Sequence[Any]) -> tuple[Any, np.dtype[Any]
         f = ca.logic_or
     if ufunc in (np.power, np.float_power) and converted[1][1] in (INT, BOOL) and kinds[0] == BOOL:
         refuse("a power of a Boolean can't be traced; write 1.0 * (...)")
-    bases = np.broadcast_arrays(*(b for b, _ in converted)) if len(converted) > 1 else [converted[0][0]]
-    return elementwise(f, bases, dtype), dtype
+    return f, [base for base, _ in converted], dtype
 
 
 def _ufunc(ufunc: np.ufunc, method: str, inputs: Sequence[Any], options: dict[str, Any]) -> Any:
@@ -244,7 +250,11 @@ def reduced(ufunc: np.ufunc, value: Any, axis: Any, keepdims: bool) -> tuple[Any
     else:
         total = columns[0:1].reshape(kept)
         for i in range(1, len(columns)):
-            total, dtype = _applied(ufunc, (Array(total, dtype), Array(columns[i : i + 1].reshape(kept), dtype)))
+            column = columns[i : i + 1].reshape(kept)
+            if i == 1 or dtype != before:  # else the function is that of the step before
+                before = dtype
+                f, _, dtype = _chosen(ufunc, (Array(total, dtype), Array(column, dtype)))
+            total = elementwise(f, [total, column], dtype)
     if keepdims:
         total = total.reshape(tuple(1 if i in axes else n for i, n in enumerate(base.shape)))
     return total, dtype

@@ -95,7 +95,41 @@ def constants(n: int) -> ca.Function:
     return ca.Function("constants", [x, p], [ca.vertcat(*values)])
 
 
-ZOO = [heat, plate, network, bodies, sparse, sums, constants]
+def extremes(n: int) -> ca.Function:
+    """The largest and the smallest of many, their product, whether one is above a limit, and how these change."""
+    x, p = ca.SX.sym("x", n), ca.SX.sym("p", 2)
+    largest, smallest, product, above = x[0], x[0] * p[0], x[0], x[0] > 0.9
+    for i in range(1, n):
+        largest, smallest = ca.fmax(largest, x[i]), ca.fmin(x[i] * p[0], smallest)
+        product, above = product * (x[i] + 1.5), ca.logic_or(above, x[i] > 0.9)
+    values = ca.vertcat(largest, smallest, product, above, largest - smallest)
+    change = ca.cse(ca.jtimes(values, x, p[1] * ca.sin(x)))
+    return ca.Function("extremes", [x, p], [ca.densify(ca.vertcat(values, change))])
+
+
+def recurrences(n: int) -> ca.Function:
+    """Each value from the one before: sums so far, a filter of second order."""
+    x, p = ca.SX.sym("x", n), ca.SX.sym("p", 2)
+    so_far, filtered = [x[0]], [x[0], x[1]]
+    for i in range(1, n):
+        so_far.append(so_far[-1] + x[i])
+        filtered.append(0.5 * filtered[-1] - 0.1 * filtered[-2] + x[i] * p[0])
+    last = ca.sqrt(so_far[-1] ** 2 + 1.0)
+    return ca.Function("recurrences", [x, p], [ca.vertcat(*so_far, *filtered, last)])
+
+
+def coupled(n: int) -> ca.Function:
+    """Two recurrences that wait for each other, and a third for both."""
+    x, p = ca.SX.sym("x", n), ca.SX.sym("p", 2)
+    first, second, third = [x[0]], [x[1]], [p[0]]
+    for i in range(1, n):
+        first.append(ca.tanh(first[-1] + second[-1]))
+        second.append(second[-1] * first[-1] + x[i])
+        third.append(0.5 * third[-1] + first[-1] * second[-1])
+    return ca.Function("coupled", [x, p], [ca.vertcat(*first, *second, *third)])
+
+
+ZOO = [heat, plate, network, bodies, sparse, sums, constants, extremes, recurrences, coupled]
 NAMES = ("x", "p")
 
 
@@ -184,7 +218,9 @@ def test_the_robot_with_loops(name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "make", [heat, pytest.param(plate, marks=pytest.mark.slow), network], ids=lambda make: make.__name__
+    "make",
+    [heat, pytest.param(plate, marks=pytest.mark.slow), network, extremes, recurrences],
+    ids=lambda make: make.__name__,
 )
 def test_the_length_of_the_source_does_not_grow_with_the_model(make) -> None:
     lengths = []
