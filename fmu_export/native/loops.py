@@ -344,9 +344,7 @@ class _Writer:
                 lines.append(f"{loop_i}{total} = {self._text(piece, own, constants)};")
                 start = 1
             if piece.n_terms > 1:
-                text = applied(
-                    piece.operation, [total, self._text(piece, own, constants, term="k")], self.graph.name
-                )
+                text = applied(piece.operation, [total, self._text(piece, own, constants, term="k")], self.graph.name)
                 lines.append(f"for (int k = {start}; k < {piece.n_terms}; k++) {loop_i}{total} = {text};")
             elif number > 0:
                 text = applied(piece.operation, [total, self._text(piece, own, constants)], self.graph.name)

@@ -207,7 +207,8 @@ def compile_library(
     wholes = {f"unit_{i}.c": unit for i, unit in enumerate(units)}
     sources = {**sources, **{name: _as_one(unit) for name, unit in wholes.items()}}
     if _is(compiler, "cl"):  # no C99 by name: it is cl's default; /Brepro: no time stamps
-        options = [*"/nologo /LD /MT /O2 /fp:precise /W3 /utf-8 /Brepro /I.".split(), *(["/WX"] if strict else [])]
+        options = ["/nologo", "/LD", "/MT", "/O2", "/fp:precise", "/W3", "/utf-8", "/Brepro", "/I."]
+        options += ["/WX"] if strict else []
         command = [*compiler, *options, *others, *wholes, f"/Fe:{library}", "/link", "/Brepro"]
         return _compile(sources, [command], library)
     options, linking = _options(compiler, target, library, strict)

@@ -6,7 +6,8 @@ compared with what numpy computes.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import re
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from math import isnan
@@ -28,6 +29,10 @@ from fmu_export.trace.symbols.tables import tables_found
 
 with needs("export"):
     import casadi as ca
+
+
+#: The functions that every model has.
+_BASIC = ("initial_state", "derivatives", "outputs", "start_margins", "step_margins")
 
 
 @dataclass(frozen=True)
@@ -93,7 +98,8 @@ class TracedModel:
                 return self.derivatives(*arguments)
 
         arguments = [*self.derivatives.sx_in(), ca.SX.sym("h")]
-        return _function(self.model.name, "step", arguments, rk4_step(derivatives, *arguments))
+        with as_written():
+            return ca.Function("step", arguments, [ca.densify(ca.cse(rk4_step(derivatives, *arguments)))])
 
     @property
     def rates_depend_on_time(self) -> bool:
@@ -197,9 +203,6 @@ def _traced(model: Model, unchecked: bool) -> TracedModel:
     everything_known = [t, x, u, p, z] if n_z else [t, x, u, p]
     dx, du, dp = (_symbols(*s) for s in (("dx", n_x), ("du", n_u), ("dp", n_p)))
 
-    def function(name: str, arguments: list[ca.SX], value: ca.SX) -> ca.Function:
-        return _function(model.name, name, arguments, value)
-
     def named(name: str) -> str:
         return f"{model.name}: {name}"
 
@@ -216,34 +219,44 @@ def _traced(model: Model, unchecked: bool) -> TracedModel:
         y = _outputs(model, T, X, Z, U, P)
         initial = column(model.initial_state(P), named("initial_state"), n_x)
         start_margins, step_margins = (_margins(model, at, *known) for at in ("start", "step"))
-        rates_and_margins = ca.vertcat(rates, step_margins)
-        everything = ca.vertcat(y, rates_and_margins)
-        # the basic functions first: what is wrong with them is said in their names
-        basic = {
-            "initial_state": function("initial_state", [p], initial),
-            "derivatives": function("derivatives", everything_known, rates),
-            "outputs": function("outputs", everything_known, y),
-            "start_margins": function("start_margins", [p], start_margins),
-            "step_margins": function("step_margins", everything_known, step_margins),
+        values = {
+            "initial_state": initial,
+            "derivatives": rates,
+            "outputs": y,
+            "start_margins": start_margins,
+            "step_margins": step_margins,
+            **{c.name: c.traced(T, X, Z, U, P) for c in changes(model)},
         }
-        changed = {
-            c.name: function(c.name, [p] if c.name == "initial_discrete" else everything_known, c.traced(T, X, Z, U, P))
-            for c in changes(model)
-        }
+        of_parameters = ("initial_state", "start_margins", "initial_discrete", "instants")
+        arguments = {name: [p] if name in of_parameters else everything_known for name in values}
+        first = {name: _as_traced(model.name, name, arguments[name], value) for name, value in values.items()}
         if not unchecked:
-            _check_same_trace(model, basic | changed)
+            _check_same_trace(model, first)
         found = tables_found()
-    if changed:
-        changed["instants"] = function("instants", [p], instants(model, p))
+    if not model.is_continuous:
+        values["instants"] = instants(model, p)
+    with as_written():
+        everything = ca.cse(ca.vertcat(y, rates, step_margins))  # in which all others are
+        values = {name: ca.cse(value) for name, value in values.items() if name not in ("derivatives", "outputs")}
+        n_y, n_rates = y.numel(), y.numel() + n_x
+        values |= {
+            "outputs": everything[:n_y],
+            "derivatives": everything[n_y:n_rates],
+            "step_margins": everything[n_rates:],
+            "rates": everything[n_y:],
+            "everything": everything,
+        }
+        functions = {
+            name: ca.Function(name, [p] if name in of_parameters else everything_known, [ca.densify(value)])
+            for name, value in values.items()
+        }
     traced = TracedModel(
         model=model,
-        **basic,
-        rates=function("rates", everything_known, rates_and_margins),
-        everything=function("everything", everything_known, everything),
+        **{name: functions.pop(name) for name in (*_BASIC, "rates", "everything")},
         initial_state_direction=direction("initial_state_direction", initial, [p], [p], [dp]),
         direction=direction("direction", ca.vertcat(y, rates), everything_known, [x, u, p], [dx, du, dp]),
         output_rates=_output_rates(everything_known, y[: len(model.outputs)], t, x),
-        changes=tuple(changed.values()),
+        changes=tuple(functions.values()),
         tables=found,
     )
     if not unchecked:
@@ -263,7 +276,8 @@ def _sizes(model: Model) -> tuple[int, int, int, int]:
     return len(model.state_layout), len(model.inputs), len(model.parameters), len(model.discrete)
 
 
-def _function(model: str, name: str, arguments: Sequence[ca.SX], value: ca.SX) -> ca.Function:
+def _as_traced(model: str, name: str, arguments: Sequence[ca.SX], value: ca.SX) -> ca.Function:
+    """A function as it has been traced, every operation as often as it was met."""
     known = {str(s) for a in arguments for s in ca.symvar(a)}
     if strange := [str(s) for s in ca.symvar(value) if str(s) not in known]:
         raise TraceError(
@@ -272,12 +286,12 @@ def _function(model: str, name: str, arguments: Sequence[ca.SX], value: ca.SX) -
         )
     try:
         with as_written():
-            traced = ca.Function(name, list(arguments), [ca.densify(ca.cse(value))])
+            traced = ca.Function(name, list(arguments), [ca.densify(value)])
     except RuntimeError as error:
         raise TraceError(
             f"{model}: {name} depends on a value that an earlier call has kept; compute it from the arguments"
         ) from error
-    if any(traced.instruction_id(k) == ca.OP_CONST and isnan(traced.instruction_constant(k)) for k in _all(traced)):
+    if any(isnan(constant) for constant in _written(traced)[1]):
         raise TraceError(
             f"{model}: {name} has a constant NaN, as of an element of np.empty that is never set; write a number"
         )
@@ -303,7 +317,7 @@ def _margins(model: Model, at: str, *arguments: Any) -> ca.SX:
     )
 
 
-def _check_same_trace(model: Model, first: dict[str, ca.Function]) -> None:
+def _check_same_trace(model: Model, first: Mapping[str, ca.Function]) -> None:
     """Refuse functions that are traced to something else a second time, in another order and with other symbols."""
     n_x, n_u, n_p, n_z = _sizes(model)
     functions: dict[str, Callable[..., ca.SX]] = {
@@ -319,23 +333,23 @@ def _check_same_trace(model: Model, first: dict[str, ca.Function]) -> None:
         t, x, z, u, p = (_symbols(*s) for s in sizes.items())
         value = again(Scalar(t), argument(x), argument(z), argument(u), argument(p))
         arguments = [p] if first[name].n_in() == 1 else [t, x, u, p, z][: first[name].n_in()]
-        if _instructions(_function(model.name, name, arguments, value)) != _instructions(first[name]):
+        if _written(_as_traced(model.name, name, arguments, value)) != _written(first[name]):
             raise TraceError(
                 f"{model.name}: {name}: traced twice, the equations differ: they depend on np.random, a clock, a "
                 "counter or what an earlier call has left; make it a parameter, an input or a state"
             )
 
 
-def _instructions(f: ca.Function) -> list[Any]:
-    return [
-        (
-            f.instruction_id(k),
-            f.instruction_input(k),
-            f.instruction_output(k),
-            f.instruction_constant(k) if f.instruction_id(k) == ca.OP_CONST else None,
-        )
-        for k in _all(f)
-    ]
+#: A line of a function's text that sets a constant, of which the text has some digits only.
+_CONSTANT = re.compile(r"@\d+ = -?(\d\S*|inf|nan);")
+
+
+def _written(f: ca.Function) -> tuple[str, list[float]]:
+    """The operations of a function as text, and its constants."""
+    text = f.str(True)
+    lines = text.splitlines()
+    first = len(lines) - f.n_instructions()
+    return text, [f.instruction_constant(k - first) for k, line in enumerate(lines) if _CONSTANT.fullmatch(line)]
 
 
 def _checked(model: Model, traced: TracedModel) -> list[Checked]:

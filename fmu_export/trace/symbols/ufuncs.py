@@ -248,10 +248,10 @@ def reduced(ufunc: np.ufunc, value: Any, axis: Any, keepdims: bool) -> tuple[Any
             refuse(f"np.{ufunc.__name__} of an array without elements has no value")
         total = elements_of(np.full(kept, NEUTRAL[ufunc], dtype))[0]
     else:
-        total = columns[0:1].reshape(kept)
+        total, f, before = columns[0:1].reshape(kept), None, dtype
         for i in range(1, len(columns)):
             column = columns[i : i + 1].reshape(kept)
-            if i == 1 or dtype != before:  # else the function is that of the step before
+            if f is None or dtype != before:  # else the function is that of the step before
                 before = dtype
                 f, _, dtype = _chosen(ufunc, (Array(total, dtype), Array(column, dtype)))
             total = elementwise(f, [total, column], dtype)
