@@ -57,6 +57,22 @@ PARAMETERS = Layout(
             min=0.0,
             tunable=True,
         ),
+        Variable(
+            "bound_angles",
+            "1",
+            "Factor of |theta_a|^2 in the bounding function (89); 0: full turns of the joints change nothing",
+            start=1.0,
+            min=0.0,
+            tunable=True,
+        ),
+        Variable(
+            "bound_constant",
+            "1",
+            "What is added to it in (89): psi_1 bounds what is there at rest; 0 in the paper",
+            start=0.0,
+            min=0.0,
+            tunable=True,
+        ),
         Variable("psi_start", "1", "Initial estimate psi of the uncertainty bound", size=2, start=0.0),
         Variable("feedforward", "1", "Share of tau_ref in the torque: 0 none (the paper), 1 all", tunable=True),
         Variable(
@@ -94,9 +110,9 @@ def _sliding_error(U: SimpleNamespace, P: SimpleNamespace) -> Array:
     return (U.omega_a - U.omega_ref) + P.S * (U.theta_a - U.theta_ref)
 
 
-def _regressor(U: SimpleNamespace) -> Array:
-    """Regressor [|theta_a|^2; |theta_a'|^2] (2,) of the bounding function (89)."""
-    return np.stack([U.theta_a @ U.theta_a, U.omega_a @ U.omega_a])
+def _regressor(U: SimpleNamespace, P: SimpleNamespace) -> Array:
+    """Regressor (2,) of the bounding function: [|theta_a|^2; |theta_a'|^2] in (89)."""
+    return np.stack([P.bound_angles * (U.theta_a @ U.theta_a) + P.bound_constant, U.omega_a @ U.omega_a])
 
 
 def initial_state(p: Array) -> Array:
@@ -108,14 +124,14 @@ def derivatives(t: Any, x: Array, u: Array, p: Array) -> Array:  # noqa: ARG001 
     """Adaptive law psi' (2,) in 1/s, (37), (90)."""
     U, P = INPUTS.unpack(u), PARAMETERS.unpack(p)
     s = _sliding_error(U, P)
-    return norm(s) / P.k * _regressor(U) - P.leakage * x
+    return norm(s) / P.k * _regressor(U, P) - P.leakage * x
 
 
 def output_values(t: Any, x: Array, u: Array, p: Array) -> Array:  # noqa: ARG001
     """Control torque and psi, (5,): (38), with the feedforward added, within the limits."""
     U, P = INPUTS.unpack(u), PARAMETERS.unpack(p)
     s = _sliding_error(U, P)
-    Pi = x @ _regressor(U)  # (89)
+    Pi = x @ _regressor(U, P)  # (89)
     tau_1 = -s * Pi**2
     tau_2 = -s
     tau_a = P.alpha * tau_1 + P.beta * tau_2 + P.feedforward * U.tau_ref

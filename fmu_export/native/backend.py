@@ -237,7 +237,7 @@ def _adapter_sources(
 
 def _units(code: Mapping[str, bytes], flavour: str) -> list[Unit]:
     """The adapter's C files in two parts: what runs in a step, and what translates calls or runs at the start."""
-    steps = _CORE + tuple(name for method in _METHODS.values() for name in method) + _EVENTS + _TABLES
+    steps = dict.fromkeys((*_CORE, *(name for method in _METHODS.values() for name in method), *_EVENTS, *_TABLES))
     seldom = _FACES[flavour] + _FILES + _TABLE_FILES
     present = [tuple(name for name in names if name.endswith(".c") and name in code) for names in (steps, seldom)]
     return [Unit(present[0]), Unit(present[1], seldom=True)]

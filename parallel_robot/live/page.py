@@ -45,6 +45,8 @@ _CONTROLS: dict[str, tuple[str, tuple[float, float] | None, tuple[str, ...]]] = 
     "w": ("Speed on the path", (0.2, 3.0), ("trajectory.w",)),
     "feedforward": ("Share of the nominal feedforward", (0.0, 1.0), ("controller.feedforward",)),
     "leakage": ("Leakage of the adaptation", (0.0, 1.0), ("controller.leakage",)),
+    "bound_angles": ("Bound: factor of |θ<sub>a</sub>|²", (0.0, 1.0), ("controller.bound_angles",)),
+    "bound_constant": ("Bound: constant", (0.0, 10.0), ("controller.bound_constant",)),
     "psi_start": ("ψ at the start", (0.0, 1.0), ("controller.psi_start[1]", "controller.psi_start[2]")),
     "tau_max": ("Largest torque of a motor", None, tuple(f"controller.tau_max[{i}]" for i in (1, 2, 3))),
     "mass_frequency": ("Mass change, frequency", (0.05, 3.0), ("acts.mass_frequency",)),
@@ -65,7 +67,7 @@ _GROUPS = {
     "Path": ("n", "R", "b", "w"),
 }
 _CLOSED = {
-    "More of the law": ("feedforward", "leakage", "psi_start", "tau_max"),
+    "More of the law": ("feedforward", "leakage", "bound_angles", "bound_constant", "psi_start", "tau_max"),
     "More of what acts": ("mass_frequency", "at_rest", "onset"),
     "More of start and path": ("v_x_start", "v_y_start", "x_c", "y_c", "phase"),
 }

@@ -53,6 +53,24 @@ def test_a_full_turn_of_a_joint_changes_the_torque() -> None:
     assert np.abs(after - before).max() > 1e-3
 
 
+@pytest.mark.parametrize(("angles", "constant"), [(0.0, 1.0), (0.25, 2.0)])
+def test_another_bounding_function_is_in_torque_and_adaptation(angles: float, constant: float) -> None:
+    """As with the printed one for a psi and a k that give the same first term; with a constant alone turns are free."""
+    u, psi = np.append(RNG.normal(size=12), TAU_REF), np.array([0.05, 0.3])
+    p = parameters(bound_angles=angles, bound_constant=constant)
+    square = u[:3] @ u[:3]
+    first = constant + angles * square
+    printed = np.array([psi[0] * first / square, psi[1]])
+    torque, rate = law(u, printed, 1.3597632624476745, 1.6620017712713446, 12.0, [2.0, 2.0, 2.0])
+    np.testing.assert_allclose(controller.output_values(0.0, psi, u, p)[:3], torque, rtol=1e-13)
+    growth = (rate + printed) * np.array([first / square, 1.0])
+    np.testing.assert_allclose(controller.derivatives(0.0, psi, u, p), growth - psi, rtol=1e-13)
+    turned = u.copy()
+    turned[[0, 6]] += 2 * np.pi
+    change = np.abs(np.subtract(*(controller.output_values(0.0, psi, v, p)[:3] for v in (u, turned)))).max()
+    assert (change < 1e-13) == (angles == 0.0)
+
+
 def test_desired_path_is_93_about_its_centre() -> None:
     """With phase 0 and the centre taken off: the paper's products of cosines."""
     p = trajectory.PARAMETERS.starts.copy()

@@ -44,6 +44,8 @@ PARAMETERS = {
         "S": ("s-1", 3, 2.0, 0.0),
         "k": ("1", None, 12.0, 1e-12),
         "leakage": ("s-1", None, 1.0, 0.0),
+        "bound_angles": ("1", None, 1.0, 0.0),
+        "bound_constant": ("1", None, 0.0, 0.0),
         "psi_start": ("1", 2, 0.0, None),
         "feedforward": ("1", None, 0.0, None),
         "tau_max": ("N.m", 3, 1e60, 0.0),
@@ -63,7 +65,7 @@ PARAMETERS = {
 
 TUNABLE = {
     PLANT: "X Y Z baumgarte",
-    CONTROLLER: "alpha beta S k leakage feedforward tau_max",
+    CONTROLLER: "alpha beta S k leakage bound_angles bound_constant feedforward tau_max",
     TRAJECTORY: "x_c y_c phase R a b X Y Z",
 }
 

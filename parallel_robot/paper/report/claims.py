@@ -227,8 +227,8 @@ says otherwise: {reached} of {len(readings)} have steady errors as small as the 
 <p>A bar shows the largest steady error over what its inset can show, on a logarithmic scale from
 {prose(f"10^{_LEAST}")} to {prose(f"10^{_MOST}")}; the line marks 1. Feedforward adds to (38) the torque that the
 nominal robot of (27) needs for the desired motion, the least that its three motors can do it with. Feedforward, torque
-limits, the velocity at the start and the leakage of (37) are parameters of the FMUs, whose defaults are the paper's
-law.</p>
+limits, the velocity at the start, the leakage of (37) and the bounding function Π of (89) are parameters of the FMUs,
+whose defaults are the paper's law.</p>
 {table(heads, cells, "Steady errors, axes and torques by assumption", "cards readings")}
 </details>"""
     return Section("readings", "What the figures may have been", html)

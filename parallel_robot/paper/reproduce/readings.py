@@ -97,6 +97,10 @@ _MOVING = desired_start_velocity()
 
 _X_C, _Y_C = centre_for(PHASE_OF_INSET)
 
+#: (89) with a constant in place of |theta_a|^2, which full turns of the joints do not change, and beside it.
+_CONSTANT = {"controller.bound_angles": 0.0, "controller.bound_constant": 1.0}
+_BESIDE = {"controller.bound_constant": 1.0}
+
 #: k of the printed law for the same law with angles and angular velocities in degrees in (89) and (90): psi and the
 #: regressor are then that factor times as large each, so that Pi is what it is for radians and k over its fourth power.
 _DEGREES = 180.0 / math.pi
@@ -148,6 +152,17 @@ CONTINUOUS = tuple(
         Assumption("k = 0.0001", start={"controller.k": 1e-4}),
         Assumption("k = 12 multiplies in (37): k in place of 1/k", start={"controller.k": 1.0 / _K}, other_law="(37)"),
         Assumption("angles in degrees in (89) and (90)", start={"controller.k": _K / _DEGREES**4}, other_law="(89)"),
+        Assumption("Pi = psi_1 + psi_2 |theta_a'|^2", start=_CONSTANT, other_law="another Pi"),
+        Assumption(
+            "Pi = psi_1 (1 + |theta_a|^2) + psi_2 |theta_a'|^2",
+            start=_BESIDE,
+            other_law="another Pi",
+        ),
+        Assumption(
+            "Pi = psi_1 + psi_2 |theta_a'|^2, and k = 0.001",
+            start={**_CONSTANT, "controller.k": 1e-3},
+            other_law="another Pi",
+        ),
         Assumption("no leakage in (37)", start={"controller.leakage": 0.0}, other_law="(37)"),
         Assumption(
             "no leakage, and k = 0.001", start={"controller.leakage": 0.0, "controller.k": 1e-3}, other_law="(37)"

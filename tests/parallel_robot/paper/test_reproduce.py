@@ -125,6 +125,8 @@ def test_steady_errors_of_readings_are_those_of_an_independent_check(runs: Runs)
         "k = 12 multiplies in (37): k in place of 1/k": (226,),
         "no leakage, and k = 12 multiplies": (28, 27, 78, 148, 86),
         "mass arrives at rest": (4160, 4120),
+        "Pi = psi_1 + psi_2 |theta_a'|^2": (5260, 5980),
+        "Pi = psi_1 + psi_2 |theta_a'|^2, and k = 0.001": (295, 310),
         "as printed": (3710, 4310),
     }.items():
         assert found[assumption][: len(expected)] == pytest.approx(expected, rel=0.02), assumption
