@@ -334,7 +334,8 @@ def turns(material: Material) -> Erratum:
         "the control depends on how full turns are counted; the branch of the angles belongs to the controller's "
         "contract",
         "The torque is computed twice in the same pose; the second time, the third active angle, measured and desired, "
-        "counts one more turn. With a constant in place of |theta_a|^2 (bound_angles = 0, bound_constant = 1) nothing changes.",
+        "counts one more turn. With a constant in place of |theta_a|^2 (bound_angles = 0, bound_constant = 1) nothing "
+        "changes.",
         {"torque with one more turn over torque (1)": ratio},
         abs(ratio - 1.0) > 0.01,
     )

@@ -48,7 +48,8 @@ CONTRACT = {
     (
         "RobotController",
         "parameter",
-    ): "alpha k bound_angles bound_constant psi_start[2] feedforward 1; beta N.m.s/rad; S[3] leakage s-1; tau_max[3] N.m; max_step s",
+    ): "alpha k bound_angles bound_constant psi_start[2] feedforward 1; "
+    "beta N.m.s/rad; S[3] leakage s-1; tau_max[3] N.m; max_step s",
     ("RobotTrajectory", "input"): "",
     ("RobotTrajectory", "output"): "theta_ref[3] rad; omega_ref[3] rad/s; x_ref y_ref m; tau_ref[3] N.m",
     ("RobotTrajectory", "parameter"): "x_c y_c b m; phase rad; w rad/s; n R a 1; X Y Z kg.m2",
