@@ -2,7 +2,8 @@
 
 pythonfmu's binary calls the methods of this class. It turns an exception into fmi2Fatal and then drops one reference
 too many to the instance, its class and its log, after which some hosts crash. So nothing here raises unless those
-references are held (`_guarded`), and a step that fails returns False (fmi2Discard) with the reason in the log.
+references are held (`_allowed`). The binary knows no fmi2Error: what the standard calls one is raised, whereas a step
+that can't be computed returns False (fmi2Discard) with the reason in the log.
 """
 
 from __future__ import annotations
@@ -12,9 +13,11 @@ import json
 import sys
 import zlib
 from collections import namedtuple
+from collections.abc import Callable
 from contextlib import suppress
+from enum import Flag, auto
 from functools import wraps
-from math import ceil, inf, isfinite, nan
+from math import ceil, inf, isfinite, isnan, nan
 from operator import itemgetter
 from pathlib import Path
 from typing import Any
@@ -23,6 +26,21 @@ ERROR = 3  # fmi2Error
 
 #: More internal steps than this in one communication step is taken for a mistake, not for work to do.
 MOST_INTERNAL_STEPS = 1_000_000
+
+#: Relative precision of a float.
+EPSILON = 2.0**-52
+
+
+class Phase(Flag):
+    """States of the standard's state machine of co-simulation; here "state" is that of the model."""
+
+    INSTANTIATED = auto()
+    INITIALIZATION = auto()
+    STEP = auto()
+    DISCARDED = auto()  # after a step that was discarded, until a saved state is restored
+    TERMINATED = auto()
+    FAILED = auto()  # after an error, until a saved state is restored or the instance reset
+
 
 LogMessage = namedtuple("LogMessage", "status category msg")
 
@@ -39,25 +57,40 @@ def _printf_format(message: str) -> str:
     return message.replace("%", "%%")
 
 
-def _guarded(method: Any) -> Any:
-    """Let a method raise without harm to the host; see the head of this file.
+_OVER = Phase.DISCARDED | Phase.TERMINATED | Phase.FAILED
+_ANY = Phase.INSTANTIATED | Phase.INITIALIZATION | Phase.STEP | _OVER
+_WHEN = dict.fromkeys(Phase, "in this state; see the state machine of the FMI standard") | {
+    Phase.INSTANTIATED: "before the initialisation mode",
+    Phase.DISCARDED: "after a discarded step; restore the FMU state from before the step, or reset the instance",
+    Phase.FAILED: "after an error; restore a saved FMU state, or reset the instance",
+}
+
+
+def _allowed(phases: Phase) -> Callable[[Any], Any]:
+    """Refuse a method in other phases, and let it raise without harm to the host; see the head of this file.
 
     The binary logs what is raised. It would also flush the queued messages while the exception is still set, which the
     logger of a Python host does not survive, so these go into what is raised.
     """
 
-    @wraps(method)
-    def guarded(self: Any, *arguments: Any) -> Any:
-        try:
-            return method(self, *arguments)
-        except BaseException as error:  # also Ctrl-C, which a Python host delivers here
-            messages = [*(m.msg.replace("%%", "%") for m in self.log_queue), str(error) or type(error).__name__]
-            self.log_queue.clear()
-            for held in (type(self), self, self.log_queue):
-                ctypes.pythonapi.Py_IncRef(ctypes.py_object(held))
-            raise SlaveError("; ".join(dict.fromkeys(messages))) from None
+    def decorate(method: Any) -> Any:
+        @wraps(method)
+        def guarded(self: Any, *arguments: Any) -> Any:
+            try:
+                if self._phase not in phases:
+                    raise SlaveError(f"{method.__name__} can't be called {_WHEN[self._phase]}")
+                return method(self, *arguments)
+            except BaseException as error:  # also Ctrl-C, which a Python host delivers here
+                self._phase = Phase.FAILED
+                messages = [*(m.msg.replace("%%", "%") for m in self.log_queue), str(error) or type(error).__name__]
+                self.log_queue.clear()
+                for held in (type(self), self, self.log_queue):
+                    ctypes.pythonapi.Py_IncRef(ctypes.py_object(held))
+                raise SlaveError("; ".join(dict.fromkeys(messages))) from None
 
-    return guarded
+        return guarded
+
+    return decorate
 
 
 class Fmi2Slave:
@@ -83,11 +116,12 @@ class Fmi2Slave:
         self._values = [nan] * len(names)
         self._x: list[float] = []
         self._time = 0.0
-        self._initialized = False
+        self._stop = inf  # of the experiment, and so of no saved state
+        self._phase = Phase.INSTANTIATED
         self._outputs_valid = False
         self._tuned = False  # parameters were set since they were checked
         self._refusal: str | None = None
-        self._getters: dict[tuple[int, ...], Any] = {}
+        self._getters: dict[tuple[int, ...], tuple[Any, bool]] = {}
         try:
             self._values[: self._n_pu] = self._read_start_values(Path(resources) / "start_values.txt")
         except Exception as error:  # a raise here would crash the host at a later reset
@@ -113,48 +147,67 @@ class Fmi2Slave:
 
     # Life cycle
 
-    @_guarded
+    @_allowed(Phase.INSTANTIATED)
     def setup_experiment(self, start_time: float, stop_time: float | None, tolerance: float | None) -> None:  # noqa: ARG002
-        """Take the start time (s)."""
+        """Take the start time, and the stop time if there is one (s)."""
         if not isfinite(start_time):
             raise SlaveError(f"start time {start_time} is not a finite number")
+        if stop_time is not None and isnan(stop_time):
+            raise SlaveError(f"stop time {stop_time} is not a number")
         self._time = start_time
+        self._stop = inf if stop_time is None else stop_time
         self._outputs_valid = False
 
-    @_guarded
+    @_allowed(Phase.INSTANTIATED)
     def enter_initialization_mode(self) -> None:
-        """Nothing to do: everything is computed when asked for, or at the end of the initialisation."""
+        """Nothing to compute: that is done when it is asked for, or at the end of the initialisation."""
         if self._refusal is not None:
             raise SlaveError(self._refusal)
+        self._phase = Phase.INITIALIZATION
 
-    @_guarded
+    @_allowed(Phase.INITIALIZATION)
     def exit_initialization_mode(self) -> None:
         """Check all values and compute the initial state."""
         self._check_parameters()
         self._x = self.equations.initial_state(self._parameters)
         self._check_step(self._time)
-        self._initialized = True
+        self._phase = Phase.STEP
         self._outputs_valid = False
 
+    @_allowed(Phase.STEP | Phase.DISCARDED)
     def terminate(self) -> None:
-        """Nothing to do: there is nothing to close."""
+        """There is nothing to close."""
+        self._phase = Phase.TERMINATED
 
+    @_allowed(Phase.STEP)
     def do_step(self, time: float, h: float) -> bool:
         """Integrate over one communication step (s) with the inputs held; False keeps the state as it was."""
+        self._check_times(time, h)
         try:
             self._integrate(time, h)
         except BaseException as error:  # also Ctrl-C, which a Python host delivers here
             self._log(f"step from t = {time!r} s: {str(error) or type(error).__name__}")
+            self._phase = Phase.DISCARDED
             return False
         return True
 
+    def _check_times(self, time: float, h: float) -> None:
+        """Refuse a step that begins elsewhere or ends too late; importers' times differ by rounding from those here."""
+        size = 1.0 + abs(time)
+        if not (isfinite(time) and isfinite(time + h) and h > 0.0):
+            raise SlaveError(f"communication step {h!r} s at {time!r} s is not positive and finite")
+        if abs(time - self._time) > min(1e-9 * size, 1e-2 * h) + 4.0 * EPSILON * size:
+            raise SlaveError(
+                f"communication step from {time!r} s: this FMU is at {self._time!r} s; go on there, or restore an FMU "
+                "state"
+            )
+        if time + h > self._stop + 1e-9 * size + 1e-3 * h:
+            raise SlaveError(
+                f"communication step {h!r} s from {time!r} s goes past {self._stop!r} s, which is the stop time of the "
+                "experiment; define a later one, or none"
+            )
+
     def _integrate(self, time: float, h: float) -> None:
-        if self._refusal is not None:
-            raise SlaveError(self._refusal)
-        if not self._initialized:
-            raise SlaveError("the instance is not initialised; leave the initialisation mode first")
-        if not (isfinite(time) and isfinite(h) and h > 0.0):
-            raise SlaveError(f"communication step {h!r} s is not a positive finite number")
         self._check_step(time)
         x, u, p = self._x, self._inputs, self._parameters
         n = self._internal_steps(h)
@@ -227,22 +280,24 @@ class Fmi2Slave:
 
     # Values
 
-    @_guarded
+    @_allowed(Phase.INITIALIZATION | Phase.STEP | _OVER)
     def get_real(self, references: list[int]) -> list[float]:
-        """Values of variables; outputs that can't be computed are NaN, with the reason in the log."""
-        if not self._outputs_valid:
-            self._compute_outputs()
+        """Values of variables."""
         key = tuple(references)
-        getter = self._getters.get(key)
-        if getter is None:
-            getter = self._getters[key] = self._getter(key)
+        if key not in self._getters:
+            self._getters[key] = self._getter(key)
+        getter, needs_outputs = self._getters[key]
+        if needs_outputs and not self._outputs_valid:
+            self._compute_outputs()
         return list(getter(self._values))  # the binary reads nothing but a list
 
-    def _getter(self, references: tuple[int, ...]) -> Any:
+    def _getter(self, references: tuple[int, ...]) -> tuple[Any, bool]:
+        """What picks values by reference, and whether outputs are among them."""
         self._check_references(references)
+        needs_outputs = any(reference >= self._n_pu for reference in references)
         if len(references) == 1:
-            return itemgetter(slice(references[0], references[0] + 1))
-        return itemgetter(*references) if references else lambda _: ()
+            return itemgetter(slice(references[0], references[0] + 1)), needs_outputs
+        return (itemgetter(*references) if references else lambda _: ()), needs_outputs
 
     def _check_references(self, references: tuple[int, ...]) -> None:
         for reference in references:
@@ -251,15 +306,16 @@ class Fmi2Slave:
 
     def _compute_outputs(self) -> None:
         try:
-            if not self._initialized:
+            if self._phase is Phase.INITIALIZATION:
                 self._check_parameters()
                 self._x = self.equations.initial_state(self._parameters)
             if self._tuned:
                 self._check_tuned()
             outputs = self.equations.outputs(self._time, self._x, self._inputs, self._parameters)
+            if not all(map(isfinite, outputs)):
+                raise SlaveError("they are not finite; check the inputs")
         except Exception as error:
-            self._log(f"outputs at t = {self._time!r} s: {self._reason(error)}")
-            outputs = [nan] * (len(self._values) - self._n_pu)
+            raise SlaveError(f"outputs at t = {self._time!r} s: {self._reason(error)}") from error
         self._values[self._n_pu :] = outputs
         self._outputs_valid = True
 
@@ -273,40 +329,37 @@ class Fmi2Slave:
             pass
         return str(error) or type(error).__name__
 
-    @_guarded
+    @_allowed(Phase.INSTANTIATED | Phase.INITIALIZATION | Phase.STEP)
     def set_real(self, references: list[int], values: list[float]) -> None:
-        """Set inputs and parameters, after the initialisation the tunable ones only.
+        """Set inputs and parameters, after the initialisation the tunable ones only; where one can't be, none is.
 
-        The values are checked where they are used; a variable that must not be set refuses all later steps.
+        The values are checked where they are used.
         """
-        settable = range(self._n_p if self._initialized else 0, self._n_pu)
+        running = self._phase is Phase.STEP
+        settable = range(self._n_p if running else 0, self._n_pu)
+        self._check_references(tuple(references))
+        for reference in references:
+            if reference not in settable and reference not in self.interface.TUNABLE:
+                raise SlaveError(self._why_not_set(reference))
         for reference, value in zip(references, values, strict=True):
-            if reference in settable:
-                self._values[reference] = value
-            elif reference in self.interface.TUNABLE:
-                self._values[reference] = value
-                self._tuned = True
-            else:
-                self._check_references((reference,))
-                self._refuse_set(reference)
+            self._values[reference] = value
+            self._tuned |= running and reference < self._n_p
         self._outputs_valid = False
 
-    def _refuse_set(self, reference: int) -> None:
+    def _why_not_set(self, reference: int) -> str:
         name = self.interface.NAMES[reference]
         if reference >= self._n_pu:
-            self._refusal = f"output '{name}' can't be set"
-        else:
-            self._refusal = f"parameter '{name}' is fixed after the initialisation; reset the instance to change it"
-        self._log(self._refusal)
+            return f"output '{name}' can't be set"
+        return f"parameter '{name}' is fixed after the initialisation; reset the instance to change it"
 
-    @_guarded
+    @_allowed(Phase.INITIALIZATION | Phase.STEP | _OVER)
     def get_integer(self, references: list[int]) -> list[int]:
         """Refuse: all variables are Real."""
         return self._no_such_type(references)
 
     get_boolean = get_string = get_integer
 
-    @_guarded
+    @_allowed(Phase.INSTANTIATED | Phase.INITIALIZATION | Phase.STEP)
     def set_integer(self, references: list[int], values: list[Any]) -> None:  # noqa: ARG002
         """Refuse: all variables are Real."""
         self._no_such_type(references)
@@ -320,27 +373,27 @@ class Fmi2Slave:
 
     # FMU state: everything that changes, so that a restored instance goes on exactly as the saved one would
 
-    @_guarded
+    @_allowed(_ANY)
     def _get_fmu_state(self) -> dict[str, Any]:
         return {
             "fingerprint": self.interface.FINGERPRINT,
             "values": list(self._values),
             "x": list(self._x),
             "time": self._time,
-            "initialized": self._initialized,
+            "phase": self._phase.name,
             "outputs_valid": self._outputs_valid,
             "tuned": self._tuned,
             "refusal": self._refusal,
         }
 
-    @_guarded
+    @_allowed(_ANY)
     def _set_fmu_state(self, state: dict[str, Any]) -> None:
         if state.get("fingerprint") != self.interface.FINGERPRINT:
             raise SlaveError("the FMU state is damaged or belongs to another FMU")
         self._values = list(state["values"])
         self._x = list(state["x"])
         self._time = state["time"]
-        self._initialized = state["initialized"]
+        self._phase = Phase[state["phase"]]
         self._outputs_valid = state["outputs_valid"]
         self._tuned = state["tuned"]
         self._refusal = state["refusal"]

@@ -243,16 +243,28 @@ class Host:
 
     # Life cycle
 
-    def enter(self, start: float = 0.0, tolerance: float | None = None) -> int:
+    def enter(self, start: float = 0.0, tolerance: float | None = None, stop: float | None = None) -> int:
         """Enter the initialisation mode; a warning that comes before it is its status."""
-        told = tolerance is not None, tolerance or 0.0
+        told = tolerance is not None, tolerance or 0.0, start, stop is not None, stop or 0.0
         if self.version == 3:
-            return self.call("EnterInitializationMode", *told, start, False, 0.0)
-        status = self.call("SetupExperiment", *told, start, 0, 0.0)
+            return self.call("EnterInitializationMode", *told)
+        status = self.call("SetupExperiment", *told)
         return status if status > 1 else self.call("EnterInitializationMode") or status
 
     def exit(self) -> int:
         return self.call("ExitInitializationMode")
+
+    def get_start(self, names: Sequence[str | int]) -> list[float]:
+        """Values at the begin of the initialisation; the instance then is as before it."""
+        values: list[float] = []
+
+        def look() -> int:
+            status = self.enter()
+            values.extend(self.get(names))
+            return status
+
+        self.must(self.tried(look))
+        return values
 
     def run_up(self, values: dict[str, float] | None = None, start: float = 0.0) -> Host:
         """Initialise; ready to step, or in continuous-time mode."""
@@ -390,6 +402,14 @@ class Host:
     def forget(self, state: c_void_p) -> None:
         self.must(self.call(self._state_function("FreeFMUState"), byref(state)))
         assert not state.value
+
+    def tried(self, call: Callable[[], int]) -> int:
+        """Status of a call, after which the state from before it is restored."""
+        state = self.save()
+        status = call()
+        self.must(self.restore(state))
+        self.forget(state)
+        return status
 
     def save_bytes(self) -> bytes:
         state, size = self.save(), c_size_t()

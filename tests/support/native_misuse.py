@@ -36,6 +36,7 @@ ONLY_2: dict[str, Any] = {"flavours": ("fmi2",)}
 ONLY_3: dict[str, Any] = {"flavours": ("fmi3",)}
 UNREACHABLE = {"x_E_start": 5.0}
 STATE_MACHINE = "can't be called"
+AFTER_ERROR = "can't be called after an error; restore a saved FMU state, or reset"
 
 
 def twice(h: Host) -> int:
@@ -53,6 +54,31 @@ def after_terminate(call: Callable[[Host], int]) -> Callable[[Host], int]:
     return run
 
 
+def after_error(call: Callable[[Host], int]) -> Callable[[Host], int]:
+    def run(h: Host) -> int:
+        h.run_up()
+        assert h.try_get([9999])[0] == ERROR
+        return call(h)
+
+    return run
+
+
+def after_discard(call: Callable[[Host], int]) -> Callable[[Host], int]:
+    def run(h: Host) -> int:
+        h.run_up()
+        assert h.step(0.0, 1e9) == DISCARD
+        return call(h)
+
+    return run
+
+
+def until(h: Host, stop: float) -> Host:
+    """Initialise with a stop time (s)."""
+    h.must(h.enter(stop=stop))
+    h.must(h.exit())
+    return h
+
+
 def typed(h: Host, function: str) -> int:
     """Get or set variable 0 as of another type."""
     buffer = (c_double * 1)()
@@ -66,6 +92,23 @@ CASES = [
     Misuse("step before init", lambda h: h.step(0.0, 1e-3), STATE_MACHINE),
     Misuse("step in init", lambda h: h.enter() or h.step(0.0, 1e-3), STATE_MACHINE),
     Misuse("step in model exchange", lambda h: h.run_up().step(0.0, 1e-3), STATE_MACHINE, **ME),
+    Misuse("get before init", lambda h: h.try_get(["X"])[0], STATE_MACHINE, **ONLY_2),
+    Misuse("get typed before init", lambda h: h.call("GetBoolean", None, 0, None), STATE_MACHINE, **ONLY_2),
+    Misuse(
+        "get output before init", lambda h: h.try_get(["X", "x_E"])[0], "'x_E' is computed and has no value", **ONLY_3
+    ),
+    Misuse("step after an error", after_error(lambda h: h.step(0.0, 1e-3)), AFTER_ERROR),
+    Misuse("set after an error", after_error(lambda h: h.set({"dm": 0.1})), AFTER_ERROR),
+    Misuse("terminate after an error", after_error(lambda h: h.call("Terminate")), AFTER_ERROR),
+    Misuse("states after an error", after_error(lambda h: h.set_states([0.0] * 12)), AFTER_ERROR, **ME),
+    Misuse("step after a discarded one", after_discard(lambda h: h.step(0.0, 1e-3)), "after a discarded", **ONLY_2),
+    Misuse("set after a discarded step", after_discard(lambda h: h.set({"dm": 0.0})), "after a discarded", **ONLY_2),
+    Misuse("step back", lambda h: h.run_up().step(0.0, 1e-3) or h.step(0.0, 1e-3), "at 0.001 s; go on there"),
+    Misuse("step ahead", lambda h: h.run_up(start=1.0).step(1.1, 1e-3), "is at 1 s; go on there"),
+    Misuse("step elsewhere by a part of its length", lambda h: h.run_up().step(1e-10, 1e-9), "is at 0 s"),
+    Misuse("step past the stop time", lambda h: until(h, 0.2).step(0.0, 0.25), "goes past 0.2 s"),
+    Misuse("step from the stop time", lambda h: until(h, 0.2).step(0.0, 0.2) or h.step(0.2, 1e-3), "goes past 0.2 s"),
+    Misuse("nan stop time", lambda h: h.enter(stop=NAN), "stop time -?nan"),
     Misuse("step after terminate", after_terminate(lambda h: h.step(0.0, 1e-3)), STATE_MACHINE),
     Misuse("set after terminate", after_terminate(lambda h: h.set({"dm": 0.1})), STATE_MACHINE),
     Misuse("enter twice", lambda h: h.enter() or h.call(*INIT[h.version]), STATE_MACHINE),
@@ -109,18 +152,24 @@ CASES = [
     Misuse("output", lambda h: h.set({"x_E": 0.1}), "'x_E' is computed"),
     Misuse("derivative", lambda h: h.run_up().set({"der(omega_a[1])": 0.1}), r"'der\(omega_a\[1\]\)' is computed"),
     Misuse("unknown reference set", lambda h: h.set({9999: 0.1}), "value reference 9999"),
-    Misuse("unknown reference get", lambda h: h.try_get([9999])[0], "value reference 9999"),
-    Misuse("largest reference get", lambda h: h.try_get([2**32 - 1])[0], "value reference 4294967295"),
+    Misuse("unknown reference get", lambda h: h.enter() or h.try_get([9999])[0], "value reference 9999"),
+    Misuse("largest reference get", lambda h: h.enter() or h.try_get([2**32 - 1])[0], "value reference 4294967295"),
     Misuse("set time variable", lambda h: h.run_up().set({"time": 0.1}), "reference|time", **ONLY_3),
     Misuse("nan input", lambda h: h.run_up().set({"dm": NAN}), "'dm' can't be -?nan"),
     Misuse("infinite input", lambda h: h.run_up().set({"tau_a[2]": INF}), r"'tau_a\[2\]' can't be inf"),
     Misuse("nan parameter", lambda h: h.set({"X": NAN}), "'X' can't be -?nan"),
     Misuse("nan start time", lambda h: h.enter(NAN), "start time -?nan"),
     Misuse("parameter below its limit", lambda h: h.set({"l": -1.0}) or h.enter() or h.exit(), "parameter 'l' is -1"),
-    Misuse("get with a parameter below its limit", lambda h: h.set({"l": -1.0}) or h.try_get(["x_E"])[0], "'l' is -1"),
+    Misuse(
+        "get with a parameter below its limit",
+        lambda h: h.set({"l": -1.0}) or h.enter() or h.try_get(["x_E"])[0],
+        "'l' is -1",
+    ),
     Misuse("unreachable start", lambda h: h.set(UNREACHABLE) or h.enter() or h.exit(), "out of reach of chain 1"),
     Misuse(
-        "get before init of an unreachable start", lambda h: h.set(UNREACHABLE) or h.try_get(["x_E"])[0], "out of reach"
+        "get of an unreachable start",
+        lambda h: h.set(UNREACHABLE) or h.enter() or h.try_get(["x_E"])[0],
+        "out of reach",
     ),
     Misuse(
         "direction of an unreachable start",
@@ -181,10 +230,12 @@ CASES = [
         **ME,
     ),
     Misuse("nan time in model exchange", lambda h: h.run_up().call("SetTime", NAN), "time -?nan", **ME),
-    Misuse("get integer", lambda h: typed(h, f"Get{h.integer}"), "no variable of this FMU is of this type"),
+    Misuse(
+        "get integer", lambda h: h.enter() or typed(h, f"Get{h.integer}"), "no variable of this FMU is of this type"
+    ),
     Misuse("set integer", lambda h: typed(h, f"Set{h.integer}"), "no variable of this FMU is of this type"),
     Misuse("set boolean", lambda h: typed(h, "SetBoolean"), "no variable of this FMU is of this type"),
-    Misuse("get string", lambda h: typed(h, "GetString"), "no variable of this FMU is of this type"),
+    Misuse("get string", lambda h: h.enter() or typed(h, "GetString"), "no variable of this FMU is of this type"),
     Misuse("direction of an input", lambda h: h.run_up().direction(["dm"], {"dm": 1.0})[0], "no unknown"),
     Misuse(
         "direction of an unknown reference", lambda h: h.run_up().direction([9999], {"dm": 1.0})[0], "reference 9999"
@@ -249,7 +300,11 @@ CASES = [
     ),
     Misuse("state to set missing", lambda h: h.restore(c_void_p()), "no FMU state"),
     Misuse("bytes of another length", lambda h: h.restore_bytes(b"abc"), "damaged or belongs to another"),
-    Misuse("values array missing", lambda h: h.call(f"Get{h.real}", h.vr(["X"]), 1, None, *h._extra(1)), "is missing"),
+    Misuse(
+        "values array missing",
+        lambda h: h.enter() or h.call(f"Get{h.real}", h.vr(["X"]), 1, None, *h._extra(1)),
+        "is missing",
+    ),
     Misuse(
         "references array missing",
         lambda h: h.call(f"Set{h.real}", None, 1, (c_double * 1)(), *h._extra(1)),

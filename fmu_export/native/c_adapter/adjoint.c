@@ -33,6 +33,9 @@ CoreStatus core_adjoint(Core *core, const unsigned unknowns[], size_t n, const d
         else
             return core_fail(core, CORE_ERROR, "value reference %lu is no known: give states, inputs or parameters",
                              (unsigned long)known);
+        if (!isfinite(result[i]))
+            return core_fail(core, CORE_DISCARD, "t = %.9g s: the adjoint derivative by '%s' is not finite", s->time,
+                             model_names[known]);
     }
     return CORE_OK;
 }

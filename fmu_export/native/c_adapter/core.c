@@ -47,8 +47,10 @@ CoreStatus core_reset(Core *core) {
     memset(&state, 0, sizeof state);
     state.phase = INSTANTIATED;
     CoreStatus status = core_read_start_values(core, state.values);
-    if (status == CORE_OK) memcpy(&core->state, &state, sizeof state);
-    return status;
+    if (status != CORE_OK) return status;
+    memcpy(&core->state, &state, sizeof state);
+    core->stop = INFINITY;
+    return CORE_OK;
 }
 
 /* Checks */
@@ -101,8 +103,10 @@ static int are_all(unsigned first, unsigned number, const unsigned references[],
 
 /* Life cycle */
 
-CoreStatus core_start_at(Core *core, double time) {
+CoreStatus core_start_at(Core *core, double time, int has_stop, double stop) {
     if (!isfinite(time)) return core_fail(core, CORE_ERROR, "start time %g is not a finite number", time);
+    if (has_stop && isnan(stop)) return core_fail(core, CORE_ERROR, "stop time %g is not a number", stop);
+    core->stop = has_stop ? stop : INFINITY;
     core->state.time = time;
 #if ADAPTIVE
     core->state.tolerance = 0.0; /* an importer that has one says it next */
@@ -440,14 +444,15 @@ CoreStatus core_get_states(Core *core, double x[]) {
 
 /* Directional derivatives */
 
-CoreStatus core_direction(Core *core, const unsigned unknowns[], size_t n, const double change[], double result[]) {
+CoreStatus core_direction(Core *core, const unsigned unknowns[], size_t n, const double change[], double result[],
+                          CoreStatus status) {
     CoreState *s = &core->state;
     double dx[N_X + 1] = {0}, changes[N_Y + N_X + 1];
     if (!core_all_finite(change, N_VALUES))
         return core_fail(core, CORE_ERROR, "the direction has entries that are not finite");
     const double *dp = change, *du = change + N_P;
-    CoreStatus status = core_have_states(core);
-    if (status != CORE_OK) return status;
+    CoreStatus states = core_have_states(core);
+    if (states != CORE_OK) return states;
     if (s->phase & (INSTANTIATED | INITIALIZATION)) {
         model_initial_state_direction(PARAMETERS(core), dp, dx);
     } else {
@@ -459,6 +464,9 @@ CoreStatus core_direction(Core *core, const unsigned unknowns[], size_t n, const
             return core_fail(core, CORE_ERROR, "value reference %lu is no unknown: give outputs or state derivatives",
                              (unsigned long)unknowns[i]);
         result[i] = changes[unknowns[i] - N_PU];
+        if (!isfinite(result[i]))
+            return core_fail(core, status, "t = %.9g s: the directional derivative of '%s' is not finite", s->time,
+                             name_of(unknowns[i]));
     }
     return CORE_OK;
 }
@@ -508,8 +516,8 @@ CoreStatus core_deserialize(Core *core, const char bytes[], size_t size, CoreSta
     if (size != core_serialized_size() || memcmp(bytes, GUID, sizeof GUID) || memcmp(bytes + CHECKED, &sum, sizeof sum))
         return core_fail(core, CORE_ERROR, "the FMU state is damaged or belongs to another FMU");
     memcpy(state, bytes + sizeof GUID, sizeof *state);
-    int phase = state->phase, running = core->model_exchange ? EVENT | CONTINUOUS : STEP;
-    if (!(phase & (INSTANTIATED | INITIALIZATION | running | TERMINATED)) || phase & (phase - 1))
+    int phase = state->phase, running = core->model_exchange ? EVENT | CONTINUOUS : STEP | DISCARDED;
+    if (!(phase & (INSTANTIATED | INITIALIZATION | running | TERMINATED | FAILED)) || phase & (phase - 1))
         return core_fail(core, CORE_ERROR,
                          "the FMU state is damaged or belongs to the other interface (model exchange, co-simulation)");
     if (!core_all_finite(state->values, N_PU) || state->which & ~1 || !core_all_finite(state->x[state->which], N_X) ||

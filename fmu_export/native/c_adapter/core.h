@@ -25,8 +25,13 @@ typedef enum {
     STEP = 4,        /* co-simulation, between two steps */
     EVENT = 8,       /* model exchange */
     CONTINUOUS = 16, /* model exchange */
-    TERMINATED = 32
+    TERMINATED = 32,
+    DISCARDED = 64, /* FMI 2.0: after a step that was discarded, until a saved state is restored */
+    FAILED = 128    /* after an error, until a saved state is restored or the instance reset */
 } Phase;
+
+/* Phases in which values can be looked at, but not set. */
+enum { OVER = TERMINATED | DISCARDED | FAILED };
 
 enum { OUTPUTS_VALID = 1, RATES_VALID = 2 };
 
@@ -82,8 +87,7 @@ typedef struct {
     int phase;
     int which; /* of the two are the states */
     int valid; /* which computed values belong to the present state and inputs: OUTPUTS_VALID, RATES_VALID */
-    int discarded; /* the last step failed */
-    int degree;    /* highest order of the derivatives of the inputs, 0 for linear or held ones */
+    int degree; /* highest order of the derivatives of the inputs, 0 for linear or held ones */
 #if ADAPTIVE
     StepControl control;
     double tolerance; /* relative, of the importer, 0 if it gives none */
@@ -109,6 +113,8 @@ typedef struct {
     CoreInputRequest *request_inputs; /* NULL where the importer can't answer */
     void *environment;
     int model_exchange;
+    double
+        stop; /* no step goes past it, INFINITY if the importer defines none; of the experiment, and so of no saved state */
     int within_step; /* the importer is being asked for inputs */
     int curved; /* the inputs are not linear over the internal step that is being tried, but those below */
     char *resources; /* folder */
@@ -160,9 +166,13 @@ void core_close_tables(Core *core);
 
 /* Whether `function` may be called in the current phase; logs when it may not. */
 static inline int core_allowed(Core *core, int phases, const char *function) {
-    if (core->state.phase & phases) return 1;
-    core_fail(core, CORE_ERROR, "%s can't be called in this state; see the state machine of the FMI standard",
-              function);
+    int phase = core->state.phase;
+    if (phase & phases) return 1;
+    core_fail(core, CORE_ERROR, "%s can't be called %s", function,
+              phase == FAILED ? "after an error; restore a saved FMU state, or reset the instance"
+              : phase == DISCARDED
+                  ? "after a discarded step; restore the FMU state from before the step, or reset the instance"
+                  : "in this state; see the state machine of the FMI standard");
     return 0;
 }
 
@@ -189,7 +199,9 @@ static inline int core_all_finite(const double v[], size_t n) {
 }
 
 CoreStatus core_reset(Core *core);
-CoreStatus core_start_at(Core *core, double time);
+
+/* Begin an experiment at a time, which may have a defined end. */
+CoreStatus core_start_at(Core *core, double time, int has_stop, double stop);
 
 /* Take the relative tolerance that an importer gives for a run, which methods of fixed step don't need. */
 CoreStatus core_set_tolerance(Core *core, double tolerance);
@@ -326,8 +338,10 @@ CoreStatus core_set_states(Core *core, const double x[]);
 CoreStatus core_get_states(Core *core, double x[]);
 CoreStatus core_get_derivatives(Core *core, double derivatives[]);
 
-/* Change of `unknown` along a change of knowns: `change` has N_VALUES entries, by value reference. */
-CoreStatus core_direction(Core *core, const unsigned unknowns[], size_t n, const double change[], double result[]);
+/* Change of `unknown` along a change of knowns: `change` has N_VALUES entries, by value reference. What is not finite gets
+ * `status`. */
+CoreStatus core_direction(Core *core, const unsigned unknowns[], size_t n, const double change[], double result[],
+                          CoreStatus status);
 
 /* What the sum of n unknowns, weighted by `seed`, changes by with each of m knowns. */
 CoreStatus core_adjoint(Core *core, const unsigned unknowns[], size_t n, const double seed[], const unsigned knowns[],

@@ -375,7 +375,7 @@ CoreStatus core_change(Core *core, int *states_changed) {
 
 CoreStatus core_settle(Core *core) {
     CoreState *s = &core->state;
-    if (s->settled || core->model_exchange) return CORE_OK;
+    if (s->settled || core->model_exchange || s->phase == FAILED) return CORE_OK;
     s->before = s->discrete;
     memcpy(s->x_before, STATES(core), sizeof s->x_before);
     memcpy(s->z_before, DISCRETE(core), N_Z * sizeof *s->z_before);

@@ -15,17 +15,23 @@ typedef struct {
     fmi2ComponentEnvironment environment;
 } Instance;
 
-enum {
-    ANY = INSTANTIATED | INITIALIZATION | STEP | EVENT | CONTINUOUS | TERMINATED,
-    RUNNING = STEP | EVENT | CONTINUOUS
-};
+enum { RUNNING = STEP | EVENT | CONTINUOUS, ANY = INSTANTIATED | INITIALIZATION | RUNNING | OVER };
+
+/* The status of a call. After an error the standard allows to look at values, to restore a saved state, and to reset. */
+static fmi2Status done(Instance *instance, CoreStatus status) {
+    if (status == CORE_ERROR) instance->core.state.phase = FAILED;
+    return (fmi2Status)status;
+}
 
 /* Return fmi2Error unless the instance is there and the call is allowed now. */
 #define CHECK(c, phases) \
     Instance *instance = c; \
-    if (!instance || !core_allowed(&instance->core, phases, __func__)) return fmi2Error
+    if (!instance) return fmi2Error; \
+    if (!core_allowed(&instance->core, phases, __func__)) return done(instance, CORE_ERROR)
 
-#define MISSING ((fmi2Status)core_fail(&instance->core, CORE_ERROR, "%s: an argument is missing", __func__))
+#define FAIL(...) done(instance, core_fail(&instance->core, CORE_ERROR, __VA_ARGS__))
+
+#define MISSING FAIL("%s: an argument is missing", __func__)
 
 static void forward_log(void *environment, CoreStatus status, const char *message) {
     static const char *const categories[] = {"logAll", "logStatusWarning", "logStatusDiscard", "logStatusError"};
@@ -86,11 +92,10 @@ void fmi2FreeInstance(fmi2Component c) {
 
 fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean tolerance_defined, fmi2Real tolerance, fmi2Real start,
                                fmi2Boolean stop_defined, fmi2Real stop) {
-    (void)stop_defined, (void)stop;
     CHECK(c, INSTANTIATED);
-    CoreStatus status = core_start_at(&instance->core, start);
+    CoreStatus status = core_start_at(&instance->core, start, stop_defined, stop);
     if (status == CORE_OK && tolerance_defined) status = core_set_tolerance(&instance->core, tolerance);
-    return (fmi2Status)status;
+    return done(instance, status);
 }
 
 fmi2Status fmi2EnterInitializationMode(fmi2Component c) {
@@ -101,46 +106,46 @@ fmi2Status fmi2EnterInitializationMode(fmi2Component c) {
 
 fmi2Status fmi2ExitInitializationMode(fmi2Component c) {
     CHECK(c, INITIALIZATION);
-    return (fmi2Status)core_exit_initialization(&instance->core);
+    return done(instance, core_exit_initialization(&instance->core));
 }
 
 fmi2Status fmi2Terminate(fmi2Component c) {
-    CHECK(c, RUNNING);
+    CHECK(c, RUNNING | DISCARDED);
     instance->core.state.phase = TERMINATED;
     return fmi2OK;
 }
 
 fmi2Status fmi2Reset(fmi2Component c) {
     CHECK(c, ANY);
-    return (fmi2Status)core_reset(&instance->core);
+    return done(instance, core_reset(&instance->core));
 }
 
-/* Values */
+/* Values, which are there from the initialisation mode on */
 
 fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2Real value[]) {
-    CHECK(c, ANY);
+    CHECK(c, INITIALIZATION | RUNNING | OVER);
     if (n && (!vr || !value)) return MISSING;
-    if (!ARE_REAL(&instance->core, vr, n)) return fmi2Error;
-    return (fmi2Status)core_get(&instance->core, vr, n, value);
+    if (!ARE_REAL(&instance->core, vr, n)) return done(instance, CORE_ERROR);
+    return done(instance, core_get(&instance->core, vr, n, value));
 }
 
 fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2Real value[]) {
     CHECK(c, INSTANTIATED | INITIALIZATION | RUNNING);
     if (n && (!vr || !value)) return MISSING;
-    if (!ARE_REAL(&instance->core, vr, n)) return fmi2Error;
-    return (fmi2Status)core_set(&instance->core, vr, n, value);
+    if (!ARE_REAL(&instance->core, vr, n)) return done(instance, CORE_ERROR);
+    return done(instance, core_set(&instance->core, vr, n, value));
 }
 
 #define TYPED(Type, as) \
     fmi2Status fmi2Get##Type(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2##Type value[]) { \
-        CHECK(c, ANY); \
+        CHECK(c, INITIALIZATION | RUNNING | OVER); \
         if (n && (!vr || !value)) return MISSING; \
-        return (fmi2Status)core_get_as(&instance->core, as, vr, n, value, __func__); \
+        return done(instance, core_get_as(&instance->core, as, vr, n, value, __func__)); \
     } \
     fmi2Status fmi2Set##Type(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2##Type value[]) { \
         CHECK(c, INSTANTIATED | INITIALIZATION | RUNNING); \
         if (n && (!vr || !value)) return MISSING; \
-        return (fmi2Status)core_set_as(&instance->core, as, vr, n, value, __func__); \
+        return done(instance, core_set_as(&instance->core, as, vr, n, value, __func__)); \
     }
 
 TYPED(Integer, AS_INT32_OR_ITEM)
@@ -151,31 +156,31 @@ fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference
                                        const fmi2Integer order[], const fmi2Real value[]) {
     CHECK(c, INITIALIZATION | STEP);
     if (n && (!vr || !order || !value)) return MISSING;
-    return (fmi2Status)core_set_input_derivatives(&instance->core, vr, n, order, value);
+    return done(instance, core_set_input_derivatives(&instance->core, vr, n, order, value));
 }
 
 fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2ValueReference vr[], size_t n,
                                         const fmi2Integer order[], fmi2Real value[]) {
-    CHECK(c, STEP | TERMINATED);
+    CHECK(c, STEP | OVER);
     if (n && (!vr || !order || !value)) return MISSING;
-    if (!ARE_REAL(&instance->core, vr, n) || core_check_output_orders(&instance->core, order, n)) return fmi2Error;
-    return (fmi2Status)core_get_output_derivatives(&instance->core, vr, n, value);
+    if (!ARE_REAL(&instance->core, vr, n) || core_check_output_orders(&instance->core, order, n))
+        return done(instance, CORE_ERROR);
+    return done(instance, core_get_output_derivatives(&instance->core, vr, n, value));
 }
 
 fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReference unknown[], size_t n,
                                         const fmi2ValueReference known[], size_t m, const fmi2Real known_change[],
                                         fmi2Real unknown_change[]) {
-    CHECK(c, INITIALIZATION | RUNNING | TERMINATED);
+    CHECK(c, INITIALIZATION | RUNNING | OVER);
     if ((n && (!unknown || !unknown_change)) || (m && (!known || !known_change))) return MISSING;
     double change[N_VALUES + 1] = {0};
     for (size_t i = 0; i < m; i++) {
-        if (known[i] >= N_VALUES)
-            return (fmi2Status)core_fail(&instance->core, CORE_ERROR, "no variable has the value reference %u",
-                                         known[i]);
+        if (known[i] >= N_VALUES) return FAIL("no variable has the value reference %u", known[i]);
         change[known[i]] = known_change[i];
     }
-    if (!ARE_REAL(&instance->core, known, m) || !ARE_REAL(&instance->core, unknown, n)) return fmi2Error;
-    return (fmi2Status)core_direction(&instance->core, unknown, n, change, unknown_change);
+    if (!ARE_REAL(&instance->core, known, m) || !ARE_REAL(&instance->core, unknown, n))
+        return done(instance, CORE_ERROR);
+    return done(instance, core_direction(&instance->core, unknown, n, change, unknown_change, CORE_ERROR));
 }
 
 /* FMU states */
@@ -183,15 +188,14 @@ fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReferenc
 fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *state) {
     CHECK(c, ANY);
     if (!state) return MISSING;
-    if (!*state && !(*state = malloc(sizeof(CoreState))))
-        return (fmi2Status)core_fail(&instance->core, CORE_ERROR, "no memory for an FMU state");
+    if (!*state && !(*state = malloc(sizeof(CoreState)))) return FAIL("no memory for an FMU state");
     memcpy(*state, &instance->core.state, sizeof(CoreState));
     return fmi2OK;
 }
 
 fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate state) {
     CHECK(c, ANY);
-    if (!state) return (fmi2Status)core_fail(&instance->core, CORE_ERROR, "there is no FMU state to set");
+    if (!state) return FAIL("there is no FMU state to set");
     memcpy(&instance->core.state, state, sizeof(CoreState));
     return fmi2OK;
 }
@@ -207,8 +211,7 @@ fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *state) {
 
 fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate state, size_t *size) {
     CHECK(c, ANY);
-    if (!state || !size)
-        return (fmi2Status)core_fail(&instance->core, CORE_ERROR, "there is no FMU state to serialise");
+    if (!state || !size) return FAIL("there is no FMU state to serialise");
     *size = core_serialized_size();
     return fmi2OK;
 }
@@ -216,21 +219,18 @@ fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate state, size_
 fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate state, fmi2Byte bytes[], size_t size) {
     CHECK(c, ANY);
     if (!state || !bytes || size < core_serialized_size())
-        return (fmi2Status)core_fail(&instance->core, CORE_ERROR, "an FMU state needs %lu bytes",
-                                     (unsigned long)core_serialized_size());
+        return FAIL("an FMU state needs %lu bytes", (unsigned long)core_serialized_size());
     core_serialize(state, bytes);
     return fmi2OK;
 }
 
 fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size_t size, fmi2FMUstate *state) {
     CHECK(c, ANY);
-    if (!state || !bytes)
-        return (fmi2Status)core_fail(&instance->core, CORE_ERROR, "there are no bytes to read an FMU state from");
+    if (!state || !bytes) return FAIL("there are no bytes to read an FMU state from");
     CoreState read;
     CoreStatus status = core_deserialize(&instance->core, bytes, size, &read);
-    if (status != CORE_OK) return (fmi2Status)status;
-    if (!*state && !(*state = malloc(sizeof read)))
-        return (fmi2Status)core_fail(&instance->core, CORE_ERROR, "no memory for an FMU state");
+    if (status != CORE_OK) return done(instance, status);
+    if (!*state && !(*state = malloc(sizeof read))) return FAIL("no memory for an FMU state");
     memcpy(*state, &read, sizeof read);
     return fmi2OK;
 }
@@ -241,13 +241,13 @@ fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real step, fmi2Boolean
     (void)no_state_before;
     CHECK(c, STEP);
     CoreStatus status = core_do_step(&instance->core, time, step);
-    instance->core.state.discarded = status == CORE_DISCARD;
-    return (fmi2Status)status;
+    if (status == CORE_DISCARD) instance->core.state.phase = DISCARDED;
+    return done(instance, status);
 }
 
 fmi2Status fmi2CancelStep(fmi2Component c) {
     CHECK(c, ANY);
-    return (fmi2Status)core_fail(&instance->core, CORE_ERROR, "steps are synchronous; there is none to cancel");
+    return FAIL("steps are synchronous; there is none to cancel");
 }
 
 static fmi2Status no_status(fmi2Component c) {
@@ -277,7 +277,8 @@ fmi2Status fmi2GetBooleanStatus(fmi2Component c, const fmi2StatusKind kind, fmi2
     if (kind != fmi2Terminated) return no_status(c);
     CHECK(c, ANY);
     if (!value) return MISSING;
-    *value = instance->core.state.discarded; /* a discarded step would fail again: the inputs must change first */
+    *value =
+        instance->core.state.phase == DISCARDED; /* a discarded step would fail again: the inputs must change first */
     return fmi2OK;
 }
 
@@ -301,7 +302,7 @@ fmi2Status fmi2NewDiscreteStates(fmi2Component c, fmi2EventInfo *info) {
 #if HYBRID
     int states_changed;
     CoreStatus status = core_change(&instance->core, &states_changed);
-    if (status != CORE_OK) return fmi2Error; /* there is no shorter step that could help */
+    if (status != CORE_OK) return done(instance, CORE_ERROR); /* there is no shorter step that could help */
     info->valuesOfContinuousStatesChanged = states_changed;
     info->nextEventTime = core_next_instant(&instance->core);
     info->nextEventTimeDefined = N_SAMPLED > 0;
@@ -329,49 +330,47 @@ fmi2Status fmi2CompletedIntegratorStep(fmi2Component c, fmi2Boolean no_state_bef
 
 fmi2Status fmi2SetTime(fmi2Component c, fmi2Real time) {
     CHECK(c, EVENT | CONTINUOUS);
-    return (fmi2Status)core_set_time(&instance->core, time);
+    return done(instance, core_set_time(&instance->core, time));
 }
 
 static fmi2Status check_states(Instance *instance, const double x[], size_t n, const char *function) {
     if (n == N_X && (x || !n)) return fmi2OK;
-    if (n == N_X) return (fmi2Status)core_fail(&instance->core, CORE_ERROR, "%s: the array is missing", function);
-    return (fmi2Status)core_fail(&instance->core, CORE_ERROR, "%s: this FMU has %d continuous states, not %lu",
-                                 function, N_X, (unsigned long)n);
+    if (n == N_X) return FAIL("%s: the array is missing", function);
+    return FAIL("%s: this FMU has %d continuous states, not %lu", function, N_X, (unsigned long)n);
 }
 
 fmi2Status fmi2SetContinuousStates(fmi2Component c, const fmi2Real x[], size_t n) {
     CHECK(c, CONTINUOUS);
     if (check_states(instance, x, n, __func__)) return fmi2Error;
-    return (fmi2Status)core_set_states(&instance->core, x);
+    return done(instance, core_set_states(&instance->core, x));
 }
 
 fmi2Status fmi2GetDerivatives(fmi2Component c, fmi2Real derivatives[], size_t n) {
-    CHECK(c, EVENT | CONTINUOUS | TERMINATED);
+    CHECK(c, EVENT | CONTINUOUS | OVER);
     if (check_states(instance, derivatives, n, __func__)) return fmi2Error;
-    return (fmi2Status)core_get_derivatives(&instance->core, derivatives);
+    return done(instance, core_get_derivatives(&instance->core, derivatives));
 }
 
 fmi2Status fmi2GetEventIndicators(fmi2Component c, fmi2Real indicators[], size_t n) {
-    CHECK(c, INITIALIZATION | EVENT | CONTINUOUS | TERMINATED);
+    CHECK(c, INITIALIZATION | EVENT | CONTINUOUS | OVER);
     if (n != N_EVENTS)
-        return (fmi2Status)core_fail(&instance->core, CORE_ERROR, "%s: this FMU has %d event indicators, not %lu",
-                                     __func__, N_EVENTS, (unsigned long)n);
+        return FAIL("%s: this FMU has %d event indicators, not %lu", __func__, N_EVENTS, (unsigned long)n);
     if (n && !indicators) return MISSING;
 #if HYBRID
-    return (fmi2Status)core_get_indicators(&instance->core, indicators);
+    return done(instance, core_get_indicators(&instance->core, indicators));
 #else
     return fmi2OK;
 #endif
 }
 
 fmi2Status fmi2GetContinuousStates(fmi2Component c, fmi2Real x[], size_t n) {
-    CHECK(c, INITIALIZATION | EVENT | CONTINUOUS | TERMINATED);
+    CHECK(c, INITIALIZATION | EVENT | CONTINUOUS | OVER);
     if (check_states(instance, x, n, __func__)) return fmi2Error;
-    return (fmi2Status)core_get_states(&instance->core, x);
+    return done(instance, core_get_states(&instance->core, x));
 }
 
 fmi2Status fmi2GetNominalsOfContinuousStates(fmi2Component c, fmi2Real nominals[], size_t n) {
-    CHECK(c, EVENT | CONTINUOUS | TERMINATED);
+    CHECK(c, EVENT | CONTINUOUS | OVER);
     if (check_states(instance, nominals, n, __func__)) return fmi2Error;
     for (size_t i = 0; i < n; i++) nominals[i] = model_nominals[i];
     return fmi2OK;

@@ -13,17 +13,21 @@ typedef struct {
     fmi3InstanceEnvironment environment;
 } Instance;
 
-enum {
-    ANY = INSTANTIATED | INITIALIZATION | STEP | EVENT | CONTINUOUS | TERMINATED,
-    RUNNING = STEP | EVENT | CONTINUOUS
-};
+enum { RUNNING = STEP | EVENT | CONTINUOUS, ANY = INSTANTIATED | INITIALIZATION | RUNNING | OVER };
+
+/* The status of a call. After an error the standard allows to look at values, to restore a saved state, and to reset. */
+static fmi3Status done(Instance *instance, CoreStatus status) {
+    if (status == CORE_ERROR) instance->core.state.phase = FAILED;
+    return (fmi3Status)status;
+}
 
 /* Return fmi3Error unless the instance is there and the call is allowed now. */
 #define CHECK(c, phases) \
     Instance *instance = c; \
-    if (!instance || !core_allowed(&instance->core, phases, __func__)) return fmi3Error
+    if (!instance) return fmi3Error; \
+    if (!core_allowed(&instance->core, phases, __func__)) return done(instance, CORE_ERROR)
 
-#define FAIL(...) ((fmi3Status)core_fail(&instance->core, CORE_ERROR, __VA_ARGS__))
+#define FAIL(...) done(instance, core_fail(&instance->core, CORE_ERROR, __VA_ARGS__))
 
 #define MISSING FAIL("%s: an argument is missing", __func__)
 
@@ -120,17 +124,16 @@ void fmi3FreeInstance(fmi3Instance c) {
 
 fmi3Status fmi3EnterInitializationMode(fmi3Instance c, fmi3Boolean tolerance_defined, fmi3Float64 tolerance,
                                        fmi3Float64 start, fmi3Boolean stop_defined, fmi3Float64 stop) {
-    (void)stop_defined, (void)stop;
     CHECK(c, INSTANTIATED);
-    CoreStatus status = core_start_at(&instance->core, start);
+    CoreStatus status = core_start_at(&instance->core, start, stop_defined, stop);
     if (status == CORE_OK && tolerance_defined) status = core_set_tolerance(&instance->core, tolerance);
     if (status <= CORE_WARNING) instance->core.state.phase = INITIALIZATION;
-    return (fmi3Status)status;
+    return done(instance, status);
 }
 
 fmi3Status fmi3ExitInitializationMode(fmi3Instance c) {
     CHECK(c, INITIALIZATION);
-    return (fmi3Status)core_exit_initialization(&instance->core);
+    return done(instance, core_exit_initialization(&instance->core));
 }
 
 fmi3Status fmi3EnterEventMode(fmi3Instance c) {
@@ -147,7 +150,7 @@ fmi3Status fmi3Terminate(fmi3Instance c) {
 
 fmi3Status fmi3Reset(fmi3Instance c) {
     CHECK(c, ANY);
-    return (fmi3Status)core_reset(&instance->core);
+    return done(instance, core_reset(&instance->core));
 }
 
 /* Values */
@@ -178,6 +181,18 @@ static fmi3Status check_arrays(Instance *instance, const fmi3ValueReference **re
     return fmi3OK;
 }
 
+/* Before the initialisation only what has a start value has a value: parameters, inputs, states, and the time. */
+static fmi3Status check_has_value(Instance *instance, const fmi3ValueReference references[], size_t n) {
+    for (size_t i = 0; instance->core.state.phase == INSTANTIATED && i < n; i++) {
+        unsigned reference = references[i];
+        if (reference < N_PU || reference == TIME || reference >= INDICATORS + N_EVENTS) continue;
+        if (reference < N_VARIABLES && model_output_states[reference - N_PU] >= 0) continue;
+        return FAIL("'%s' is computed and has no value before the initialisation mode",
+                    reference < N_VALUES ? model_names[reference] : "an event indicator");
+    }
+    return fmi3OK;
+}
+
 /* The same as a statement that returns if they are wrong. */
 #define CHECK_ARRAYS(references, n, values, n_values) \
     fmi3ValueReference elements_of_##references[MOST_ELEMENTS]; \
@@ -187,16 +202,17 @@ fmi3Status fmi3GetFloat64(fmi3Instance c, const fmi3ValueReference references[],
                           size_t n_values) {
     CHECK(c, ANY);
     CHECK_ARRAYS(references, n, values, n_values);
-    if (!ARE_REAL(&instance->core, references, n)) return fmi3Error;
-    return (fmi3Status)core_get(&instance->core, references, n, values);
+    if (!ARE_REAL(&instance->core, references, n)) return done(instance, CORE_ERROR);
+    if (check_has_value(instance, references, n)) return fmi3Error;
+    return done(instance, core_get(&instance->core, references, n, values));
 }
 
 fmi3Status fmi3SetFloat64(fmi3Instance c, const fmi3ValueReference references[], size_t n, const fmi3Float64 values[],
                           size_t n_values) {
     CHECK(c, INSTANTIATED | INITIALIZATION | RUNNING);
     CHECK_ARRAYS(references, n, values, n_values);
-    if (!ARE_REAL(&instance->core, references, n)) return fmi3Error;
-    return (fmi3Status)core_set(&instance->core, references, n, values);
+    if (!ARE_REAL(&instance->core, references, n)) return done(instance, CORE_ERROR);
+    return done(instance, core_set(&instance->core, references, n, values));
 }
 
 static fmi3Status no_such_type(fmi3Instance c, size_t n, const char *function) {
@@ -226,12 +242,13 @@ REFUSE(UInt64)
     fmi3Status fmi3Get##Type(fmi3Instance c, const fmi3ValueReference r[], size_t n, fmi3##Type v[], size_t m) { \
         CHECK(c, ANY); \
         CHECK_ARRAYS(r, n, v, m); \
-        return (fmi3Status)core_get_as(&instance->core, as, r, n, v, __func__); \
+        if (check_has_value(instance, r, n)) return fmi3Error; \
+        return done(instance, core_get_as(&instance->core, as, r, n, v, __func__)); \
     } \
     fmi3Status fmi3Set##Type(fmi3Instance c, const fmi3ValueReference r[], size_t n, const fmi3##Type v[], size_t m) { \
         CHECK(c, INSTANTIATED | INITIALIZATION | RUNNING); \
         CHECK_ARRAYS(r, n, v, m); \
-        return (fmi3Status)core_set_as(&instance->core, as, r, n, v, __func__); \
+        return done(instance, core_set_as(&instance->core, as, r, n, v, __func__)); \
     }
 
 TYPED(Int32, AS_INT32)
@@ -382,7 +399,7 @@ fmi3Status fmi3DeserializeFMUState(fmi3Instance c, const fmi3Byte bytes[], size_
     if (!state || !bytes) return FAIL("there are no bytes to read an FMU state from");
     CoreState read;
     CoreStatus status = core_deserialize(&instance->core, (const char *)bytes, size, &read);
-    if (status != CORE_OK) return (fmi3Status)status;
+    if (status != CORE_OK) return done(instance, status);
     if (!*state && !(*state = malloc(sizeof read))) return FAIL("no memory for an FMU state");
     memcpy(*state, &read, sizeof read);
     return fmi3OK;
@@ -393,7 +410,7 @@ fmi3Status fmi3DeserializeFMUState(fmi3Instance c, const fmi3Byte bytes[], size_
 fmi3Status fmi3GetDirectionalDerivative(fmi3Instance c, const fmi3ValueReference unknowns[], size_t n,
                                         const fmi3ValueReference knowns[], size_t m, const fmi3Float64 seed[],
                                         size_t n_seed, fmi3Float64 sensitivity[], size_t n_sensitivity) {
-    CHECK(c, INITIALIZATION | RUNNING | TERMINATED);
+    CHECK(c, INITIALIZATION | RUNNING | OVER);
     CHECK_ARRAYS(unknowns, n, sensitivity, n_sensitivity);
     CHECK_ARRAYS(knowns, m, seed, n_seed);
     double change[N_VALUES + 1] = {0};
@@ -401,28 +418,30 @@ fmi3Status fmi3GetDirectionalDerivative(fmi3Instance c, const fmi3ValueReference
         if (knowns[i] >= N_VALUES) return FAIL("no variable has the value reference %u", knowns[i]);
         change[knowns[i]] = seed[i];
     }
-    if (!ARE_REAL(&instance->core, knowns, m) || !ARE_REAL(&instance->core, unknowns, n)) return fmi3Error;
-    return (fmi3Status)core_direction(&instance->core, unknowns, n, change, sensitivity);
+    if (!ARE_REAL(&instance->core, knowns, m) || !ARE_REAL(&instance->core, unknowns, n))
+        return done(instance, CORE_ERROR);
+    return done(instance, core_direction(&instance->core, unknowns, n, change, sensitivity, CORE_DISCARD));
 }
 
 fmi3Status fmi3GetOutputDerivatives(fmi3Instance c, const fmi3ValueReference references[], size_t n,
                                     const fmi3Int32 orders[], fmi3Float64 values[], size_t n_values) {
-    CHECK(c, STEP | TERMINATED);
+    CHECK(c, STEP | OVER);
     if (n && !orders) return MISSING;
-    if (core_check_output_orders(&instance->core, orders, n)) return fmi3Error;
+    if (core_check_output_orders(&instance->core, orders, n)) return done(instance, CORE_ERROR);
     CHECK_ARRAYS(references, n, values, n_values);
-    if (!ARE_REAL(&instance->core, references, n)) return fmi3Error;
-    return (fmi3Status)core_get_output_derivatives(&instance->core, references, n, values);
+    if (!ARE_REAL(&instance->core, references, n)) return done(instance, CORE_ERROR);
+    return done(instance, core_get_output_derivatives(&instance->core, references, n, values));
 }
 
 fmi3Status fmi3GetAdjointDerivative(fmi3Instance c, const fmi3ValueReference unknowns[], size_t n,
                                     const fmi3ValueReference knowns[], size_t m, const fmi3Float64 seed[],
                                     size_t n_seed, fmi3Float64 sensitivity[], size_t n_sensitivity) {
-    CHECK(c, INITIALIZATION | RUNNING | TERMINATED);
+    CHECK(c, INITIALIZATION | RUNNING | OVER);
     CHECK_ARRAYS(unknowns, n, seed, n_seed);
     CHECK_ARRAYS(knowns, m, sensitivity, n_sensitivity);
-    if (!ARE_REAL(&instance->core, knowns, m) || !ARE_REAL(&instance->core, unknowns, n)) return fmi3Error;
-    return (fmi3Status)core_adjoint(&instance->core, unknowns, n, seed, knowns, m, sensitivity);
+    if (!ARE_REAL(&instance->core, knowns, m) || !ARE_REAL(&instance->core, unknowns, n))
+        return done(instance, CORE_ERROR);
+    return done(instance, core_adjoint(&instance->core, unknowns, n, seed, knowns, m, sensitivity));
 }
 
 /* Co-simulation */
@@ -434,8 +453,8 @@ fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 time, fmi3Float64 step, fmi3Bo
     if (!event || !terminate || !early_return || !last_time) return MISSING;
     *event = *terminate = *early_return = fmi3False;
     CoreStatus status = core_do_step(&instance->core, time, step);
-    *last_time = status == CORE_OK ? time + step : time;
-    return (fmi3Status)status;
+    *last_time = status == CORE_OK ? time + step : instance->core.state.time;
+    return done(instance, status);
 }
 
 /* Model exchange */
@@ -451,7 +470,7 @@ fmi3Status fmi3UpdateDiscreteStates(fmi3Instance c, fmi3Boolean *again, fmi3Bool
 #if HYBRID
     int states_changed;
     CoreStatus status = core_change(&instance->core, &states_changed);
-    if (status != CORE_OK) return fmi3Error; /* there is no shorter step that could help */
+    if (status != CORE_OK) return done(instance, CORE_ERROR); /* there is no shorter step that could help */
     *values_changed = states_changed != 0;
     *next_event_defined = N_SAMPLED > 0;
     *next_event = core_next_instant(&instance->core);
@@ -479,7 +498,7 @@ fmi3Status fmi3CompletedIntegratorStep(fmi3Instance c, fmi3Boolean no_state_befo
 
 fmi3Status fmi3SetTime(fmi3Instance c, fmi3Float64 time) {
     CHECK(c, EVENT | CONTINUOUS);
-    return (fmi3Status)core_set_time(&instance->core, time);
+    return done(instance, core_set_time(&instance->core, time));
 }
 
 static fmi3Status check_states(Instance *instance, const double x[], size_t n, const char *function) {
@@ -490,35 +509,35 @@ static fmi3Status check_states(Instance *instance, const double x[], size_t n, c
 fmi3Status fmi3SetContinuousStates(fmi3Instance c, const fmi3Float64 x[], size_t n) {
     CHECK(c, CONTINUOUS);
     if (check_states(instance, x, n, __func__)) return fmi3Error;
-    return (fmi3Status)core_set_states(&instance->core, x);
+    return done(instance, core_set_states(&instance->core, x));
 }
 
 fmi3Status fmi3GetContinuousStateDerivatives(fmi3Instance c, fmi3Float64 derivatives[], size_t n) {
-    CHECK(c, INITIALIZATION | EVENT | CONTINUOUS | TERMINATED);
+    CHECK(c, INITIALIZATION | EVENT | CONTINUOUS | OVER);
     if (check_states(instance, derivatives, n, __func__)) return fmi3Error;
-    return (fmi3Status)core_get_derivatives(&instance->core, derivatives);
+    return done(instance, core_get_derivatives(&instance->core, derivatives));
 }
 
 fmi3Status fmi3GetEventIndicators(fmi3Instance c, fmi3Float64 indicators[], size_t n) {
-    CHECK(c, INITIALIZATION | EVENT | CONTINUOUS | TERMINATED);
+    CHECK(c, INITIALIZATION | EVENT | CONTINUOUS | OVER);
     if (n != N_EVENTS)
         return FAIL("%s: this FMU has %d event indicators, not %lu", __func__, N_EVENTS, (unsigned long)n);
     if (n && !indicators) return MISSING;
 #if HYBRID
-    return (fmi3Status)core_get_indicators(&instance->core, indicators);
+    return done(instance, core_get_indicators(&instance->core, indicators));
 #else
     return fmi3OK;
 #endif
 }
 
 fmi3Status fmi3GetContinuousStates(fmi3Instance c, fmi3Float64 x[], size_t n) {
-    CHECK(c, INITIALIZATION | EVENT | CONTINUOUS | TERMINATED);
+    CHECK(c, INITIALIZATION | EVENT | CONTINUOUS | OVER);
     if (check_states(instance, x, n, __func__)) return fmi3Error;
-    return (fmi3Status)core_get_states(&instance->core, x);
+    return done(instance, core_get_states(&instance->core, x));
 }
 
 fmi3Status fmi3GetNominalsOfContinuousStates(fmi3Instance c, fmi3Float64 nominals[], size_t n) {
-    CHECK(c, INITIALIZATION | EVENT | CONTINUOUS | TERMINATED);
+    CHECK(c, INITIALIZATION | EVENT | CONTINUOUS | OVER);
     if (check_states(instance, nominals, n, __func__)) return fmi3Error;
     for (size_t i = 0; i < n; i++) nominals[i] = model_nominals[i];
     return fmi3OK;

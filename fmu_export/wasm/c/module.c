@@ -93,7 +93,7 @@ EXPORT(get) CoreStatus module_get(const unsigned references[], size_t n, double 
 /* Between `instantiate` or `reset` and the first step; a tolerance of 0 is none. */
 EXPORT(initialize) CoreStatus module_initialize(double time, double tolerance) {
     if (!core_allowed(&core, INSTANTIATED, "initialize")) return CORE_ERROR;
-    CoreStatus status = core_start_at(&core, time);
+    CoreStatus status = core_start_at(&core, time, 0, 0.0);
     if (status == CORE_OK && tolerance != 0.0) status = core_set_tolerance(&core, tolerance);
     if (status > CORE_WARNING) return status;
     core.state.phase = INITIALIZATION;

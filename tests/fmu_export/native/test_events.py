@@ -190,7 +190,8 @@ def test_events_without_time_between_end_in_a_message(unpacked: Any, flavour: st
         assert limit - step - 1e-6 <= time <= limit
         assert "'bounce' happens again and again without time passing" in host.messages[-1]
         assert host.get(["h", "v"]) == before
-        assert host.step(time, step) == DISCARD
+        # FMI 3.0: as before the step; FMI 2.0: a state must be restored
+        assert host.step(time, step) == (ERROR if flavour == "fmi2" else DISCARD)
 
 
 @CORE
@@ -400,7 +401,7 @@ def test_events_set_each_other_off(unpacked: Any, flavour: str) -> None:
         host.run_up({"endless": 1.0})
         host.must(host.step(0.0, 0.1))
         host.must(host.set({"u": 1.0}))
-        assert host.step(0.1, 0.1) == ERROR
+        assert host.tried(lambda: host.step(0.1, 0.1)) == ERROR
         assert "events set each other off without end" in host.messages[-1]
         host.must(host.set({"u": 0.0}))  # nothing has happened
         host.must(host.step(0.1, 0.1))
@@ -477,8 +478,8 @@ def test_samplers_refuse_periods_and_times_that_make_no_sense(unpacked: Any, fla
     with Host(unpacked("SampledPI", flavour)) as host:
         host.run_up()
         host.must(host.step(0.0, 0.1))
-        assert host.step(0.5, 0.1) == ERROR
-        assert "samples by its time" in host.messages[-1]
+        assert host.tried(lambda: host.step(0.5, 0.1)) == ERROR
+        assert "this FMU is at 0.1" in host.messages[-1]
         host.must(host.step(0.1, 0.1))
     with Host(unpacked("SampledPI", flavour)) as host:
         host.run_up({"period": 1e-9})
@@ -506,7 +507,7 @@ def test_what_is_not_finite_is_refused_by_name(unpacked: Any, flavour: str) -> N
             host.run_up()
             host.must(host.step(0.0, 0.1))
             host.must(host.set(inputs))
-            assert host.step(0.1, 0.1) == DISCARD
+            assert host.tried(lambda: host.step(0.1, 0.1)) == DISCARD
             assert said in host.messages[-1]
             host.must(host.set({"u": 1.0, "v": 1.0, "w": 1.0}))
             host.must(host.step(0.1, 0.1))
