@@ -139,6 +139,16 @@ def _inertia_margin(which: int) -> ModelFunction:
     return margin
 
 
+#: Of the link length, what the loop closure may be off; beyond, some hundredths of the torques' work are lost.
+CLOSURE_LIMIT = 1.0 / 250.0
+
+
+def _closure_margin(t: Any, x: Array, u: Array, p: Array) -> Any:  # noqa: ARG001
+    P = PARAMETERS.unpack(p)
+    phi = loop_closure(x[:6], P.l, P.x_A, P.y_A)
+    return (CLOSURE_LIMIT * P.l) ** 2 - phi @ phi
+
+
 _INDEFINITE = (
     "the mass matrix is not positive definite: {} must be positive with the mass change dm added; "
     "make dm larger (less negative) or correct X, Y, Z, m_b, r_a"
@@ -166,5 +176,10 @@ MODEL = Model(
             for i in range(3)
         ),
         *(Requirement(_INDEFINITE.format(what), _inertia_margin(i)) for i, what in enumerate(("X", "Y", "X Y - Z^2"))),
+        Requirement(
+            "the loop closure is lost, closure_error is above l / 250: the internal step does not resolve the motion; "
+            "make the torques or max_step smaller",
+            _closure_margin,
+        ),
     ),
 )

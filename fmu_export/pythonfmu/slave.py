@@ -120,6 +120,7 @@ class Fmi2Slave:
         self._phase = Phase.INSTANTIATED
         self._outputs_valid = False
         self._tuned = False  # parameters were set since they were checked
+        self._arrived = False  # nothing was set since the last step
         self._refusal: str | None = None
         self._getters: dict[tuple[int, ...], tuple[Any, bool]] = {}
         try:
@@ -221,7 +222,7 @@ class Fmi2Slave:
                     "build_native with another solver"
                 )
         self._x, self._time = x, time + h
-        self._outputs_valid = False
+        self._outputs_valid, self._arrived = False, True
 
     def _internal_steps(self, h: float) -> int:
         if not self._x:
@@ -311,6 +312,8 @@ class Fmi2Slave:
                 self._x = self.equations.initial_state(self._parameters)
             if self._tuned:
                 self._check_tuned()
+            if self._arrived:  # else a step that broke a requirement would be noticed by the next one only
+                self._check_step(self._time)
             outputs = self.equations.outputs(self._time, self._x, self._inputs, self._parameters)
             if not all(map(isfinite, outputs)):
                 raise SlaveError("they are not finite; check the inputs")
@@ -344,7 +347,7 @@ class Fmi2Slave:
         for reference, value in zip(references, values, strict=True):
             self._values[reference] = value
             self._tuned |= running and reference < self._n_p
-        self._outputs_valid = False
+        self._outputs_valid = self._arrived = False
 
     def _why_not_set(self, reference: int) -> str:
         name = self.interface.NAMES[reference]
@@ -383,6 +386,7 @@ class Fmi2Slave:
             "phase": self._phase.name,
             "outputs_valid": self._outputs_valid,
             "tuned": self._tuned,
+            "arrived": self._arrived,
             "refusal": self._refusal,
         }
 
@@ -396,6 +400,7 @@ class Fmi2Slave:
         self._phase = Phase[state["phase"]]
         self._outputs_valid = state["outputs_valid"]
         self._tuned = state["tuned"]
+        self._arrived = state["arrived"]
         self._refusal = state["refusal"]
 
     @staticmethod

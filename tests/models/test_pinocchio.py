@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,6 +18,7 @@ from plant_fmu.kinematics import constraint_bias, constraint_matrix
 from plant_fmu.model import MODEL, OUTPUTS, PARAMETERS
 from tests.support.closed_states import closed_states
 from tests.support.continuous_loop import control_law, end_effector, integrate, solve
+from tests.support.native_fmus import Host
 from tests.support.oracles.links import Links, to_angles, to_joints
 from trajectory_fmu.model import PARAMETERS as TRAJECTORY
 from trajectory_fmu.model import desired_path
@@ -28,6 +31,7 @@ from tests.support.oracles.pinocchio_robot import PinocchioRobot
 P = PARAMETERS.unpack(PARAMETERS.starts)
 LINKS = Links.of_plant()
 STATES = closed_states(200)
+STATE_NAMES = MODEL.state_layout.names
 TRACKING = load_scenario("tracking")
 
 #: Points (s) at which paths are compared.
@@ -212,3 +216,31 @@ def test_open_loop_is_the_same_and_leaves_the_axes_of_fig_4() -> None:
     print(f"largest distance {distance:.1e} m, out of the axes at {first} s")
     assert distance < 1e-10
     assert 6.0 < first < 8.0
+
+
+# --- through a stretched chain ---
+
+
+@pytest.mark.parametrize("torque", [0.5, 1.0, 3.0])
+def test_a_chain_is_driven_through_its_stretched_position(unpacked: Path, torque: float) -> None:
+    """There J_a of (23) is infinite, but the constraint keeps its rank: steps of 1 ms pass as Pinocchio does."""
+    tau_a, times = torque * np.array([0.0, 1.0, 1.0]), np.linspace(0.0, 1.2 / np.sqrt(torque), 121)
+    robot = PinocchioRobot(LINKS)
+
+    def rate(t: float, state: np.ndarray) -> np.ndarray:
+        return np.concatenate([state[6:], robot.joint_accelerations(state[:6], state[6:], tau_a)])
+
+    expected = integrate(rate, _start(), times, [], rtol=1e-11)
+    angles = np.array([to_angles(state[:6]) for state in expected])
+    stretched = np.sin(angles[:, 3:] - angles[:, :3])
+    assert (np.sign(stretched[0]) != np.sign(stretched[-1])).any()
+    with Host(unpacked / "fmi2" / "RobotPlant") as host:
+        host.run_up(dict(zip(["tau_a[1]", "tau_a[2]", "tau_a[3]"], tau_a, strict=True)))
+        found = [host.get(list(STATE_NAMES))]
+        for t, end in itertools.pairwise(times):
+            host.must(host.step(t, end - t))
+            found.append(host.get(list(STATE_NAMES)))
+        assert host.get(["closure_error"])[0] < 1e-6
+    distance = np.abs(np.array(found)[:, :6] - angles).max()
+    print(f"{torque} N m: largest difference of an angle {distance:.1e} rad")
+    assert distance < 1e-5

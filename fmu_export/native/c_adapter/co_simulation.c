@@ -197,5 +197,6 @@ CoreStatus core_do_step(Core *core, double time, double step) {
     if (status != CORE_OK) return status;
     for (int j = 0; j < N_U; j++) s->u_rate[j] = 0.0;
     s->degree = 0;
+    s->arrived = 1;
     return CORE_OK;
 }

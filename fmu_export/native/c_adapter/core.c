@@ -202,7 +202,7 @@ static CoreStatus refuse_set(Core *core, size_t reference, double value) {
 
 CoreStatus core_set(Core *core, const unsigned references[], size_t n, const double values[]) {
     CoreState *s = &core->state;
-    s->valid = 0;
+    s->valid = s->arrived = 0;
 #if HYBRID
     if (s->phase == STEP && !core->within_step) core_unsettle(core);
 #endif
@@ -301,6 +301,10 @@ static CoreStatus compute(Core *core, int which) {
         status = check_now(core, CORE_ERROR); /* a requirement says more than "not finite" */
         if (status != CORE_OK) return status;
         return core_fail(core, CORE_ERROR, "outputs at t = %.9g s are not finite; check the inputs", s->time);
+    }
+    if (s->arrived && which == OUTPUTS_VALID) { /* where a step ends that broke a requirement, as the next one would find */
+        status = core_check_margins(core, s->time, RATES(core) + N_X, CORE_ERROR);
+        if (status != CORE_OK) return status;
     }
     s->valid |= which;
     return CORE_OK;

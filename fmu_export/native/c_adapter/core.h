@@ -87,7 +87,8 @@ typedef struct {
     int phase;
     int which; /* of the two are the states */
     int valid; /* which computed values belong to the present state and inputs: OUTPUTS_VALID, RATES_VALID */
-    int degree; /* highest order of the derivatives of the inputs, 0 for linear or held ones */
+    int arrived; /* nothing has been set since the last step */
+    int degree;  /* highest order of the derivatives of the inputs, 0 for linear or held ones */
 #if ADAPTIVE
     StepControl control;
     double tolerance; /* relative, of the importer, 0 if it gives none */

@@ -668,6 +668,34 @@ def test_path_out_of_reach_is_an_error_that_says_so(unpacked: Path, flavour: str
 
 
 @BOTH
+@pytest.mark.parametrize("torque", [1e3, 1e4, 1e6])
+def test_torques_that_the_step_does_not_resolve_are_refused_before_the_loop_opens(
+    unpacked: Path, flavour: str, torque: float
+) -> None:
+    """Outputs of the step in which the closure was lost are an error; who does not look is told by the next step."""
+    with Host(unpacked / flavour / "RobotPlant") as host, Host(unpacked / flavour / "RobotPlant") as blind:
+        host.run_up({"tau_a[1]": torque})
+        blind.run_up({"tau_a[1]": torque})
+        for i in range(100):
+            host.must(host.step(i * 1e-3, 1e-3))
+            status, _ = host.try_get(["closure_error", "x_E"])
+            if status != OK:
+                break
+            host.must(blind.step(i * 1e-3, 1e-3))
+            assert host.get(["closure_error"])[0] <= 0.244 / 250.0
+        assert status == ERROR
+        lost = f"t = {(i + 1) * 1e-3:.9g} s: the loop closure is lost, closure_error is above l / 250"
+        assert host.messages[-1].startswith(lost)
+        blind.must(blind.step(i * 1e-3, 1e-3))
+        assert blind.step((i + 1) * 1e-3, 1e-3) == DISCARD
+        assert blind.messages[-1].startswith(lost)
+    with Host(unpacked / flavour / "RobotPlant") as host:  # steps that resolve it
+        host.run_up({"tau_a[1]": torque, "max_step": 1e-3 / np.sqrt(torque)})
+        host.must(host.step(0.0, 1.0 / torque))
+        assert host.get(["closure_error"])[0] < 1e-6
+
+
+@BOTH
 def test_status_of_steps(unpacked: Path, flavour: str) -> None:
     """When a step was discarded, the importer can ask for the time until which all was well."""
     with Host(unpacked / flavour / "RobotPlant") as host:

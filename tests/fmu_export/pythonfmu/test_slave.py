@@ -615,6 +615,16 @@ report(texts)
         assert "reduce the step, max_step or the inputs" in text, text
 
 
+def test_outputs_of_a_step_that_opens_the_loop_are_refused(run):
+    said = run("""
+plant = open_fmu("RobotPlant")
+assert plant.initialize({"tau_a[1]": 1e6}) == plant.step(0.0, 0.001) == OK
+assert plant.call("GetReal", plant._references(["x_E"]), 1, (ctypes.c_double * 1)()) >= ERROR
+report(plant.said())
+""")
+    assert "outputs at t = 0.001 s: the loop closure is lost" in said
+
+
 def test_tiny_steps_are_steps(run):
     run("""
 plant = open_fmu("RobotPlant")
