@@ -82,12 +82,15 @@ class Grid:
     last_point: int
     stop_time: float | None = None
 
-    @property
-    def told_stop_time(self) -> float | None:
-        """Stop time (s) that FMUs are told; where the last step ends later for rounding (0.2 + 0.1 > 0.3), its end."""
+    def told_stop_time(self, every: int = 1) -> float | None:
+        """Stop time (s) that an FMU is told which makes a step at every so many points.
+
+        Where its last step ends later, for rounding (0.2 + 0.1 > 0.3) or since the run ends within it, its end.
+        """
         if self.stop_time is None:
             return None
-        return max(self.stop_time, self.time(self.last_point - 1) + self.step_size)
+        begin = (self.last_point - 1) // every * every
+        return max(self.stop_time, self.time(begin) + every * self.step_size)
 
     def time(self, point: int) -> float:
         """Time (s) of a point."""

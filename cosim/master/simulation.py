@@ -990,7 +990,7 @@ class Simulation:
         return {
             name: ExperimentSetup(
                 grid.start_time,
-                grid.told_stop_time,
+                grid.told_stop_time(self._resolved.components[name].every),
                 self._fmus[name].tolerance if tolerance is None and name in self._fmus else tolerance,
             )
             for name in self._ports

@@ -207,8 +207,9 @@ def test_fmus_whose_reset_fails_are_made_anew(
         with pytest.raises(SimulationError):
             run(simulation, signals=[FAILS])
         assert_equal(run(simulation), first)
-        assert freed == ["i"] * 4
-    assert sorted(freed) == ["g", *["i"] * 5, "root"]
+        others = ["root"] if flavour == "pythonfmu" else []  # a fatal error, its only one, leaves nothing to reset
+        assert sorted(freed) == ["i"] * 4 + others
+    assert sorted(freed) == ["g", *["i"] * 5, "root", *others]
 
 
 def test_an_fmu_without_reset_is_made_anew_and_terminated_each_time(gain3c: Path, tmp_path: Path) -> None:
