@@ -74,7 +74,9 @@ def run(args: argparse.Namespace) -> int:
         outcome = Outcome(
             args.reference.stem, str(args.result), "", comparison.findings, comparison.signals, "", seconds
         )
-        write_page([part(outcome)], args.report)
+        off = sum(bool(signal.finding) for signal in comparison.signals)
+        said = f"{off} of {len(reference.names)} signals differ" if comparison.findings else "all signals agree"
+        write_page([part(outcome)], args.report, f"{args.result} against {args.reference}: {said}")
     return int(bool(comparison.findings))
 
 

@@ -204,6 +204,8 @@ def run_prepared(prepared: PreparedRun, args: argparse.Namespace, figures: Figur
         drawn = write(results, summary)
         if checkpoint is not None:  # not before its results are in their place
             checkpoint.remove()
+        if args.report and (page := prepared.folder / REPORT).is_file():
+            print(f"page: {page}")
         print(f"{'results, summary and figures' if drawn else 'results and summary'}: {prepared.folder}")
     return 0
 

@@ -56,8 +56,16 @@ def part(outcome: Outcome) -> Part:
     }
 
 
-def write_page(parts: Sequence[Part], path: Path) -> None:
+def write_page(parts: Sequence[Part], path: Path, title: str = "") -> None:
     """Write the page of a session.
+
+    Parameters
+    ----------
+    parts : sequence of mapping
+        As `part` makes them.
+    path : path
+    title : str
+        By default how many runs of FMUs failed.
 
     Raises
     ------
@@ -83,12 +91,13 @@ def write_page(parts: Sequence[Part], path: Path) -> None:
         pictures |= section.data["pictures"]
     heads = ("Case", "Verdict", "Farthest off", "Difference", "Allowed", "Signals", "Time", "File")
     sections.append(Section("all", "All runs", table(heads, rows, "All runs")))
-    header = f"""<h1>Regression of FMUs: {head[0].lower()}{head[1:]}</h1>
+    heading = escape(title) or f"Regression of FMUs: {head[0].lower()}{head[1:]}"
+    header = f"""<h1>{heading}</h1>
 <p class="hint">CS is co-simulation, ME model exchange. Upper plots: reference, result, and the band that it has to stay
 in. Lower plots: where in the band it is, from −1 to 1. Differences with a time shift are those from the funnel. Drag to
 zoom, double-click to see all.</p>"""
     text = document(
-        f"{head}: regression of FMUs",
+        title or f"{head}: regression of FMUs",
         header,
         sections,
         styles=[*assets(PLOT_STYLES), asset("regression.css", _PACKAGE)],

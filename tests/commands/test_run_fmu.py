@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import json
 from pathlib import Path
 
@@ -62,6 +63,21 @@ def test_the_default_experiment_of_the_fmu(capsys: pytest.CaptureFixture[str]) -
     about = summary("Tank")
     assert (about["fmu"], about["title"], about["status"]) == ("Tank.fmu", "Tank", "completed")
     assert (about["inputs_kept"], about["driven"], about["metrics"]) == (["Tank.a", "Tank.b"], [], {})
+
+
+@pytest.mark.usefixtures("here")
+def test_a_page_of_the_run_if_one_is_asked_for(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", "Tank.fmu", "--report", "--set", "a=0.25"]) == 0
+    page = Path("results/Tank/report.html")
+    assert capsys.readouterr().out.splitlines()[-2:] == [f"page: {page}", "results and summary: results/Tank"]
+    text = page.read_text(encoding="utf-8")
+    about = summary("Tank")
+    for said in ("<h1>Tank</h1>", about["fmus"]["Tank"]["sha256"], "Tank.x", "0.25"):
+        assert said in text
+    assert about["files"]["report.html"] == hashlib.sha256(page.read_bytes()).hexdigest()
+    assert main(["run", "Tank.fmu"]) == 0  # without a page, and the one of the run before is no longer right
+    assert not page.exists()
+    assert "page:" not in capsys.readouterr().out
 
 
 @pytest.mark.usefixtures("here")

@@ -158,9 +158,9 @@ def _facts(run: Recorded, log: str) -> Sequence[Section]:
         found.append(Section("metrics", "Metrics", facts.pairs(metrics, ("metric", "value"), "Metrics")))
     if values := facts.start_values(info):
         table = facts.pairs(values, ("variable", "value"), "Start values")
-        found.append(
-            Section("parameters", "Start values", f"<details><summary>{len(values)} values</summary>{table}</details>")
-        )
+        said = f"{len(values)} value{'s' * (len(values) != 1)}"
+        html = f"<details><summary>{said}</summary>{table}</details>"
+        found.append(Section("parameters", "Start values", html))
     if html := facts.made(info):
         found.append(Section("made", "How it was made", html))
     if log:
