@@ -146,7 +146,8 @@ def _names(path: str | PathLike[str], header: _Row, line: str, separator: str) -
     if "" in found:
         raise ResultsError(f"{path}: line {header.line}: column {found.index('') + 1} has no name")
     check_seconds(path, time_unit(found[0]))
-    parts = [(TIME, ""), *map(name_and_unit, found[1:])]
+    ours = found[0] == TIME and all(map(quoted, found))
+    parts = [(TIME, ""), *(name_and_unit(name, apart=ours) for name in found[1:])]
     if len({name for name, _ in parts}) < len(parts):  # then what looks as a unit tells names apart
         parts = [(TIME, ""), *((name, "") for name in found[1:])]
     names = [name for name, _ in parts]

@@ -52,7 +52,8 @@ def _with_time(path: Path, columns: Mapping[str, np.ndarray], units: Mapping[str
     if len(times) != 1:
         raise ResultsError(f"{path}: has {'no column' if not times else 'several columns'} 'time'; write one, in s")
     check_seconds(path, units.get(times[0], "") or time_unit(times[0]))
-    parts = {name: name_and_unit(name) for name in columns if name != times[0]}
+    # who says the units beside the names has none in them
+    parts = {name: name_and_unit(name, apart=bool(units)) for name in columns if name != times[0]}
     units = {known: units.get(name) or unit for name, (known, unit) in parts.items() if units.get(name) or unit}
     time = columns[times[0]]
     for name in parts:

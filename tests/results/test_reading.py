@@ -114,6 +114,22 @@ def test_units_behind_names_and_in_a_row_below(tmp_path: Path) -> None:
     assert read(tmp_path, "time,x [a],x [b]\n0,1,2\n").names == ["x [a]", "x [b]"]
 
 
+@pytest.mark.parametrize("ending", ["csv", "parquet", "json", "npz", "mat"])
+def test_names_that_end_in_brackets_come_back(ending: str, tmp_path: Path) -> None:
+    """An index by a name is no unit, in files of ours whatever its letters are."""
+    names = ["m.a[k]", "m.a[m]", "m.b[axis.x]", "m.c(N)"]
+    written = Results(np.array([0.0, 1.0]), names, np.arange(8.0).reshape(2, 4), {"units": {"m.a[k]": "N.m"}})
+    written.save(tmp_path / f"table.{ending}")
+    found = Results.read(tmp_path / f"table.{ending}")
+    assert found.names == names
+    np.testing.assert_array_equal(found.values, written.values)
+
+
+def test_an_index_by_a_letter_is_no_unit_in_files_of_others(tmp_path: Path) -> None:
+    found = read(tmp_path, "time,a[k],b[m],c[kg]\n0,1,2,3\n")
+    assert (found.names, found.units) == (["a[k]", "b", "c"], {"b": "m", "c": "kg"})
+
+
 def test_columns_of_other_types(tmp_path: Path) -> None:
     found = read(tmp_path, 'time,on,mode,"a, b"\n0,True,idle,1\n1,FALSE,"on, slow",2\n')
     assert found.types == {"on": "bool", "mode": "string"}
