@@ -24,7 +24,7 @@ from cosim.master.extrapolated_inputs import ExtrapolatedInputs
 from cosim.master.operations import Exchange, NamedOperation, OperationTable
 from cosim.master.value_layout import ValueLayout
 from cosim.pack.interface import Interface, PackedVariable, start_in_description
-from cosim.pack.signals import Table
+from cosim.pack.signals import SignalRows
 from cosim.system.resolution import ResolvedSystem
 from cosim.system.variables import Element, variables_of
 
@@ -98,7 +98,7 @@ class Plan:
         Of it.
     components : sequence of PackedComponent
     interface : Interface
-    tables : sequence of Table
+    tables : sequence of SignalRows
         Of the system's own signals.
     texts : Texts
         Texts of the system.
@@ -113,7 +113,7 @@ class Plan:
         layout: ValueLayout,
         components: Sequence[PackedComponent],
         interface: Interface,
-        tables: Sequence[Table],
+        tables: Sequence[SignalRows],
         texts: Texts,
         version: int,
     ) -> None:
@@ -233,7 +233,7 @@ class Plan:
                 else:
                     yield ["column", -1, 0, code, drive.every, _value(element.type, next(inputs).start)]
 
-    def _signal(self, number: int, table: Table) -> list[Any]:
+    def _signal(self, number: int, table: SignalRows) -> list[Any]:
         drive = self._resolved.drives[number]
         kind = drive.targets[0].type
         code = 0 if kind.kind == "real" else _POINTER if kind.is_text else 16

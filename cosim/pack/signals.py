@@ -23,7 +23,7 @@ MOST_SAMPLED_VALUES = 5_000_000
 
 
 @dataclass(frozen=True)
-class Table:
+class SignalRows:
     """A signal in rows.
 
     Attributes
@@ -47,7 +47,7 @@ class Table:
     sampled: bool = False
 
 
-def table_of(signal: Signal, drive: Drive, texts: Texts, grid: tuple[float, float | None, float]) -> Table:
+def table_of(signal: Signal, drive: Drive, texts: Texts, grid: tuple[float, float | None, float]) -> SignalRows:
     """The table of a signal.
 
     Parameters
@@ -70,12 +70,12 @@ def table_of(signal: Signal, drive: Drive, texts: Texts, grid: tuple[float, floa
     is_real = drive.targets[0].kind == "real"
     if isinstance(shape, CsvColumn) and shape.between == "linear" and is_real:
         times, values = shape.rows
-        return Table(LINEAR, times, np.broadcast_to(values, (len(times), len(drive.targets))), breakpoints)
+        return SignalRows(LINEAR, times, np.broadcast_to(values, (len(times), len(drive.targets))), breakpoints)
     if isinstance(shape, Ramp) and is_real:
         times = np.array([shape.start_time, shape.end_time])
-        return Table(INTERP, times, _values(drive, times, texts), breakpoints)
+        return SignalRows(INTERP, times, _values(drive, times, texts), breakpoints)
     if (edges := _edges(shape)) is not None:
-        return Table(HELD, edges, _values(drive, edges, texts), breakpoints)
+        return SignalRows(HELD, edges, _values(drive, edges, texts), breakpoints)
     start_time, stop_time, step = grid
     name = f"{drive.component}.{drive.targets[0].name}"
     if stop_time is None:
@@ -91,7 +91,7 @@ def table_of(signal: Signal, drive: Drive, texts: Texts, grid: tuple[float, floa
         )
     times = start_time + np.arange(points) * step
     between = LINEAR if drive.targets[0].kind == "real" else HELD
-    return Table(between, times, _values(drive, times, texts), breakpoints, sampled=True)
+    return SignalRows(between, times, _values(drive, times, texts), breakpoints, sampled=True)
 
 
 def _edges(shape: Shape | None) -> np.ndarray | None:
@@ -121,6 +121,6 @@ def _values(drive: Drive, times: np.ndarray, texts: Texts) -> np.ndarray:
 
 def tables_of(
     signals: Sequence[Signal], drives: Sequence[Drive], texts: Texts, grid: tuple[float, float | None, float]
-) -> list[Table]:
+) -> list[SignalRows]:
     """Tables of all signals; see `table_of`."""
     return [table_of(signal, drive, texts, grid) for signal, drive in zip(signals, drives, strict=True)]

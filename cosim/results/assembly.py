@@ -10,7 +10,7 @@ import numpy as np
 
 from cosim.errors import ResultsError
 from cosim.results.columns import TypedColumn
-from cosim.results.formats import TIME, Table
+from cosim.results.formats import TIME, Contents
 
 #: How units of the time are written that are seconds.
 _SECONDS = ("", "s", "sec", "second", "seconds")
@@ -104,7 +104,7 @@ def assembled(
     time: np.ndarray,
     columns: Sequence[tuple[str, np.ndarray]],
     units: Mapping[str, str] | None = None,
-) -> Table:
+) -> Contents:
     """A table of columns of any type; those of arrays (n, size) become columns `name[1]`, `name[2]`, ...
 
     Raises
@@ -131,7 +131,7 @@ def assembled(
                 found[name] = units.get(name, units.get(stem, ""))
     check_once(path, [TIME, *names])
     table = np.column_stack(values) if values else np.empty((len(time), 0))
-    return Table(np.asarray(time, dtype=np.float64), names, table, found, typed)
+    return Contents(np.asarray(time, dtype=np.float64), names, table, found, typed)
 
 
 def _elements(name: str, array: np.ndarray) -> list[tuple[str, np.ndarray]]:

@@ -28,7 +28,7 @@ from cosim.results.assembly import (
     time_unit,
     unit_of,
 )
-from cosim.results.formats import TIME, Table
+from cosim.results.formats import TIME, Contents
 from cosim.results.unfinished import whole_lines
 
 _SEPARATORS = (",", ";", "\t")
@@ -52,7 +52,7 @@ class _Row:
     cells: Sequence[str]
 
 
-def read_csv(path: str | PathLike[str]) -> Table:
+def read_csv(path: str | PathLike[str]) -> Contents:
     """Read a CSV file whose first column is the time (s).
 
     Columns are separated by comma, semicolon or tab; the decimal sign is point or comma. Units may stand in the names,

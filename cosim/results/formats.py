@@ -38,7 +38,7 @@ class FormatError(CosimError):
 
 
 @dataclass(frozen=True)
-class Table:
+class Contents:
     """Contents of a file: times (n,) in s, and values (n, columns) with their names and, as far as known, units.
 
     `typed` has the columns of what is no real number, by name.
@@ -78,7 +78,7 @@ class Format:
 
     name: str
     use: str
-    write: Callable[[Table, Path], None]
+    write: Callable[[Contents, Path], None]
     stream: Callable[[Path, pa.Schema], StreamWriter] | None = None
     bytes_per_value: int = 8
     has_texts: bool = True
@@ -107,7 +107,7 @@ def schema(
     )
 
 
-def record_batch(table: Table, wanted: pa.Schema) -> pa.RecordBatch:
+def record_batch(table: Contents, wanted: pa.Schema) -> pa.RecordBatch:
     """Rows in Arrow's columns."""
     import numpy as np
     import pyarrow as pa
@@ -124,7 +124,7 @@ def record_batch(table: Table, wanted: pa.Schema) -> pa.RecordBatch:
     return pa.record_batch(arrays, schema=wanted)
 
 
-def write_csv(table: Table, path: Path) -> None:
+def write_csv(table: Contents, path: Path) -> None:
     """Write a CSV file, whatever the ending of its name."""
     _write_stream(CsvStream, table, path)
 
@@ -133,15 +133,15 @@ def _csv_with_units(path: Path, schema: pa.Schema) -> StreamWriter:
     return CsvStream(path, schema, units_row=True)
 
 
-def _write_csv_with_units(table: Table, path: Path) -> None:
+def _write_csv_with_units(table: Contents, path: Path) -> None:
     _write_stream(_csv_with_units, table, path)
 
 
-def _write_parquet(table: Table, path: Path) -> None:
+def _write_parquet(table: Contents, path: Path) -> None:
     _write_stream(ParquetStream, table, path)
 
 
-def _write_stream(stream: Callable[[Path, Any], StreamWriter], table: Table, path: Path) -> None:
+def _write_stream(stream: Callable[[Path, Any], StreamWriter], table: Contents, path: Path) -> None:
     wanted = schema(table.names, table.units, table.types)
     batch, size = record_batch(table, wanted), rows_in_group(len(table.names))
     writer = stream(path, wanted)
@@ -162,7 +162,7 @@ def rows_in_group(columns: int) -> int:
     return max(1, _GROUPED_VALUES // (columns + 1))
 
 
-def _write_npz(table: Table, path: Path) -> None:
+def _write_npz(table: Contents, path: Path) -> None:
     import numpy as np
 
     units = np.array([table.units.get(name, "") for name in table.names], dtype=str)
@@ -186,7 +186,7 @@ def _without_objects(column: TypedColumn) -> np.ndarray:
     return np.array([v if column.type == "string" else v.hex() for v in column.values.tolist()], dtype=str)
 
 
-def _write_json(table: Table, path: Path) -> None:
+def _write_json(table: Contents, path: Path) -> None:
     """An object of lists; binary values with digits of base 16, numbers that are not finite as null."""
     import math
 
@@ -200,7 +200,7 @@ def _write_json(table: Table, path: Path) -> None:
     path.write_text(json.dumps({"units": {TIME: "s", **table.units}, "values": columns}), encoding="utf-8")
 
 
-def _write_mat(table: Table, path: Path) -> None:
+def _write_mat(table: Contents, path: Path) -> None:
     """The trajectory format of Dymola and OpenModelica (Dymola User Manual, "Matlab result files"; version 1.1)."""
     import numpy as np
 
@@ -297,7 +297,7 @@ def format_of(path: Path, *, streamed: bool = False) -> Format:
     return known
 
 
-def save(table: Table, path: str | PathLike[str], wanted: Format | None = None) -> None:
+def save(table: Contents, path: str | PathLike[str], wanted: Format | None = None) -> None:
     """Write a table into a file, by default in the format that its ending says; it replaces an older one when whole.
 
     Raises

@@ -11,7 +11,7 @@ import numpy as np
 
 from cosim.errors import ResultsError, needs
 from cosim.results.assembly import assembled, check_seconds, is_time
-from cosim.results.formats import Table
+from cosim.results.formats import Contents
 
 #: Precisions of matrices in a MAT file of version 4, by the tens of their type.
 _PRECISIONS = ("f8", "f4", "i4", "i2", "u2", "u1")
@@ -20,7 +20,7 @@ _PRECISIONS = ("f8", "f4", "i4", "i2", "u2", "u1")
 _HEADER = 20
 
 
-def read_mat(path: Path) -> Table:
+def read_mat(path: Path) -> Contents:
     """Read a MAT file.
 
     Raises
@@ -94,7 +94,7 @@ def _texts(matrix: np.ndarray) -> list[str]:
         return [row.decode("latin-1") for row in rows]
 
 
-def _trajectory(path: Path, matrices: dict[str, np.ndarray]) -> Table:
+def _trajectory(path: Path, matrices: dict[str, np.ndarray]) -> Contents:
     """A trajectory of version 1.1 (Dymola User Manual, "Matlab result files")."""
     kind = [*_texts(matrices["Aclass"]), "", "", ""]
     transposed = kind[3].lower() == "bintrans"

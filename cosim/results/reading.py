@@ -17,12 +17,12 @@ from cosim.files.kinds import no_table
 from cosim.files.whole import is_part, whole_of
 from cosim.results.assembly import assembled, check_seconds, is_time, name_and_unit, time_unit
 from cosim.results.csv_reading import read_csv
-from cosim.results.formats import Table
+from cosim.results.formats import Contents
 from cosim.results.mat_reading import read_mat
 from cosim.results.unfinished import open_parquet
 
 
-def read_table(path: str | PathLike[str]) -> Table:
+def read_table(path: str | PathLike[str]) -> Contents:
     """Read a table whose format the ending of its name says; one with another ending is read as CSV.
 
     Of a CSV or Parquet file that was cut off while this project wrote it (`.part`), all that is whole is read.
@@ -44,7 +44,7 @@ def read_table(path: str | PathLike[str]) -> Table:
         raise ResultsError(f"{path}: can't be read: {error.strerror or error}") from error
 
 
-def _with_time(path: Path, columns: Mapping[str, np.ndarray], units: Mapping[str, str]) -> Table:
+def _with_time(path: Path, columns: Mapping[str, np.ndarray], units: Mapping[str, str]) -> Contents:
     """A table of columns one of which is the time, wherever it stands."""
     times = [name for name in columns if is_time(name)]
     if len(times) > 1:  # of `time` and `t`, the latter is another variable
@@ -62,7 +62,7 @@ def _with_time(path: Path, columns: Mapping[str, np.ndarray], units: Mapping[str
     return assembled(path, time, [(known, columns[name]) for name, (known, _) in parts.items()], units)
 
 
-def _read_parquet(path: Path) -> Table:
+def _read_parquet(path: Path) -> Contents:
     import pyarrow as pa
 
     try:
@@ -131,7 +131,7 @@ def _flat(values: Any) -> Any:
             yield value
 
 
-def _read_npz(path: Path) -> Table:
+def _read_npz(path: Path) -> Contents:
     try:
         with np.load(path, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
@@ -153,7 +153,7 @@ def _read_npz(path: Path) -> Table:
     return _with_time(path, columns, units)
 
 
-def _read_json(path: Path) -> Table:
+def _read_json(path: Path) -> Contents:
     """An object of lists, a list of objects, or what `Results.save` writes."""
     try:
         data = json.loads(path.read_text(encoding="utf-8-sig"))
@@ -170,7 +170,7 @@ def _read_json(path: Path) -> Table:
 
 
 #: Ending -> function that reads such a file.
-READERS: dict[str, Callable[[Path], Table]] = {
+READERS: dict[str, Callable[[Path], Contents]] = {
     ".csv": read_csv,
     ".parquet": _read_parquet,
     ".npz": _read_npz,

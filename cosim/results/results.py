@@ -11,7 +11,7 @@ import numpy as np
 
 from cosim.results.columns import TypedColumn
 from cosim.results.csv_reading import read_csv
-from cosim.results.formats import CSV_WITH_UNITS, FORMATS, Table, record_batch, save, schema, with_endings
+from cosim.results.formats import CSV_WITH_UNITS, FORMATS, Contents, record_batch, save, schema, with_endings
 from cosim.results.recorded import Recorded
 
 if TYPE_CHECKING:
@@ -82,8 +82,8 @@ class Results(Recorded):
         row = self.values[position].tolist()
         return [self.typed[n].values[position] if n in self.typed else v for n, v in zip(self.names, row, strict=True)]
 
-    def _table(self) -> Table:
-        return Table(self.time, self.names, self.values, self.units, self.typed)
+    def _table(self) -> Contents:
+        return Contents(self.time, self.names, self.values, self.units, self.typed)
 
     def thinned(self, every: int) -> Results:
         """Every so many-th row."""
@@ -152,6 +152,6 @@ class Results(Recorded):
         return cls._of(read_table(path))
 
     @classmethod
-    def _of(cls, table: Table) -> Results:
+    def _of(cls, table: Contents) -> Results:
         info = {"units": dict(table.units)} if table.units else {}
         return cls(table.time, list(table.names), table.values, info, table.typed)

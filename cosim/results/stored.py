@@ -16,7 +16,7 @@ from cosim.results.formats import (
     CSV_WITH_UNITS,
     FORMATS,
     TIME,
-    Table,
+    Contents,
     format_of,
     record_batch,
     rows_in_group,
@@ -126,7 +126,7 @@ class TableWriter:
         typed = {n: TypedColumn(kind, values[:, self._names.index(n)]) for n, kind in self._types.items()}
         if typed:
             values = numbers_of(values, self._names, typed)
-        self.write(record_batch(Table(times.copy(), self._names, values, typed=typed), self._schema))
+        self.write(record_batch(Contents(times.copy(), self._names, values, typed=typed), self._schema))
 
     def write(self, batch: pa.RecordBatch) -> None:
         """Append a batch of rows."""

@@ -22,7 +22,7 @@ Node = tuple[str, str]
 
 
 @dataclass(frozen=True)
-class Table:
+class ValueMap:
     """A mapping transformation: values that it does not name stay as they are.
 
     Attributes
@@ -48,7 +48,7 @@ class Hop:
     factor: float
     offset: float
     here: str
-    table: Table | None = None
+    table: ValueMap | None = None
 
 
 @dataclass(frozen=True)
@@ -261,11 +261,11 @@ def _directions(ends: list[tuple[Connector, bool]], here: str) -> list[bool]:
     return [(not gives[1 - k]) if g is None else g for k, g in enumerate(gives)]
 
 
-def _transformation(transformation: DataElement | None, here: str) -> tuple[float, float, Table | None]:
+def _transformation(transformation: DataElement | None, here: str) -> tuple[float, float, ValueMap | None]:
     if transformation is None:
         return 1.0, 0.0, None
     name = local_name(transformation)
     if name == "LinearTransformation":
         return transformation.attrib["factor"], transformation.attrib["offset"], None
     entries = {a: b for a, b in table_of(transformation, here).items() if a != b}
-    return 1.0, 0.0, Table(name, entries) if entries else None
+    return 1.0, 0.0, ValueMap(name, entries) if entries else None

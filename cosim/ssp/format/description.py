@@ -11,7 +11,7 @@ from fmpy.model_description import BaseUnit, SimpleType, Unit
 
 from cosim.ssp.errors import SSPError
 from cosim.ssp.format.components import PackagedComponent, SystemContent
-from cosim.ssp.format.diagram import Box, Layout, arrange
+from cosim.ssp.format.diagram import Arrangement, Box, arrange
 from cosim.ssp.format.schema import NAMESPACES
 from cosim.system.variables import Element, Ports
 from cosim.versions import versions
@@ -158,7 +158,7 @@ def _component(
     name: str,
     packaged: PackagedComponent,
     bindings: Iterable[str],
-    layout: Layout,
+    layout: Arrangement,
     definitions: _Definitions,
     version: str,
 ) -> None:
@@ -200,7 +200,7 @@ def _type(element: Element, ports: Ports, definitions: _Definitions, version: st
     return kind, definitions.unit(ports.unit(element)) if element.kind == "real" else {}
 
 
-def _connections(parent: ElementTree.Element, content: SystemContent, layout: Layout) -> None:
+def _connections(parent: ElementTree.Element, content: SystemContent, layout: Arrangement) -> None:
     for (source, target), connection, line in zip(content.wires, content.connections, layout.lines, strict=True):
         names = ("startElement", "startConnector", "endElement", "endConnector")
         element = _sub(parent, "ssd:Connection", **dict(zip(names, (*source, *target), strict=True)))

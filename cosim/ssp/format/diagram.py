@@ -36,7 +36,7 @@ class Box:
 
 
 @dataclass(frozen=True)
-class Layout:
+class Arrangement:
     """A diagram: its extent, component -> box, connector -> point on its box, points between the ends of each wire."""
 
     canvas: Box
@@ -45,7 +45,9 @@ class Layout:
     lines: Sequence[Sequence[Point]]
 
 
-def arrange(inputs: Mapping[str, Sequence[str]], outputs: Mapping[str, Sequence[str]], wires: Sequence[Wire]) -> Layout:
+def arrange(
+    inputs: Mapping[str, Sequence[str]], outputs: Mapping[str, Sequence[str]], wires: Sequence[Wire]
+) -> Arrangement:
     """Arrange a system.
 
     Parameters
@@ -90,7 +92,7 @@ def arrange(inputs: Mapping[str, Sequence[str]], outputs: Mapping[str, Sequence[
             lines.append([(x[k, "in"], height[source]), end])
         else:
             lines.append([(x[k, "out"], height[source]), (x[k, "out"], levels[k]), (x[k, "in"], levels[k]), end])
-    return Layout(canvas, boxes, points, lines)
+    return Arrangement(canvas, boxes, points, lines)
 
 
 def _columns(components: Sequence[str], wires: Sequence[Wire]) -> dict[str, int]:
