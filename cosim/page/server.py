@@ -69,6 +69,7 @@ class PageServer:
             await asyncio.Event().wait()
         finally:
             server.stop()
+            await server.close_all_connections()
 
     def run(self) -> None:
         """Answer until Ctrl-C."""

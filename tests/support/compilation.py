@@ -16,6 +16,9 @@ from fmu_export.native.toolchain import Target, Unit, compile_library, compiler_
 #: Set by conftest before any FMU is built: a folder of the session, the same in all workers.
 folder: Path | None = None
 
+#: Of the FMUs that users build.
+OPTIMISATION_OF_USERS = toolchain.OPTIMISATION
+
 #: Of the robot's FMUs, which run for long.
 OPTIMISATION_OF_ROBOT = "-O1"
 

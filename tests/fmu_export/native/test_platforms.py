@@ -26,11 +26,13 @@ import pytest
 from fmpy.build import build_platform_binary
 
 from fmu_export.native import backend as native_backend
+from fmu_export.native import toolchain
 from fmu_export.native.toolchain import find_compiler
 from parallel_robot.fmus import build, fmu_path
 from parallel_robot.models import MODELS
 from tests.support import SUPPORT
 from tests.support.binaries import kind_and_exports, text_at
+from tests.support.compilation import OPTIMISATION_OF_USERS
 from tests.support.native_fmus import FLAVOURS, Host, require_compiler, unpack
 from tests.support.patience import PATIENCE
 
@@ -80,6 +82,14 @@ class Library:
         self.name = MODELS[instance].name + SUFFIXES[self.platform.partition("-")[2]]
         with zipfile.ZipFile(fmu_path(archives, flavour, instance)) as archive:
             self.data = archive.read(f"binaries/{folder}/{self.name}")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def as_for_users() -> Iterator[None]:
+    """Without optimisation Zig adds checks of its own, which need more libraries."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(toolchain, "OPTIMISATION", OPTIMISATION_OF_USERS)
+        yield
 
 
 @pytest.fixture(scope="module")

@@ -17,6 +17,7 @@ import pytest
 from fmu_export.native import toolchain
 from fmu_export.native.toolchain import TARGETS, Target, ToolchainError, compile_library, find_compiler, host_target
 from tests.support.binaries import kind_and_exports, macho_commands, text_at
+from tests.support.compilation import OPTIMISATION_OF_USERS
 
 needs_zig = pytest.mark.skipif(find_spec("ziglang") is None, reason="the ziglang package is not installed")
 
@@ -106,7 +107,7 @@ def test_same_sources_give_the_same_bytes(host_library: bytes, tmp_path: Path, m
 
 def test_optimisation_is_that_of_the_moment(host_library: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
     """Tests of models compile without, which takes a third of the time."""
-    monkeypatch.setattr(toolchain, "OPTIMISATION", "-O3")
+    monkeypatch.setattr(toolchain, "OPTIMISATION", OPTIMISATION_OF_USERS)
     assert compile_library(SOURCES, "gain") != host_library
 
 
@@ -236,7 +237,7 @@ def test_zig_compiles_for_every_platform(target: Target, monkeypatch: pytest.Mon
 
     As users do: without optimisation zig writes the time into a library for Windows.
     """
-    monkeypatch.setattr(toolchain, "OPTIMISATION", "-O3")
+    monkeypatch.setattr(toolchain, "OPTIMISATION", OPTIMISATION_OF_USERS)
     library = compile_library(SOURCES, "gain", target, strict=True)
     assert kind_and_exports(library) == (target.name, {"gain"})
     again = SOURCES | {"gain.c": SOURCES["gain.c"] + f"/* {os.urandom(8).hex()} */\n".encode()}

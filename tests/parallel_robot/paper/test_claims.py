@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Iterable
-from functools import cached_property
-from itertools import pairwise
+from functools import cached_property, partial
+from itertools import pairwise, product
 from pathlib import Path
 from unittest.mock import patch
 
@@ -23,6 +23,7 @@ from controller_fmu.optimal_gains import PerformanceIndex, optimal_gains
 from cosim.results.results import Results
 from fmu_export.modelling.variables import Layout
 from parallel_robot import models
+from parallel_robot.paper.reproduce.acting import multisine
 from parallel_robot.paper.reproduce.claims import RELATIONS, Row, judge, rows, verdict
 from parallel_robot.paper.reproduce.content import Verdict
 from parallel_robot.paper.reproduce.gains import OTHER_INDICES
@@ -43,6 +44,9 @@ STEADY = TIMES >= 8.0
 BETA_PRINTED = {f"{mu / nu:g}": float(beta) for mu, nu, _, beta, _ in PRINTED}
 ALPHA_PRINTED = {f"{mu / nu:g}": float(alpha) for mu, nu, alpha, _, _ in PRINTED}
 P = PLANT.unpack(PLANT.starts)
+
+#: A torque on each of the three motors (N m) by time.
+Torque = Callable[[float], np.ndarray]
 
 
 def outcome(met: Iterable[bool]) -> Verdict:
@@ -95,17 +99,17 @@ class Oracle:
                 )
         return self._continuous[alpha, beta]
 
-    def solve(self, alpha: float, beta: float, times: np.ndarray, pulse: float) -> np.ndarray:
-        """Continuous loop with gains of one's own, mass change and a pulse of 0.2 s at 4 s on every motor."""
+    def solve(self, alpha: float, beta: float, times: np.ndarray, torque: Torque, end: float) -> np.ndarray:
+        """Continuous loop with gains of one's own, mass change, and a torque on the motors from 4 s until an end."""
         gains = {"alpha": alpha, "beta": beta}
         variables = [dataclasses.replace(v, start=gains.get(v.name, v.start)) for v in PARAMETERS.variables]
         tuned = dataclasses.replace(MODEL, parameters=Layout(variables))
 
         def w(t: float) -> np.ndarray:
-            return np.array([*[pulse * (4.0 <= t < 4.2)] * 3, 0.25 * np.sin(np.pi * t), 0.0])
+            return np.array([*torque(t) * (4.0 <= t < end), 0.25 * np.sin(np.pi * t), 0.0])
 
         with patch.object(continuous_loop, "MODELS", {**models.MODELS, "controller": tuned}):
-            return continuous_loop.solve(times, w, [4.0, 4.2], rtol=1e-7)
+            return continuous_loop.solve(times, w, [4.0, end], rtol=1e-7)
 
     def errors(self, key: str, alpha: float | None = None) -> np.ndarray:
         """Errors (n, 5) of the continuous loop."""
@@ -406,14 +410,29 @@ def pd_not_settling(o: Oracle) -> Verdict:
 
 
 def pd_slower_back(o: Oracle) -> Verdict:
-    """After a pulse of 0.2 N m the continuous loop of each."""
+    """After every event that ends, the continuous loop of each."""
     times, gains = TIMES[:1401], {"pd": (0.0, BETA_PRINTED["1"]), "1": (ALPHA_PRINTED["1"], BETA_PRINTED["1"])}
-    back = {}
-    for key, (alpha, beta) in gains.items():
-        ends = [continuous_loop.end_effector(o.solve(alpha, beta, times, size)) for size in (0.0, 0.2)]
+    scenario = load_scenario("tracking")
+    random = scenario.signals["plant.tau_d"].function(3, scenario.seed, "plant.tau_d")
+    shapes = {  # of size 1: the torque by time, and when it ends
+        "pulse of 0.2 s": (lambda t: np.ones(3), 4.2),
+        "multisine of 0.5 s": (lambda t: np.asarray(random(t)) / multisine(scenario).rms, 4.5),
+    }
+
+    def scaled(torque: Torque, size: float, t: float) -> np.ndarray:
+        return size * torque(t)
+
+    events = {(d.shape, d.level) for d in o.runs.disturbed if d.shape in shapes}
+    back: dict[tuple[str, str, float], float] = {}
+    for (key, (alpha, beta)), (shape, level) in product(gains.items(), sorted(events)):
+        torque, end = shapes[shape]
+        ends = [
+            continuous_loop.end_effector(o.solve(alpha, beta, times, partial(scaled, torque, c), end))
+            for c in (0.0, level)
+        ]
         distance = np.hypot(*(ends[1] - ends[0]).T)
-        back[key] = times[np.flatnonzero(distance > 0.1 * distance.max())[-1]]
-    return outcome([back["pd"] > back["1"]])
+        back[key, shape, level] = times[np.flatnonzero(distance > 0.1 * distance.max())[-1]] - end
+    return outcome(back["pd", *event] > back["1", *event] for event in some(sorted(events)))
 
 
 def error_falls_with_ratio(o: Oracle) -> Verdict:
