@@ -60,6 +60,9 @@ REPORT = "report.html"
 MOST_VALUES_IN_MEMORY = 10_000_000
 
 
+#: So many of the connections are named that are coupled worst.
+_MOST_RANKED = 3
+
 #: So many of the variables that were not finite are named.
 _MOST_SAID = 5
 
@@ -678,7 +681,14 @@ def _profile(summary: Mapping[str, Any]) -> list[str]:
             f"{c['exchange_s']:>10.3g} s{c['steps']:>10}{c['steps_repeated']:>10}"
             for total, name, c in sorted(rows, key=lambda row: -row[0])
         ),
+        *_foretold(summary["profile"].get("connections", ())),
     ]
+
+
+def _foretold(connections: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Which connections are coupled worst, in a line."""
+    worst = [f"{c['source']} -> {c['target']} {c['error']:.1e}" for c in connections[:_MOST_RANKED] if c["error"] > 0.0]
+    return [f"worst coupled (what inputs were foretold, rms): {', '.join(worst)}"] if worst else []
 
 
 #: Order of accuracy of a coupling by extrapolation of degree 0, 1, 2, 3.

@@ -131,6 +131,23 @@ class Operation(ctypes.Structure):
     )
 
 
+class Foretold(ctypes.Structure):
+    """What inputs were foretold to be, against what they are; see loop.h."""
+
+    _fields_ = (
+        ("steps", POINTER(Operation)),
+        ("n_steps", c_int64),
+        ("positions", POINTER(c_int32)),
+        ("values", POINTER(c_double)),
+        ("squares", POINTER(c_double)),
+        ("sizes", POINTER(c_double)),
+        ("n_values", c_int64),
+        ("n_points", c_int64),
+        ("n", c_int64),
+        ("is_foretold", c_int64),
+    )
+
+
 class Profile(ctypes.Structure):
     """How long operations take; see loop.h."""
 
@@ -140,6 +157,7 @@ class Profile(ctypes.Structure):
         ("at_step", POINTER(c_int64)),
         ("n_points", c_int64),
         ("n_steps", c_int64),
+        ("foretold", POINTER(Foretold)),
     )
 
 
@@ -247,7 +265,7 @@ def loop_library() -> ctypes.CDLL:
     library.loop_hash.restype = c_char_p
     if library.loop_hash().decode() != source_hash():
         raise LoopLibraryError(f"the compiled loop {LIBRARY} belongs to another version of its source; {_REMEDY}")
-    check_layout(library.loop_layout, (Cell, Extrapolated, Rates, Conversion, Operation, Profile, Loop))
+    check_layout(library.loop_layout, (Cell, Extrapolated, Rates, Conversion, Operation, Foretold, Profile, Loop))
     library.loop_perform.argtypes = [POINTER(Loop), POINTER(Operation), POINTER(c_uint32), c_int64, c_int64]
     library.loop_run.argtypes = [POINTER(Loop), c_int64, c_int64, c_bool]
     for function in (library.cells_get, library.cells_set):

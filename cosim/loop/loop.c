@@ -476,12 +476,38 @@ static bool perform_measured(Loop *loop, const Operation operations[], const uin
 
 static bool is_measured(const Loop *loop, int64_t point) { return loop->profile && point % loop->profile->every == 0; }
 
+/* Foretell all values for the point after this one: inputs are extrapolated, and the others are held. */
+static void foretell(const Loop *loop, Foretold *told, int64_t point) {
+    told->is_foretold = !loop_jumps_within(loop, point, point + 1);
+    memcpy(told->values, loop->values, (size_t)told->n_values * sizeof *told->values);
+    for (int64_t k = 0; k < told->n_steps; k++) {
+        const Operation *op = &told->steps[k];
+        if (op->kind != EXTRAPOLATE || op->every > 1) continue;
+        const Extrapolated *in = op->data;
+        loop_evaluate(in, loop->step_size, op->n);
+        memcpy(told->values + op->first, in->buffer, (size_t)op->n * sizeof *in->buffer);
+    }
+}
+
+static void compare_with_foretold(const Loop *loop, Foretold *told) {
+    if (!told->is_foretold) return;
+    told->is_foretold = false;
+    told->n_points++;
+    for (int64_t i = 0; i < told->n; i++) {
+        double value = loop->values[told->positions[i]], error = value - told->values[told->positions[i]];
+        told->squares[i] += error * error;
+        told->sizes[i] = fmax(told->sizes[i], fabs(value));
+    }
+}
+
 static bool exchange(Loop *loop, int64_t point) {
     if (!is_measured(loop, point))
         return perform_all(loop, loop->at_point, loop->codes_at_point, loop->n_at_point, point, false);
     loop->profile->n_points++;
-    return perform_measured(loop, loop->at_point, loop->codes_at_point, loop->n_at_point, point, false,
-                            loop->profile->at_point);
+    bool done = perform_measured(loop, loop->at_point, loop->codes_at_point, loop->n_at_point, point, false,
+                                 loop->profile->at_point);
+    if (done && loop->profile->foretold) compare_with_foretold(loop, loop->profile->foretold);
+    return done;
 }
 
 bool loop_rest_one_by_one(Loop *loop, int64_t failed, int64_t point) {
@@ -562,12 +588,24 @@ static const Field layout[] = {
     FIELD(Operation, first),
     FIELD(Operation, n),
     FIELD(Operation, n_targets),
+    STRUCT(Foretold),
+    FIELD(Foretold, steps),
+    FIELD(Foretold, n_steps),
+    FIELD(Foretold, positions),
+    FIELD(Foretold, values),
+    FIELD(Foretold, squares),
+    FIELD(Foretold, sizes),
+    FIELD(Foretold, n_values),
+    FIELD(Foretold, n_points),
+    FIELD(Foretold, n),
+    FIELD(Foretold, is_foretold),
     STRUCT(Profile),
     FIELD(Profile, every),
     FIELD(Profile, at_point),
     FIELD(Profile, at_step),
     FIELD(Profile, n_points),
     FIELD(Profile, n_steps),
+    FIELD(Profile, foretold),
     STRUCT(Loop),
     FIELD(Loop, start_time),
     FIELD(Loop, step_size),
@@ -631,7 +669,10 @@ static bool go_through(Loop *loop, int64_t first, int64_t end, bool exchanged) {
                 if (run[1] == 1) *row = loop->values[*run];
                 else memcpy(row, loop->values + *run, (size_t)run[1] * sizeof *row);
         }
-        if (point < loop->last_point && !step(loop, point)) return false;
+        if (point >= loop->last_point) continue;
+        if (!step(loop, point)) return false;
+        if (loop->profile && loop->profile->foretold && is_measured(loop, point + 1))
+            foretell(loop, loop->profile->foretold, point);
     }
     return true;
 }

@@ -81,11 +81,23 @@ typedef struct {
     int32_t n_references, first, n, n_targets; /* first, n: the values that it gets or sets, contiguous */
 } Operation; /* 64 bytes: with many FMUs the loop is as fast as the processor's cache */
 
+/* What connected inputs were foretold to be at a point that is measured, against what they are there. */
+typedef struct {
+    const Operation *steps; /* those that extrapolate inputs are among them */
+    int64_t n_steps;
+    const int32_t *positions; /* of n inputs */
+    double *values; /* all n_values: what is foretold */
+    double *squares, *sizes; /* n sums of the squares of errors, and n largest magnitudes */
+    int64_t n_values, n_points, n;
+    int64_t is_foretold; /* whether something is foretold for the point ahead */
+} Foretold;
+
 /* How long operations take: measured at one point in so many, in ns since then, of each one. */
 typedef struct {
     int64_t every;
     int64_t *at_point, *at_step;
     int64_t n_points, n_steps; /* that were measured */
+    Foretold *foretold; /* NULL: nothing is */
 } Profile;
 
 struct Team;

@@ -394,6 +394,17 @@ class Exchange:
             iterated, self._instances, tables, self._layout.size, asked, self._arena, demanded=self.demanded
         )
 
+    def foretold_links(self) -> list[tuple[Link, int]]:
+        """Links that go on during a step of one communication step, and positions of their inputs; none if iterated."""
+        if self._iterated is not None:
+            return []
+        links = Iterated(self._system, self._extrapolated_inputs, self._layout).links
+        return [
+            (k, self._layout.positions[k.target_component, k.target.name])
+            for k in links
+            if self.components[k.target_component].every == self.components[k.source_component].every == 1
+        ]
+
     def iterated_steps(self) -> dict[str, Any] | None:
         """For people: what repeating steps took; None where they are not."""
         return None if self._iterated is None else self._iterated.summary()

@@ -60,6 +60,24 @@ def test_a_short_run_is_measured_more_often(fmus: Path) -> None:
             assert run.results.info["profile"]["components"]["tank"]["steps"] == 3
 
 
+def test_connections_are_ranked_by_what_inputs_were_foretold(fmus: Path) -> None:
+    """Two tanks in a loop, x = cos t and v = -sin t, and one that gets 100 t, held."""
+    system = System()
+    for name, start in (("x", 1.0), ("v", 0.0), ("z", 0.0), ("w", 0.0)):
+        system.add(name, fmus / "Integrator.fmu", start={"x_start": start})
+    system.connect("v.x", "x.u")
+    system.connect("x.x", "v.u", factor=-1.0)
+    system.connect("z.x", "w.u")
+    system.drive("z.u", lambda t: 100.0)
+    found = simulate(system, 6.2, 0.01, extrapolation="hold", profile=True).info["profile"]["connections"]
+    errors = {each["target"]: each["error"] for each in found}
+    assert set(errors) == {"x.u", "v.u", "w.u"}
+    assert errors["x.u"] == pytest.approx(0.01 / 2**0.5, rel=0.2)  # h cos t, its rms
+    assert errors["w.u"] == pytest.approx(0.01 / 6.2, rel=0.05)
+    assert [each["error"] for each in found] == sorted(errors.values(), reverse=True)
+    assert found[-1] == {"source": "z.x", "target": "w.u", "error": errors["w.u"]}
+
+
 def test_discarded_steps_are_counted(tmp_path: Path) -> None:
     system = System()
     system.add("m", quirky(tmp_path, Quirk.COMPUTES_IN_PART), start={"longest": 0.3})
