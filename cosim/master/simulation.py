@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import gc
 import hashlib
 import math
 import time as clock
@@ -106,6 +107,19 @@ _MOST_BREAKPOINTS = 100
 _MOST_POINTS = int(_MOST_STEPS)
 
 
+@contextmanager
+def _collecting_garbage_later() -> Iterator[None]:
+    """Context in which Python does not look for garbage: a system of many FMUs makes many objects, and all stay."""
+    if not gc.isenabled():
+        yield
+        return
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.enable()
+
+
 class Simulation:
     """A system with its FMUs loaded, to be run as often as needed.
 
@@ -176,6 +190,7 @@ class Simulation:
     ...         results = simulation.run(15.0, 1e-3, start={"controller.alpha": alpha})
     """
 
+    @_collecting_garbage_later()
     def __init__(
         self,
         system: System,

@@ -215,23 +215,24 @@ class ValueLayout:
             inputs = feedthrough[name] if name in feedthrough else {n for c, n in keys if c == component}
             for key in ((component, n) for n in inputs):
                 latest[key] = min(latest.get(key, at), at)
-        return {
-            key: max(other for other in own[key[0]] if at <= other <= max(at, latest.get(key, other)))
-            for key, at in level.items()
-        }
+        among = {component: sorted(set(levels), reverse=True) for component, levels in own.items()}
+        return {key: _latest(among[key[0]], at, latest.get(key)) for key, at in level.items()}
 
     # Where
 
     def _transfers(self, kinds: Sequence[Mapping[Key, int]]) -> list[list[Transfer]]:
         """Give each variable its position; each kind, which maps variables to levels, gets its own transfers."""
         transfers: list[list[Transfer]] = [[] for _ in kinds]
+        of_components = [_by_component(level_of) for level_of in kinds]
         for component, port in self._system.ports.items():
-            for level_of, transfers_of_kind in zip(kinds, transfers, strict=True):
+            for by_component, transfers_of_kind in zip(of_components, transfers, strict=True):
+                level_of = by_component.get(component)
+                if level_of is None:
+                    continue
                 groups: dict[tuple[int, str, str], list[Element]] = {}
                 for name, variable in port.variables.items():
-                    key = (component, name)
-                    for element in port.elements_of(name) if key in level_of else ():
-                        groups.setdefault((level_of[key], variable.type, element.timing), []).append(element)
+                    for element in port.elements_of(name) if name in level_of else ():
+                        groups.setdefault((level_of[name], variable.type, element.timing), []).append(element)
                 for (level, *_), group in sorted(groups.items(), key=_clocks_first):
                     elements = tuple(sorted(group, key=partial(self._rank_of, component)))
                     transfer = Transfer(component, level, elements, first=len(self.positions))
@@ -257,6 +258,20 @@ class ValueLayout:
 
     def _rank_of(self, component: str, element: Element) -> int:
         return self._rank.get((component, element.variable.name), 0)
+
+
+def _latest(levels: Sequence[int], at: int, end: int | None) -> int:
+    """The greatest of some levels, which descend and have `at` among them, that is not before `at` nor after `end`."""
+    if len(levels) == 1:
+        return at
+    return levels[0] if end is None else next(level for level in levels if level <= max(at, end))
+
+
+def _by_component(level_of: Mapping[Key, int]) -> dict[str, dict[str, int]]:
+    found: dict[str, dict[str, int]] = {}
+    for (component, name), level in level_of.items():
+        found.setdefault(component, {})[name] = level
+    return found
 
 
 def _numbered(keys: Iterable[Key], first: int = 0) -> dict[Key, int]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Container, Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
@@ -131,9 +131,17 @@ class ElementArray(Sequence[Element]):
         self._shape: tuple[int, ...] = variable.shape or ()
         self._size = math.prod(self._shape)
         self._made: dict[int, Element] | None = {} if self._size <= _KEPT else None
+        self._all: tuple[Element, ...] | None = None  # where they are kept
 
     def __len__(self) -> int:
         return self._size
+
+    def __iter__(self) -> Iterator[Element]:
+        if self._made is None:
+            return map(self._new, range(self._size))
+        if self._all is None:
+            self._all = tuple(map(self._element, range(self._size)))
+        return iter(self._all)
 
     @overload
     def __getitem__(self, k: int) -> Element: ...
