@@ -15,8 +15,9 @@ from scipy.linalg import expm
 
 from fmu_export import DefaultExperiment, ModelClass, build_native, compose, discrete, every, parameter, state
 from fmu_export import input as input_
+from interop.tools import ecos
 from tests.support.compilation import built_once, shared_compilation
-from tests.support.example_models import FOLDER, Example, Values, build, by_fmpy, by_our_master
+from tests.support.example_models import FOLDER, Example, Values, build, by_ecos, by_fmpy, by_our_master
 from tests.support.native_fmus import FLAVOURS, require_compiler
 
 #: Integration of the oracles.
@@ -315,16 +316,29 @@ def test_every_example_is_compared_with_something() -> None:
 
 @pytest.mark.parametrize(
     "importer",
-    ["fmpy", "fmpy_me", "our_master", "our_dopri5_me", pytest.param("our_cvode_me", marks=pytest.mark.slow)],
+    [
+        "fmpy",
+        "fmpy_me",
+        "our_master",
+        "our_dopri5_me",
+        pytest.param("our_cvode_me", marks=pytest.mark.slow),
+        pytest.param("ecos", marks=pytest.mark.slow),
+    ],
 )
 @pytest.mark.parametrize(("example", "flavour"), BUILT)
-def test_example_is_right(example: Example, flavour: str, importer: str, fmu_of: Callable[[str, str], Path]) -> None:
+def test_example_is_right(
+    example: Example, flavour: str, importer: str, fmu_of: Callable[[str, str], Path], tmp_path: Path
+) -> None:
+    if importer == "ecos" and (reason := ecos.unavailable()):
+        pytest.skip(reason)
     fmu = fmu_of(example.module, flavour)
     if importer.endswith("_me") and example.stop_me:
         example = replace(example, stop=example.stop_me)
     expected = example.expected
     shapes = {name: values.shape[1:] for name, values in expected.items()}
-    if importer == "our_master":
+    if importer == "ecos":
+        found, tolerance = by_ecos(fmu, example, shapes, tmp_path), example.tolerance
+    elif importer == "our_master":
         found, tolerance = by_our_master(fmu, example, shapes), example.tolerance
     elif importer in ("our_dopri5_me", "our_cvode_me"):
         solver = importer.split("_")[1]

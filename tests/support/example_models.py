@@ -16,6 +16,7 @@ import numpy as np
 
 from cosim import System, simulate
 from fmu_export import ModelClass, build_native
+from tests.support.bare_host import fresh
 
 FOLDER = Path(__file__).parents[2] / "examples" / "models"
 
@@ -130,3 +131,58 @@ def by_our_master(fmu: Path, example: Example, shapes: Mapping[str, tuple[int, .
     return _together(
         {n: results[f"model.{n}"] for name, shape in shapes.items() for n in elements(name, shape)}, shapes
     )
+
+
+#: Ecos steps one FMU, with inputs set before each step; in a process of its own, as its libraries are no guests of ours.
+_BY_ECOS = """
+import ctypes
+from ecospy import EcosLib, EcosSimulation, EcosSimulationStructure
+
+EcosLib.set_log_level("err")
+kinds = {"real": "real", "integer": "integer", "enumeration": "integer", "boolean": "bool"}
+with EcosSimulationStructure() as structure:
+    structure.add_model("model", A.fmu)
+    structure.add_parameter_set("start", {f"model::{name}": value for name, value in A.start.items()})
+    with EcosSimulation(structure=structure, step_size=A.step) as simulation:
+
+        def found():
+            return [getattr(simulation, "get_" + kinds[A.types[n]])(f"model::{n}") for n in A.outputs]
+
+        simulation.init(parameter_set="start")
+        rows = [found()]
+        for row in A.inputs:
+            for name, value in row.items():
+                simulation.set_real(f"model::{name}", value)
+            simulation.step()
+            rows.append(found())
+        simulation.terminate()
+report(rows)
+"""
+
+
+def by_ecos(fmu: Path, example: Example, shapes: Mapping[str, tuple[int, ...]], folder: Path) -> Values:
+    """Ecos, an importer of its own: co-simulation, with values at the communication points."""
+    types = {v.name: _type(v.type) for v in fmpy.read_model_description(str(fmu)).modelVariables}
+    start: dict[str, Any] = {}
+    for name, value in example.start.items():
+        values = zip(elements(name, np.shape(value)), np.ravel(value), strict=True)
+        start |= {n: float(v) if types[n] == "real" else v.item() for n, v in values}
+    start |= {name: f(0.0) for name, f in example.inputs.items()}
+    outputs = [n for name, shape in shapes.items() for n in elements(name, shape)]
+    rows = fresh(
+        folder,
+        _BY_ECOS,
+        fmu=fmu,
+        start=start,
+        step=example.step,
+        outputs=outputs,
+        types=types,
+        inputs=[{name: float(f(t)) for name, f in example.inputs.items()} for t in example.times[:-1]],
+    )
+    return _together(dict(zip(outputs, np.transpose(np.array(rows, dtype=float)), strict=True)), shapes)
+
+
+def _type(fmi_type: str) -> str:
+    """The type of a variable in either version."""
+    known = {"Real": "real", "Float64": "real", "Boolean": "boolean", "Enumeration": "enumeration", "String": "string"}
+    return known.get(fmi_type, "integer")
