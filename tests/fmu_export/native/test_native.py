@@ -375,6 +375,7 @@ def test_directional_derivatives_of_initial_outputs(unpacked: Path, flavour: str
         at[len(model.parameters) :] = 0.2 + 0.1 * np.random.default_rng(4).random(len(model.inputs))
         if instance == "controller":
             at[knowns.index("psi_start[1]")] = 0.3
+            at[knowns.index("bound_constant")] = 0.2  # off its limit
             at[[knowns.index(f"tau_max[{i}]") for i in (1, 2, 3)]] = 0.01, 10.0, 10.0  # the first motor is saturated
         host.must(host.enter(0.4))
 
