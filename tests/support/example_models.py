@@ -133,7 +133,7 @@ def by_our_master(fmu: Path, example: Example, shapes: Mapping[str, tuple[int, .
     )
 
 
-#: Ecos steps one FMU, with inputs set before each step; in a process of its own, as its libraries are no guests of ours.
+#: Ecos steps one FMU, with inputs set before each step, in a process of its own.
 _BY_ECOS = """
 import ctypes
 from ecospy import EcosLib, EcosSimulation, EcosSimulationStructure
