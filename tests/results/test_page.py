@@ -218,6 +218,19 @@ def test_too_many_values_become_extremes_within_the_budget_and_the_page_says_so(
     assert f"of each {resolution:.6g} s" in run_page(run, budget=100_000)
 
 
+def test_what_never_changes_comes_last():
+    time = np.linspace(0.0, 1.0, 5)
+    names = ["a.still", "a.none", "a.v[1]", "a.v[2]", "a.x"]
+    values = np.column_stack([np.full(5, 3.0), np.full(5, np.nan), np.zeros(5), time, time])
+    variables = curves_of({"run": Results(time, names, values)}).data["variables"]
+    assert [(v["name"], v["still"]) for v in variables] == [
+        ("a.v", False),
+        ("a.x", False),
+        ("a.still", True),
+        ("a.none", True),
+    ]
+
+
 # ---- the page as text
 
 

@@ -58,7 +58,7 @@ class Variable:
 
 
 def curves_of(runs: Mapping[str, Recorded], budget: int = BUDGET) -> Curves:
-    """Curves of all numbers that runs have recorded.
+    """Curves of all numbers that runs have recorded; variables that never change come last.
 
     Parameters
     ----------
@@ -79,8 +79,10 @@ def curves_of(runs: Mapping[str, Recorded], budget: int = BUDGET) -> Curves:
     for k, (variable, (columns, content)) in enumerate(zip(variables, found, strict=True)):
         blocks[f"curves-{k}"] = content
         described.append(_described(variable, f"curves-{k}", columns))
+        described[-1]["still"] = all(_is_still(column.numbers) for column in columns)
         if len(results) > 1:
             described[-1]["difference"] = _difference(variable, results)
+    described.sort(key=lambda one: bool(one["still"]))
     shown = []
     for k, (label, run) in enumerate(runs.items()):
         time, irregular = times(run.time, every[k])
@@ -129,6 +131,11 @@ def _described(variable: Variable, block_id: str, columns: Sequence[Column]) -> 
         "block": block_id,
         "columns": shown,
     }
+
+
+def _is_still(numbers: np.ndarray) -> bool:
+    """Whether a column has one value only, or none."""
+    return bool(len(numbers) == 0 or (numbers == numbers[0]).all() or np.isnan(numbers).all())
 
 
 def _difference(variable: Variable, runs: Sequence[Recorded]) -> float | None:

@@ -182,7 +182,9 @@ function startSignals(root) {
     }
     const left = panels.length - made.size;
     const found = find(".found");
-    found.textContent = `${panels.length} panel${panels.length === 1 ? "" : "s"}`;
+    const still = panels.filter((panel) => panel.curves.every(([v]) => v.still)).length;
+    const said = still && still < panels.length ? `; in ${still} nothing changes` : "";
+    found.textContent = `${panels.length} panel${panels.length === 1 ? "" : "s"}${said}`;
     if (left > 0) {
       const button = make("button", { type: "button" }, `Show ${Math.min(left, MOST_PANELS)} more`);
       button.addEventListener("click", () => {
