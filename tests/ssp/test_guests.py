@@ -371,6 +371,22 @@ def test_what_leaves_no_doubt_is_noted(fmus: dict[str, Path], tmp_path: Path) ->
     assert_equal_runs(found.system, loop_by_hand(fmus))
 
 
+def test_common_elements_in_another_namespace_of_ssp_are_taken_as_such(fmus: dict[str, Path], tmp_path: Path) -> None:
+    """A transformation that is ignored would change numbers."""
+    ends = elements(
+        component("p", "probe", "output n_out", bindings=bindings(binding("n Integer 3"))),
+        component("q", "probe", "input n"),
+    )
+    inner = table("Integer", (3, 40)).replace("ssc:", "ssd:")
+    found = read(
+        archive(tmp_path / "c.ssp", description(ends + connections(connection("p.n_out", "q.n", inner))), fmus)
+    )
+    assert found.notes[0].endswith(
+        "IntegerMappingTransformation, MapEntry: taken as of the common namespace of SSP (ssc)"
+    )
+    assert simulate(found.system, 1.0, 0.5)["q.n_out"].tolist() == [40.0] * 3
+
+
 def test_what_leaves_doubt_is_refused_all_at_once(fmus: dict[str, Path], tmp_path: Path) -> None:
     odd = description(LOOP, experiment='<ssd:DefaultExperiment stopTime="two"/>').replace(' endConnector="x"', "")
     with pytest.raises(SSPError, match=r"missing required attribute 'endConnector'; at .*stopTime='two'"):

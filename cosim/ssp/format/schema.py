@@ -79,6 +79,18 @@ _KNOWN = (
     "DictionaryEntry",
 )
 
+#: Elements that are in the common namespace of SSP only.
+_COMMON = (
+    "LinearTransformation",
+    "BooleanMappingTransformation",
+    "IntegerMappingTransformation",
+    "EnumerationMappingTransformation",
+    "MapEntry",
+    "Unit",
+    "BaseUnit",
+    "Item",
+)
+
 
 def parse(data: bytes, kind: DocumentKind, where: str, findings: Findings | None = None) -> DataElement:
     """Validate an XML file and decode it.
@@ -132,12 +144,16 @@ def _decoded(
     try:
         source = xmlschema.XMLResource(io.BytesIO(data), defuse="always", allow="none")
         _check_namespace(source.root.tag, kind, where)
+        moved = [] if findings is None else _with_common_names(source.root)
         schema = _schema(kind, version)
         result: Any = schema.to_objects(source, validation="lax", use_location_hints=False)
     except (xmlschema.XMLSchemaException, RecursionError) as problem:
         raise SSPError(f"{where}: not readable as XML: {' '.join(str(problem).split())}") from None
     decoded, errors = result
     refused, notes = [], []
+    if moved:
+        said = f"{where}: {', '.join(moved)}: taken as of the common namespace of SSP (ssc)"
+        notes.append((said, f"{where}: common"))
     for error in errors:
         note = None if findings is None else _forgiven(error, where)
         if note is None:
@@ -162,6 +178,17 @@ def _with_namespaces(data: bytes, where: str, findings: Findings) -> bytes:
         meant = "it is taken as that of SSP" if name in NAMESPACES else "what has it is ignored"
         findings.note(f"{where}: the prefix '{name}' has no namespace; {meant}")
     return data[: root.end()] + added.encode() + data[root.end() :]
+
+
+def _with_common_names(root: Any) -> list[str]:
+    """Give elements that SSP has in its common namespace only, but stand in another one of SSP, that namespace."""
+    moved: dict[str, None] = {}
+    for element in root.iter():
+        namespace, _, name = str(element.tag).rpartition("}")
+        if name in _COMMON and namespace[1:] in NAMESPACES.values() and namespace[1:] != NAMESPACES["ssc"]:
+            element.tag = f"{{{NAMESPACES['ssc']}}}{name}"
+            moved[name] = None
+    return list(moved)
 
 
 def _check_namespace(tag: str, kind: DocumentKind, where: str) -> None:
