@@ -19,7 +19,7 @@ from tempfile import TemporaryDirectory
 from tqdm import tqdm
 
 from benchmarks.trust.masters import masters
-from benchmarks.trust.trial import Master, Trial, trial
+from benchmarks.trust.trial import PATIENCE, Master, Trial, trial
 from tests.support.corpus import RUNS, STOPS, Case, Materials, all_cases
 
 RESULTS = Path("benchmarks/results/trust.json")
@@ -46,6 +46,13 @@ def main() -> int:
     parser.add_argument("--only", action="append", metavar="TEXT", help="cases whose names contain it")
     parser.add_argument("--master", action="append", metavar="NAME", help="masters whose names contain it")
     parser.add_argument("--write", action="store_true", help=f"write {RESULTS} and the table of {PAGE}")
+    parser.add_argument(
+        "--patience",
+        type=float,
+        default=PATIENCE,
+        metavar="S",
+        help="who takes longer (s) hangs; longer where others compute",
+    )
     options = parser.parse_args()
     known, missing = masters()
     chosen = [m for m in known if not options.master or any(text in m.name for text in options.master)]
@@ -57,7 +64,7 @@ def main() -> int:
         _ = materials.fmi2, materials.fmi3  # before threads need them
         for master in chosen:
             taken = [case for case in cases if _takes(master, case)]
-            found[master.name] = tried(master, taken, materials, Path(folder))
+            found[master.name] = tried(master, taken, materials, Path(folder), options.patience)
             for case, result in zip(taken, found[master.name], strict=True):
                 if is_ours(master, case) and not came_out(case, result):
                     wrong += 1
@@ -73,14 +80,16 @@ def main() -> int:
     return int(wrong > 0)
 
 
-def tried(master: Master, cases: Sequence[Case], materials: Materials, folder: Path) -> list[Trial]:
+def tried(
+    master: Master, cases: Sequence[Case], materials: Materials, folder: Path, patience: float = PATIENCE
+) -> list[Trial]:
     """What came of cases; two at a time."""
 
     def one(case: Case) -> Trial:
         with TemporaryDirectory(prefix="case_", dir=folder, ignore_cleanup_errors=True) as place:
             (made := Path(place) / "made").mkdir()
             (here := Path(place) / "here").mkdir()
-            return trial(master, case, case.make(made, materials), here)
+            return trial(master, case, case.make(made, materials), here, patience)
 
     with ThreadPoolExecutor(2) as pool:
         return list(tqdm(pool.map(one, cases), total=len(cases), desc=master.name, disable=None))

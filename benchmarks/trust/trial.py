@@ -67,7 +67,7 @@ class Master:
     results: str = "results.csv"
 
 
-def trial(master: Master, case: Case, path: Path, folder: Path) -> Trial:
+def trial(master: Master, case: Case, path: Path, folder: Path, patience: float = PATIENCE) -> Trial:
     """Give a master a case.
 
     Parameters
@@ -78,6 +78,8 @@ def trial(master: Master, case: Case, path: Path, folder: Path) -> Trial:
         What `case.make` has written.
     folder : Path
         An empty folder to work in.
+    patience : float
+        How long (s) it may take.
     """
     out, temporary = folder / "out", folder / "tmp"
     temporary.mkdir()
@@ -92,7 +94,7 @@ def trial(master: Master, case: Case, path: Path, folder: Path) -> Trial:
         start_new_session=True,
     )
     with stdout, stderr:
-        hung = _hangs(process)
+        hung = _hangs(process, patience)
     said = (folder / "stderr").read_text(encoding="utf-8", errors="replace")
     lines = [line for line in said.splitlines() if line.strip()] or _last_lines(folder / "stdout")
     results = any(_has_rows(file) for file in out.rglob(master.results)) if out.is_dir() else _has_rows(out)
@@ -117,10 +119,10 @@ def _outcome(case: Case, code: int, *, results: bool) -> str:
     return "refused"
 
 
-def _hangs(process: subprocess.Popen[bytes]) -> bool:
+def _hangs(process: subprocess.Popen[bytes], patience: float) -> bool:
     """Wait for a process, and end it if it takes too long; it has a session of its own."""
     try:
-        process.wait(PATIENCE)
+        process.wait(patience)
     except subprocess.TimeoutExpired:
         os.killpg(process.pid, signal.SIGTERM)
         end = time.monotonic() + _GRACE
