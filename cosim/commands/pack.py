@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cosim.commands.options import add_algorithm_options, standard_of
+from cosim.commands.options import add_algorithm_options, add_signature_option, check_signatures, standard_of
 from cosim.errors import CosimError
 from cosim.files.temporary import TemporaryFolder
 from cosim.master.algorithm import fixed
@@ -94,6 +94,7 @@ def register(subparsers: Any) -> None:
     parser.add_argument(
         "--units", choices=("convert", "ignore"), help="what an SSP or OSP configuration does where units differ"
     )
+    add_signature_option(parser)
     options = {}
     for name, family in families().items():
         group = parser.add_argument_group(f"scenarios of {name}", family.system)
@@ -165,6 +166,7 @@ def _reading(args: argparse.Namespace) -> Iterator[_Read]:
         refuse({"--ssv": args.ssv, "--units": args.units}, "is for SSPs and OSP configurations")
         scenario, family = scenario_of(args)
         scenario, system = system_of(scenario, family, args)
+        check_signatures(args.require_signed, _fmus(system))
         yield _Read(
             scenario.title,
             system,
@@ -182,6 +184,8 @@ def _reading(args: argparse.Namespace) -> Iterator[_Read]:
     with TemporaryFolder("ssp") as unpacked:
         try:
             found = read_description(path, standard, Path(unpacked), args)
+            brought = [path if fmu.is_relative_to(unpacked) else fmu for fmu in _fmus(found.system)]
+            check_signatures(args.require_signed, brought)
             for note in found.notes:
                 print(f"note: {note}")
             yield _Read(
@@ -196,3 +200,7 @@ def _reading(args: argparse.Namespace) -> Iterator[_Read]:
             )
         except CosimError as error:
             raise CosimError(str(error).replace(f"{unpacked}{os.sep}", f"{path}: ")) from error
+
+
+def _fmus(system: System) -> list[Path]:
+    return [component.fmu for component in system.components.values() if component.fmu is not None]

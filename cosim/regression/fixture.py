@@ -10,7 +10,7 @@ import pytest
 
 from cosim.errors import ArgumentError, CosimError, nearest
 from cosim.fmi.fmu_file import read_fmu
-from cosim.regression.items import judged, near, no_case, reference_folder
+from cosim.regression.items import check_signature, judged, near, no_case, reference_folder
 from cosim.regression.run import interfaces_of
 from cosim.regression.session import folder_for_shipped
 from cosim.regression.shipped import all_cases
@@ -51,6 +51,7 @@ class FmuRegression:
         path = Path(fmu)
         folder = Path(reference) if reference is not None else reference_folder(self._item.config)
         try:
+            check_signature(self._item.config, path)
             interfaces = [interface] if interface else interfaces_of(read_fmu(path, str(near(path))))
             cases = all_cases(path, folder, folder_for_shipped(self._item.config)).cases
         except CosimError as error:

@@ -141,6 +141,7 @@ class CaseItem(_Plain):
 
     def runtest(self) -> None:
         """Run the FMU, and compare or write."""
+        check_signature(self.config, self.path)
         if self._write:
             said = rebaseline(
                 *(self._case, self.path, self._interface, self.config.getoption("cosim_fmu_timeout")),
@@ -153,6 +154,20 @@ class CaseItem(_Plain):
             raise Differences("\n".join(outcome.findings))
         if outcome.unclear:
             pytest.skip(printable(outcome.unclear))
+
+
+def check_signature(config: pytest.Config, fmu: Path) -> None:
+    """Check that an FMU is signed, where the session demands it.
+
+    Raises
+    ------
+    CosimError
+        It is not.
+    """
+    if keys := config.getoption("cosim_fmu_require_signed"):
+        from cosim.signing import check_signed
+
+        check_signed([near(fmu)], [Path(key) for key in keys])
 
 
 def near(path: Path) -> Path:

@@ -61,6 +61,14 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         help="show what the FMUs say with each failing test (with -rP: with all): none, error, warning, info, all",
     )
     group.addoption(
+        "--fmu-require-signed",
+        action="append",
+        default=[],
+        dest="cosim_fmu_require_signed",
+        metavar="KEY",
+        help="run only FMUs that the owner of this public key has signed (cosim sign); may be repeated",
+    )
+    group.addoption(
         "--fmu-isolated",
         action="store_false",
         dest="cosim_fmu_in_process",

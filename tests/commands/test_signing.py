@@ -232,6 +232,10 @@ def test_a_run_can_demand_signatures(here: Path, capsys: pytest.CaptureFixture[s
     assert main(["run", "two.toml", "--fmu", "b=tank.fmu", *run]) == 0
     assert main(["validate", "unsigned.fmu", "--run", "--require-signed", "maker.pub"]) == 1
     assert "unsigned.fmu: is not signed" in said(capsys)
+    for fmu, code in (("tank.fmu", 0), ("unsigned.fmu", 1)):
+        pack = ["pack", "two.toml", "--fmu", f"b={fmu}", "--out", "packed.fmu", "--require-signed", "maker.pub"]
+        assert main(pack) == code
+        assert ("unsigned.fmu: is not signed" in said(capsys)) == bool(code)
     check_signed([Path("tank.fmu")] * 3, [Path("maker.pub")])
     with pytest.raises(SignatureError, match="there is no such file"):
         check_signed([Path("none.fmu")], [Path("maker.pub")])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import subprocess
 import sys
 from importlib.metadata import entry_points
@@ -17,6 +18,7 @@ from cosim.regression.case import RunError
 from cosim.regression.isolated import run_isolated
 from cosim.regression.rebaseline import RebaselineError, reason_against, rebaseline
 from cosim.results.results import Results
+from cosim.signing import new_key, sign
 from tests.support.c_fmus import sources_of_tank, talker
 from tests.support.regression_fmus import built_fmus, make_case
 from tests.support.small_fmus import redescribed
@@ -168,6 +170,31 @@ def test_the_fixture_runs_an_fmu_in_a_test_of_ones_own(session, pytester):
     done.assert_outcomes(passed=1, failed=1)
     done.stdout.fnmatch_lines(["Dahlquist CS: 'x' differs at * of 201 times, *"])
     assert "1 of 3 runs failed" in (pytester.path / "page.html").read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def signed(tmp_path_factory) -> Path:
+    """A signed FMU beside its key; made before `pytester` begins, which has modules forgotten that load once only."""
+    folder = tmp_path_factory.mktemp("signed")
+    shutil.copy(built_fmus() / "Dahlquist.fmu", folder)
+    new_key(folder / "maker")
+    sign(folder / "Dahlquist.fmu", folder / "maker")
+    return folder
+
+
+def test_a_session_can_demand_signatures(signed, session, pytester):
+    dahlquist(pytester.path / "fmus")
+    shutil.copy("fmus/Dahlquist.fmu", "fmus/Unsigned.fmu")
+    shutil.copytree("fmus/Dahlquist", "fmus/Unsigned")
+    for file in Path("fmus/Unsigned").iterdir():
+        file.rename(file.with_name(file.name.replace("Dahlquist", "Unsigned")))
+    shutil.copy(signed / "Dahlquist.fmu.sig", "fmus")
+    pytester.makepyfile("def test_it(fmu_regression): fmu_regression('fmus/Unsigned.fmu')")
+    options = ("--fmu-require-signed", str(signed / "maker.pub"), "--fmu-in-process")
+    for done in (session("--fmu", "fmus/Dahlquist.fmu", "--fmu", "fmus/Unsigned.fmu", *options), session(*options)):
+        done.stdout.fnmatch_lines(["*Unsigned.fmu: is not signed: there is no Unsigned.fmu.sig beside it*"])
+        passed = done.parseoutcomes().get("passed", 0)
+        assert (passed, done.parseoutcomes()["failed"]) in ((2, 2), (0, 1))
 
 
 def git(folder: Path, *arguments: str) -> None:
