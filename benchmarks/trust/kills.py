@@ -124,8 +124,7 @@ def _of_run(folder: Path) -> object:
 def _check_run(folder: Path, reference: Reference, tried: Tried) -> None:
     summary = folder / "summary.json"
     if summary.is_file():
-        listed = json.loads(summary.read_text(encoding="utf-8"))["files"]
-        for name, sha in listed.items():
+        for name, sha in _listed(folder).items():
             if not (folder / name).is_file() or _sha(folder / name) != sha:
                 tried.wrong.append(f"{name} is not what the summary lists")
         here = _of_run(folder)
@@ -200,8 +199,27 @@ def _check_page(folder: Path, reference: Reference, tried: Tried) -> None:  # no
 
 def _of_study(folder: Path) -> object:
     """Files of a reproduction, but those that say when it was made."""
-    listed = json.loads((folder / "summary.json").read_text(encoding="utf-8"))["files"]
-    return {name: sha for name, sha in listed.items() if name.startswith("figures/")}
+    return {name: sha for name, sha in _listed(folder).items() if name.startswith("figures/")}
+
+
+def _check_study(folder: Path, reference: Reference, tried: Tried) -> None:
+    if not (folder / "summary.json").is_file():  # the next run places what is whole
+        tried.found["on their way" if (folder / ".unfinished" / "whole").is_dir() else "nothing yet"] += 1
+        return
+    tried.wrong += [
+        f"{name} is not what the summary lists"
+        for name, sha in _listed(folder).items()
+        if not (folder / name).is_file() or _sha(folder / name) != sha
+    ]
+    if _of_study(folder) != reference.new:
+        tried.wrong.append("figures differ from those of a whole reproduction")
+    tried.found["new results"] += 1
+
+
+def _listed(folder: Path) -> dict[str, str]:
+    """Files that a summary lists, and their hashes."""
+    listed: dict[str, str] = json.loads((folder / "summary.json").read_text(encoding="utf-8"))["files"]
+    return listed
 
 
 def _sha(path: Path) -> str:
@@ -236,7 +254,7 @@ def kinds(fmus: Path) -> list[Kind]:
             ["copy", str(fmus / "fmi2/RobotController.fmu"), "{to}/controller.fmu"],
         ),
         Kind("regression", ["pytest", "--fmu", *page], _check_page, _of_page),
-        Kind("reproduce", ["reproduce", "--fmus", str(fmus), "--out", "{to}"], _check_run, _of_study),
+        Kind("reproduce", ["reproduce", "--fmus", str(fmus), "--out", "{to}"], _check_study, _of_study),
     ]
 
 

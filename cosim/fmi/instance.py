@@ -376,6 +376,11 @@ class Instance:
         return self._library.is_isolated
 
     @property
+    def shares_core(self) -> bool:
+        """Whether its process is to compute on the core of the loop."""
+        return self._library.shares_core
+
+    @property
     def is_unusable(self) -> bool:
         """Whether a fatal error, or the end of its process, forbids any further call."""
         return self._corrupted

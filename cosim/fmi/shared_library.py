@@ -183,6 +183,9 @@ class Library:
     #: Whether it is loaded in another process.
     is_isolated = False
 
+    #: Whether its process is to compute on the core of the loop, see core.c.
+    shares_core = False
+
     #: The error by which the process of an isolated FMU has ended, see `cosim.fmi.isolation`.
     end: CallFailed | None = None
 

@@ -119,7 +119,8 @@ typedef struct {
     uint64_t written, read; /* bytes of messages, by the worker and the master */
     uint64_t used; /* of the master: bytes of the calls */
     uint64_t reach; /* of the worker: bytes of the calls and of what they have given */
-    uint8_t apart2[16];
+    int32_t core; /* of the master: the core that it stays on, and the worker with it; -1 for none */
+    uint8_t apart2[12];
     uint8_t messages[MESSAGES_SIZE];
     uint8_t area[]; /* the calls */
 } Channel;

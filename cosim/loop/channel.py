@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Iterator
+from contextlib import contextmanager
 from ctypes import c_bool, c_char_p, c_double, c_int, c_int64, c_size_t, c_uint32, c_uint64, c_void_p
 from functools import cache
 from mmap import mmap
@@ -67,6 +69,7 @@ def channel_library() -> ctypes.CDLL:
     library.channel_end_with.argtypes, library.channel_end_with.restype = [c_int], c_bool
     library.channel_functions.restype = ctypes.POINTER(c_char_p)
     library.channel_area.restype = c_uint64
+    library.core_keep.restype = library.core_release.restype = None
     for name, prototype in _RELAYING.items():
         function = getattr(library, f"relay_{name}")
         function.restype, *function.argtypes = prototype
@@ -84,6 +87,16 @@ def functions() -> tuple[str, ...]:
     while name := names[len(found)]:
         found.append(name.decode())
     return tuple(found)
+
+
+@contextmanager
+def on_one_core() -> Iterator[None]:
+    """Context in which this thread stays on one core, and isolated FMUs that it calls come there; see core.c."""
+    channel_library().core_keep()
+    try:
+        yield
+    finally:
+        channel_library().core_release()
 
 
 class _Relay:

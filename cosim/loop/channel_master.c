@@ -7,6 +7,7 @@
 #ifndef _WIN32
 #define _GNU_SOURCE
 #include "channel_sides.h"
+#include "core.h"
 #include "loop.h"
 
 #include <stdarg.h>
@@ -163,6 +164,7 @@ static int have_made(Remote *r, uint32_t n_before) {
     Channel *channel = r->channel;
     channel->n_calls = r->n_calls;
     channel->used = r->used;
+    channel->core = core_kept();
     tell(&channel->asked, ++r->asked, &channel->worker_sleeps);
     bool made = is_answered(r);
     r->n_calls = 0;
@@ -368,6 +370,7 @@ EXPORT Remote *channel_begin(void *memory, uint64_t size, GiveUp *gives_up, Take
     r->take = take;
     r->warned = warned;
     r->asked = r->channel->asked = 1;
+    r->channel->core = -1;
     r->heard = UINT32_MAX;
     return r;
 }

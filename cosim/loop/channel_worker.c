@@ -3,6 +3,7 @@
 #ifndef _WIN32
 #define _GNU_SOURCE
 #include "channel_sides.h"
+#include "core.h"
 #include "loop.h"
 
 #include <pthread.h>
@@ -289,6 +290,15 @@ static void make_calls(uint64_t n) {
     }
 }
 
+/* Be where the master is. Threads that the FMU makes meanwhile would have to stay there, too: then this is given up. */
+static void be_with_master(void) {
+    enum { LOOKED_AT_EVERY = 4096 };
+    static bool is_given_up;
+    static uint32_t calls;
+    if (core_kept() >= 0 && ++calls % LOOKED_AT_EVERY == 0 && core_has_been_inherited()) is_given_up = true;
+    core_stay_on(is_given_up ? -1 : channel->core);
+}
+
 /* Tell the master that what it asked for first, the loading of the FMU, is done. */
 EXPORT void channel_answer(Channel *own) { tell(&own->answered, own->asked, &own->master_sleeps); }
 
@@ -309,6 +319,7 @@ EXPORT void channel_serve(Channel *own, uint64_t size, void *const functions_of_
         }
         before = seen(&channel->asked);
         uint64_t n = channel->n_calls;
+        be_with_master();
         channel->reach = channel->used;
         if (n) make_calls(n);
         tell(&channel->answered, before, &channel->master_sleeps);

@@ -52,7 +52,7 @@ class FunctionInstance(Instance):
     """
 
     noun = "function"
-    is_isolated = False
+    is_isolated = shares_core = False
     runs_python = True
 
     def __init__(self, name: str, function: PythonFunction) -> None:  # there is no library to load

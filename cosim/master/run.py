@@ -8,7 +8,7 @@ import math
 import time as clock
 import weakref
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from contextlib import suppress
+from contextlib import AbstractContextManager, nullcontext, suppress
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -34,6 +34,7 @@ from cosim.loop.binding import (
     Warned,
     loop_library,
 )
+from cosim.loop.channel import on_one_core
 from cosim.loop.current_calls import address_of_call
 from cosim.loop.iterated_step import NOT_CONVERGED
 from cosim.loop.team import Team, Threads
@@ -68,6 +69,9 @@ _SHORTER_MAY_DO = (2, NOT_FINITE, NO_SOLUTION, NOT_CONVERGED)
 
 #: Status of FMI after which an instance is left alone.
 _FATAL = 4
+
+#: Fewer points than these are not worth to settle on a core.
+_LONG = 64
 
 
 @dataclass(frozen=True)
@@ -121,6 +125,8 @@ class Run:
         self._threads = threads
         self._times = ComponentTimes(exchange, grid.last_point + 1) if profile else None
         self._team = Team(threads, *exchange.units_at_step()) if threads != 1 else None
+        shared = self._team is None and any(instance.shares_core for instance in instances.values())
+        self._where: Callable[[], AbstractContextManager[None]] = on_one_core if shared else nullcontext
         self._group = group
         self._instances = instances
         self._exchange = exchange
@@ -542,7 +548,7 @@ class Run:
         if rows is not self._records:
             self._records, self._loop.records = rows, _pointer(rows, ctypes.c_double)
         self._loop.call = address_of_call()
-        while first < end and not loop_library().loop_run(ctypes.byref(self._loop), first, end, exchanged):
+        while first < end and not self._steps(first, end, exchanged=exchanged):
             stepping, point = bool(self._loop.failed_at_step), self._loop.point
             begin = self._recorded_until(recorder, rows, begin, _rows(point + stepping, record_every))
             if not stepping:
@@ -553,6 +559,11 @@ class Run:
                 self._end_at(recorder, first, record_every)
                 return
         self._recorded_until(recorder, rows, begin, _rows(end, record_every))
+
+    def _steps(self, first: int, end: int, *, exchanged: bool) -> bool:
+        """Step in the compiled loop; whether all went well."""
+        with self._where() if end - first >= _LONG else nullcontext():
+            return bool(loop_library().loop_run(ctypes.byref(self._loop), first, end, exchanged))
 
     def _recorded_until(self, recorder: Recorder, rows: np.ndarray, begin: int, end: int) -> int:
         """Have recorded the rows begin ... end - 1, which the loop has filled; returns the end.

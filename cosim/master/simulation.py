@@ -467,7 +467,8 @@ class Simulation:
             return partial(Library.of, own_variables=not self._fmus[name].shares_library)
         messages, limits, stop = self._messages[name], self._limits, self._is_interrupted
         if self._hosts is None or name not in self._places:
-            return partial(IsolatedLibrary.starting, messages=messages, limits=limits, stop=stop)
+            sides = 2 if self._threads != 1 else 1 + len(self._isolated - set(self._places))
+            return partial(IsolatedLibrary.starting, messages=messages, limits=limits, stop=stop, sides=sides)
         process = self._hosts.process(self._places[name], self._fmus[name], name, build=self._build, limits=limits)
         return partial(PlacedLibrary.on, process, messages=messages, limits=limits, stop=stop)
 

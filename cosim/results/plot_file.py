@@ -6,7 +6,7 @@ import warnings
 from pathlib import Path
 
 from cosim.errors import needs
-from cosim.results.plotting import MOST_PANELS, draw
+from cosim.results.plotting import MOST_PANELS, draw, shortened
 from cosim.results.results import Results
 
 with needs("plot"):
@@ -40,7 +40,7 @@ def write_plot(results: Results, title: str, folder: Path) -> list[Path]:
     if len(chosen) < len(groups):
         title += f" (the first {len(chosen)} of {len(groups)} variables)"
     figure = Figure()
-    figure.suptitle(title, fontsize=10, parse_math=False)
+    figure.suptitle(shortened(title), fontsize=10, parse_math=False)
     draw(results.time, results.panels(chosen), figure)
     path = folder / "results.png"
     with warnings.catch_warnings():

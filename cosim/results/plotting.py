@@ -24,6 +24,9 @@ _ROWS, _COLUMNS = 6, 6
 #: One figure has room for this many panels.
 MOST_PANELS = _ROWS * _COLUMNS
 
+#: Characters of a text in a figure, at most.
+_LONGEST_TEXT = 120
+
 #: A curve shows at most about this many points.
 MOST_POINTS = 100_000
 
@@ -67,12 +70,17 @@ def draw(time: np.ndarray, panels: Sequence[Panel], figure: Figure | None = None
     return places[:n]
 
 
+def shortened(text: str) -> str:
+    """A text that a figure has room for; a name of a megabyte would be laid out for minutes, and not be seen."""
+    return text if len(text) <= _LONGEST_TEXT else f"{text[: _LONGEST_TEXT - 23]} … {text[-20:]}"
+
+
 def _draw_panel(axes: Axes, time: np.ndarray, panel: Panel) -> None:
     for i, label in enumerate(panel.labels):
         style: dict[str, Any] = {"color": _COLOURS[i % len(_COLOURS)], "linestyle": _DASHES[i % len(_DASHES)]}
-        axes.plot(time, panel.values[:, i], linewidth=1.3, label=label, **style)
-    axes.set_title(panel.title, fontsize=10, loc="left", parse_math=False)
-    axes.set_ylabel(panel.unit, parse_math=False)
+        axes.plot(time, panel.values[:, i], linewidth=1.3, label=shortened(label), **style)
+    axes.set_title(shortened(panel.title), fontsize=10, loc="left", parse_math=False)
+    axes.set_ylabel(shortened(panel.unit), parse_math=False)
     axes.grid(alpha=0.3)
     axes.margins(x=0.0)
     if len(panel.labels) > 1:

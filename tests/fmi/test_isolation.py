@@ -184,6 +184,46 @@ def test_runs_after_the_first_one_and_threads(tmp_path: Path) -> None:
             assert simulation.run(1.0, 0.1).values.tobytes() == first.values.tobytes()
 
 
+@pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="threads can't be kept on a core here")
+def test_on_one_core_by_turns_and_afterwards_on_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    fmu, before = tank(tmp_path / "tank.fmu"), os.sched_getaffinity(0)
+    end, during, afterwards = threading.Event(), [], []
+    threads: list[threading.Thread] = []
+
+    def look(u: float) -> float:
+        during.append(os.sched_getaffinity(0))
+        if not threads:  # it inherits the core
+            threads.append(
+                threading.Thread(target=lambda: (end.wait(PATIENCE), afterwards.append(os.sched_getaffinity(0))))
+            )
+            threads[0].start()
+        return u
+
+    def run(**options: Any) -> bytes:
+        system = System()
+        system.add("a", fmu, start={"u": 1.0})
+        system.add("b", fmu)
+        system.add_function("f", lambda _, u: look(u), inputs=["u"], outputs=["y"])
+        system.connect("a.y", "f.u")
+        system.connect("f.y", "b.u")
+        return simulate(system, 2.0, 0.01, **options).values.tobytes()
+
+    expected = run()
+    assert all(cores == before for cores in during)
+    during.clear()
+    end.set()
+    threads.pop().join()
+    end.clear()
+    afterwards.clear()
+    monkeypatch.setattr("cosim.fmi.isolation.library.cores", lambda: 2)
+    assert run(isolate=True) == expected
+    assert any(len(cores) == 1 for cores in during)
+    assert os.sched_getaffinity(0) == before
+    end.set()
+    threads.pop().join()
+    assert afterwards == [before]
+
+
 # Whatever an FMU does
 
 

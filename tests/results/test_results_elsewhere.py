@@ -236,6 +236,15 @@ def test_plot_has_a_panel_for_each_name_with_its_unit(recorded):
 
 
 @pytest.mark.usefixtures("no_windows")
+def test_plot_has_room_for_any_name():
+    long = f"a.{'y' * 1_000_000}{'z' * 20}"
+    (axes,) = Results(np.zeros(1), [long], np.zeros((1, 1)), {"units": {long: "m" * 1000}}).plot()
+    title = axes.get_title(loc="left")
+    assert (len(title), title[:3], title[-22:]) == (120, "a.y", f"… {'z' * 20}")
+    assert len(axes.get_ylabel()) == 120
+
+
+@pytest.mark.usefixtures("no_windows")
 def test_plot_draws_all_or_refuses(recorded):
     assert [a.get_title(loc="left") for a in recorded.plot()] == ["plant.theta_a", "plant.x_E", "controller.on"]
     with pytest.raises(CosimError, match=r"nothing was recorded as 'plant\.xE'; did you mean 'plant\.x_E'"):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import sys
+import time
 import weakref
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -124,7 +125,7 @@ class Host:
         self._process = WorkerProcess(self._library, self._identifier, self._limits)
         self._stack.callback(self._process.kill)
         asked = RelayToWorker(self._process.memory).ask(0, b"")  # loading is what a worker is asked for first
-        answer = self._answer(self._process, asked)
+        answer = self._answer(self._process, asked, loads=True)
         if answer.ending is not None:
             return answer
         area: int = channel_library().channel_area()
@@ -133,12 +134,19 @@ class Host:
 
     def _exchange(self, n_calls: int, calls: bytes) -> Answer:
         if self._process is None:  # Dask has made this actor anew, for the machine of the one before was lost
-            return Answer(b"", b"", 0, Ending("its process is gone with its machine", is_of_host=True))
+            return Answer(b"", b"", 0, Ending("its process is gone with its machine", says_all=True))
         return self._answer(self._process, RelayToWorker(self._process.memory).ask(n_calls, calls))
 
-    def _answer(self, process: WorkerProcess, asked: int) -> Answer:
+    def _answer(self, process: WorkerProcess, asked: int, *, loads: bool = False) -> Answer:
         relay, messages = RelayToWorker(process.memory), bytearray()
+        began, longest = None, self._limits.call_time if loads else None
         while not relay.is_answered(asked, _LOOK):
+            if longest is not None and process.is_loading():
+                began = began or time.monotonic()
+                if time.monotonic() - began > longest:
+                    process.kill()
+                    why = f"the loading of its library took longer than {longest:g} s, and its process was ended"
+                    return Answer(b"", bytes(messages), 0, Ending(why, says_all=True))
             messages += relay.messages()
             if (ending := process.ending()) is not None:
                 return Answer(b"", bytes(messages + relay.messages()), relay.call, ending)

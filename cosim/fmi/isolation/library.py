@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any, Self
 from cosim.fmi.instance import CallFailed, CallInterrupted, ProcessEnded, location
 from cosim.fmi.isolation.limits import Limits
 from cosim.fmi.isolation.process import WorkerProcess
-from cosim.fmi.isolation.worker import LOADING
 from cosim.fmi.loading import LibraryError, in_standard
 from cosim.fmi.messages import Messages
 from cosim.fmi.shared_library import PROTOTYPES, Library, library_path
@@ -62,8 +61,8 @@ class IsolatedLibrary(Library):
     limits : Limits
     stop : callable
         Whether a call that takes long is to end, as after Ctrl-C.
-    spin : int
-        How long (ns) each side looks for the other before it sleeps.
+    shares_core : bool
+        Whether the process is to compute on the core of the loop; else each looks for the other before it sleeps.
     """
 
     is_isolated = True
@@ -75,9 +74,9 @@ class IsolatedLibrary(Library):
         messages: Messages,
         limits: Limits,
         stop: Callable[[], bool],
-        spin: int = 0,
+        shares_core: bool = False,
     ) -> None:
-        self._limits, self._stop = limits, stop
+        self._limits, self._stop, self.shares_core = limits, stop, shares_core
         self._stopped_at: float | None = None
         self._began_loading: float | None = None
         self.end: CallFailed | None = None
@@ -93,6 +92,7 @@ class IsolatedLibrary(Library):
         self._area = channel_library().channel_area()
         self._address = ctypes.addressof(ctypes.c_char.from_buffer(memory))
         self._remote: int = channel_library().channel_begin(self._address, len(memory), *self._callbacks)
+        spin = 0 if shares_core or process.is_elsewhere else _SPIN
         channel_library().channel_spin(self._remote, spin, spin)
 
     @classmethod
@@ -106,10 +106,11 @@ class IsolatedLibrary(Library):
         messages: Messages,
         limits: Limits = Limits(),  # noqa: B008 (frozen)
         stop: Callable[[], bool] = lambda: False,
+        sides: int = 2,
     ) -> Self:
-        """See `Library`; the process is one of this machine."""
+        """See `Library`; the process is one of this machine, where so many (`sides`) compute by turns."""
         process = WorkerProcess(library_path(folder, version, identifier), identifier, limits)
-        return cls(process, messages=messages, limits=limits, stop=stop, spin=_SPIN if cores() > 1 else 0)
+        return cls(process, messages=messages, limits=limits, stop=stop, shares_core=sides > cores())
 
     def __del__(self) -> None:
         if hasattr(self, "_remote"):
@@ -199,8 +200,8 @@ class IsolatedLibrary(Library):
 
     def _found_end(self, seconds: float) -> CallFailed | None:
         if (end := self._process.ending()) is not None:
-            if end.is_of_host:
-                return ProcessEnded(end.what, was_killed=True)
+            if end.says_all:
+                return ProcessEnded(end.what, was_killed=end.was_killed)
             why = "; it called exit(), which an FMU must not do" if end.has_called_exit else ""
             limit = self._limits.memory
             limited = "" if limit is None else f"; its memory is limited to {limit} bytes"
@@ -224,8 +225,7 @@ class IsolatedLibrary(Library):
         if "_available" in self.__dict__:
             return 0.0
         if self._began_loading is None:
-            is_loading = self._process.memory[self._area : self._area + 8] == LOADING
-            self._began_loading = seconds if is_loading else None
+            self._began_loading = seconds if self._process.is_loading() else None
         return seconds if self._began_loading is None else self._began_loading
 
     @property

@@ -20,7 +20,6 @@ from cosim.fmi.fmu_file import LoadedFMU
 from cosim.fmi.interfaces import CO_SIMULATION, MODEL_EXCHANGE, is_model_exchange
 from cosim.fmi.isolation.limits import Limits
 from cosim.fmi.isolation.process import CHANNEL_SIZE, Ending, check_platform
-from cosim.fmi.isolation.worker import LOADING
 from cosim.loop.channel import RelayToMaster
 from cosim.versions import package_version
 
@@ -161,6 +160,8 @@ class PlacedProcess:
         Where the FMU is unpacked there, once it is loaded.
     """
 
+    is_elsewhere = True
+
     def __init__(
         self, hosts: Hosts, place: str, fmu: LoadedFMU, component: str, *, build: bool, limits: Limits
     ) -> None:
@@ -173,6 +174,7 @@ class PlacedProcess:
         self._future: Future[Host] | None = None
         self._actor: Actor | None = None
         self._ending: Ending | None = None
+        self._is_lost = False
         self._is_over = threading.Event()
         self._thread = threading.Thread(target=self._carry, name=f"cosim-{component}", daemon=True)
         self._thread.start()
@@ -189,6 +191,10 @@ class PlacedProcess:
             self._ending = self._lost(f"its worker is gone: {future.status}")
         return self._ending
 
+    def is_loading(self) -> bool:
+        """See `WorkerProcess`; on its machine one sees to it that the loading does not take too long."""
+        return False
+
     def note_call(self) -> None:
         """Have the memory say at which call the worker is."""
         if self._actor is not None and self._ending is None:
@@ -204,7 +210,7 @@ class PlacedProcess:
         if self._is_over.is_set():
             return
         self._is_over.set()
-        if self._actor is not None and not (self._ending is not None and self._ending.is_of_host):
+        if self._actor is not None and not self._is_lost:
             with suppress(Exception), self._hosts.current():
                 self._actor.end().result(timeout=_LONGEST_END)
         self._future = self._actor = None  # Dask forgets the host
@@ -246,7 +252,6 @@ class PlacedProcess:
             raise SetupError("was changed while it was read; run it again")
         order = Order(data, self._component, interface, self._build, self._limits, package_version())
         self.folder = actor.prepare(order).result()
-        self._relay.write(LOADING)
         return self._is_answered(1, actor.load().result())
 
     def _is_answered(self, asked: int, answer: Answer) -> bool:
@@ -271,4 +276,5 @@ class PlacedProcess:
         self._relay.answer(1)
 
     def _lost(self, why: str) -> Ending:
-        return Ending(f"its host {self._place} was lost ({why})", is_of_host=True)
+        self._is_lost = True
+        return Ending(f"its host {self._place} was lost ({why})", was_killed=True, says_all=True)

@@ -16,6 +16,8 @@ from pathlib import Path
 
 from cosim.errors import SetupError
 from cosim.fmi.isolation.limits import Limits
+from cosim.fmi.isolation.worker import LOADING
+from cosim.loop.channel import channel_library
 
 #: Size (bytes) of the memory of a channel; of it only what is used takes room.
 CHANNEL_SIZE = 1 << 28
@@ -65,14 +67,14 @@ class Ending:
         Whether it ended by a call of exit().
     was_killed : bool
         Whether it was killed, as by a system that is short of memory, and perhaps by no fault of its FMU.
-    is_of_host : bool
-        Whether it is the machine that was lost.
+    says_all : bool
+        Whether these words are all that there is to say.
     """
 
     what: str
     has_called_exit: bool = False
     was_killed: bool = False
-    is_of_host: bool = False
+    says_all: bool = False
 
 
 class WorkerProcess:
@@ -89,6 +91,9 @@ class WorkerProcess:
         Its model identifier.
     limits : Limits
     """
+
+    #: Whether it is on another machine.
+    is_elsewhere = False
 
     def __init__(self, library: Path, identifier: str, limits: Limits) -> None:
         check_platform()
@@ -145,6 +150,11 @@ class WorkerProcess:
         except ValueError:
             name = f"signal {-code}"
         return Ending(f"its process was ended ({_WORDS.get(name, name)})", was_killed=code == -signal.SIGKILL)
+
+    def is_loading(self) -> bool:
+        """Whether it has begun to load the library."""
+        area: int = channel_library().channel_area()
+        return self.memory[area : area + 8] == LOADING
 
     def note_call(self) -> None:
         """Have the memory say at which call the worker is, as it always does here."""
