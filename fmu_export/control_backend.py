@@ -77,7 +77,7 @@ def parameter_array(parameters: Layout, values: Mapping[str, float | Sequence[fl
     Raises
     ------
     ArgumentError
-        A name is no parameter, or a value has the wrong size.
+        A name is not a parameter, or a value has the wrong size.
     """
     p = parameters.starts.copy()
     view = vars(parameters.unpack(np.arange(len(parameters))))

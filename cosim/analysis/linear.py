@@ -73,10 +73,10 @@ class LinearComponent:
         Raises
         ------
         SetupError
-            It is no state space in continuous time.
+            It is not a state space in continuous time.
         """
         if not all(hasattr(system, name) for name in ("A", "B", "C", "D", "input_labels", "output_labels")):
-            raise SetupError(f"{type(system).__name__} is no state space; linearise it first, by control.linearize")
+            raise SetupError(f"{type(system).__name__} is not a state space; linearise it first, by control.linearize")
         if getattr(system, "dt", None) not in (0, None):
             raise SetupError(f"the state space is sampled every {system.dt} s; give it in continuous time")
         return cls(system.A, system.B, system.C, system.D, system.input_labels, system.output_labels)

@@ -396,7 +396,7 @@ def _check_metrics(metrics: Mapping[str, Metric], recorded: Sequence[str]) -> No
         for variable in metric.variables:
             if variable not in recorded:
                 raise SetupError(
-                    f"metric '{name}': '{variable}' is not recorded, or is no scalar; {nearest(variable, recorded)}"
+                    f"metric '{name}': '{variable}' is not recorded, or is not a scalar; {nearest(variable, recorded)}"
                 )
 
 

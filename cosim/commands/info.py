@@ -68,7 +68,7 @@ def run(args: argparse.Namespace) -> int:
     Raises
     ------
     SetupError
-        There is no such file, or it is no FMU.
+        There is no such file, or it is not an FMU.
     """
     about = description_of(read_fmu(args.fmu, str(args.fmu)))
     print(json.dumps(about, indent=2, allow_nan=False) if args.json else "\n".join(in_words(about, every=args.all)))

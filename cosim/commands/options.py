@@ -78,7 +78,7 @@ def _iterations(text: str) -> int | str:
     try:
         return int(text)
     except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is no whole number, nor '{AUTO}' or '{LOOPS}'") from None
+        raise argparse.ArgumentTypeError(f"{text!r} is neither a whole number nor '{AUTO}' or '{LOOPS}'") from None
 
 
 def add_iterations_option(parser: argparse._ActionsContainer) -> None:
@@ -256,7 +256,7 @@ class IsolationOptions:
 
 
 def take_from_isolated(args: argparse.Namespace, is_one: Callable[[str], bool]) -> list[str]:
-    """What stands behind --isolated and is no component: files, and names that a function knows.
+    """What stands behind --isolated and is not a component: files, and names that a function knows.
 
     A component has no dot in its name, and a file mostly has one.
     """

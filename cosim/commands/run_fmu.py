@@ -148,7 +148,7 @@ def _of_inputs(table: Results, path: Path, inputs: Mapping[str, Element]) -> Res
         return table
     kept = [i for i, name in enumerate(table.names) if name in inputs]
     if others := len(table.names) - len(kept):
-        print(f"note: {path} has {others} columns more, which are no inputs of the FMU")
+        print(f"note: {path} has {others} more columns, which are not inputs of the FMU")
     return dataclasses.replace(table, names=[table.names[i] for i in kept], values=table.values[:, kept])
 
 

@@ -68,7 +68,7 @@ def _copied(name: str, target: Path) -> Path:
         known = [scenario for family in families().values() for scenario in family.scenario_names()]
         raise CosimError(f"there is no scenario '{name}'; {nearest(name, known)}")
     if target.exists():
-        raise CosimError(f"{target} is there already; give another name by --to, or remove it")
+        raise CosimError(f"{target} already exists; give another name by --to, or remove it")
     content = found[1].read_bytes()
     write_whole(target, lambda part: part.write_bytes(content))
     return target

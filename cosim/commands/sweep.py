@@ -390,7 +390,7 @@ def _discrete(
     own_fmus: Mapping[str, list[Path]],
     seeds: str | None,
 ) -> Iterator[Factor]:
-    """Factors that are no numbers, slowest first: neighbouring points then share what is expensive to set up."""
+    """Factors that are not numbers, slowest first: neighbouring points then share what is expensive to set up."""
     if len(scenarios) > 1:
         yield Levels("scenario", tuple(scenarios))
     for name, values in alternatives.items():

@@ -168,7 +168,7 @@ def not_read(path: Path, wanted: str, why: str, *kinds: FileKind) -> str:
 
 
 def no_table(path: Path) -> str:
-    """One line that says what a file is which is no table, or not of the format that its name says; else empty."""
+    """One line that says what a file is which is not a table, or not of the format that its name says; else empty."""
     kind = kind_of(path)
     if kind is None or kind in (TEXT, EMPTY, BINARY, FOLDER, TOML):
         return ""  # the reader says better what it lacks

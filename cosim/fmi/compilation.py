@@ -87,7 +87,7 @@ def _check_names(sources: Path, names: Sequence[str | None]) -> None:
         inside = (sources / (name or "")).resolve().is_relative_to(sources.parent.resolve())
         if not name or name.startswith(("-", "@")) or not inside:
             raise SetupError(
-                f"can't be compiled: its list of sources has {quoted(name)}, which is no name of one of its files"
+                f"can't be compiled: its list of sources has {quoted(name)}, which is not a name of one of its files"
             )
 
 

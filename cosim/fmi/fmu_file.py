@@ -78,7 +78,7 @@ class LoadedFMU:
             There is none.
         """
         if wrong := next((i for i in self._identifiers if not re.fullmatch(r"[^/\\\0]+", i or "")), None):
-            raise SetupError(f"{self.path}: its model identifier {wrong!r} is no name of a library; export it again")
+            raise SetupError(f"{self.path}: its model identifier {wrong!r} is not a name of a library; export it again")
         names = [name for identifier in self._identifiers for name in self._library_names(identifier)]
         if not set(names).isdisjoint(self.files) or (build and has_sources(self.files)):
             return
@@ -180,7 +180,7 @@ def load(component: str, path: Path, interface: str = AUTO_INTERFACE) -> LoadedF
     Raises
     ------
     SetupError
-        There is no such file, it is no FMU, or not one with this interface.
+        There is no such file, it is not an FMU, or not one with this interface.
     """
     here = f"component '{component}': {path}"
     fmu = read_fmu(path, here)
@@ -213,7 +213,7 @@ def read_fmu(path: Path, here: str) -> LoadedFMU:
     Raises
     ------
     SetupError
-        There is no such file, it is no FMU, or one that would run wrongly.
+        There is no such file, it is not an FMU, or one that would run wrongly.
     """
     checked = check_fmu(path, here)
     if checked.fmu is None:

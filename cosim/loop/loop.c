@@ -382,7 +382,7 @@ static int perform(const Loop *loop, const Operation *op, int64_t point, double 
     return 0;
 }
 
-/* A variable of a component that is no FMU but a function in Python: its values, of whichever type. */
+/* A variable of a component that is not an FMU but a function in Python: its values, of whichever type. */
 typedef struct {
     void *address;
     size_t size;

@@ -67,7 +67,7 @@ class Extrapolation:
         The same for the first derivatives of the input, times h, that the FMU which gives it knows; empty where none
         are used.
     is_watched : bool
-        Each input goes straight, as by linear extrapolation, unless the polynomial has lately foretold its values at
+        Each input goes straight, as by linear extrapolation, unless the polynomial has recently predicted its values at
         least four times as well.
     """
 
@@ -277,8 +277,8 @@ register(
 register(
     Extrapolation(
         "adaptive",
-        "smoothed cubic Hermite extrapolation where it foretells values better than a line",
-        "as hermite-least-squares where that has lately foretold the input four times as well as a line, else linear",
+        "smoothed cubic Hermite extrapolation where it predicts values better than a line",
+        "as hermite-least-squares where that has lately been four times as good a prediction as a line, else linear",
         EXTRAPOLATIONS["hermite-least-squares"].weights,
         start="hermite",
         rate_weights=EXTRAPOLATIONS["hermite-least-squares"].rate_weights,

@@ -208,7 +208,7 @@ class _Rated:
         if port.description.fmiMajorVersion < 2 or (kind.maxOutputDerivativeOrder or 0) < 1:
             return f"the FMU of component '{name}' gives no derivatives of outputs (maxOutputDerivativeOrder)"
         if source.variable.shape or source.variable.type not in ("Real", "Float64"):
-            return f"'{name}.{source.name}' is no real scalar"
+            return f"'{name}.{source.name}' is not a real scalar"
         through = self._through(link)
         if not through:
             return None

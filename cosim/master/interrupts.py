@@ -3,7 +3,7 @@
 The program `cosim` takes SIGTERM and SIGHUP in the same way.
 
 Python code that runs inside an FMU would otherwise get the KeyboardInterrupt, and the FMU's host with it a fatal error.
-A component that is a function in Python is no FMU: it gets the KeyboardInterrupt, for it may take long.
+A component that is a function in Python is not an FMU: it gets the KeyboardInterrupt, for it may take long.
 """
 
 from __future__ import annotations

@@ -115,7 +115,7 @@ class Solver:
         Raises
         ------
         SetupError
-            It is no whole number.
+            It is not a whole number.
         """
         if self.step is None:
             return 1

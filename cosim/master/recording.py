@@ -12,7 +12,7 @@ from cosim.fmi.types import FmiType, Texts
 from cosim.results.columns import TypedColumn
 
 #: Takes the times (n,) and the values (n, columns) of a chunk; both are only valid during the call. Values are doubles,
-#: or, where something is recorded that is no real number, objects: float, int, bool, str or bytes.
+#: or, where something is recorded that is not a real number, objects: float, int, bool, str or bytes.
 Sink = Callable[[np.ndarray, np.ndarray], None]
 
 #: What becomes of a run with a recorded value that is not finite: it ends there, or goes on and says so.
@@ -52,11 +52,11 @@ class RecordedColumns:
 
     @property
     def types(self) -> dict[str, str]:
-        """Name -> type of what is no real number; see `TypedColumn`."""
+        """Name -> type of what is not a real number; see `TypedColumn`."""
         return {name: fmi_type.column for _, name, fmi_type in self._columns}
 
     def typed(self, slots: np.ndarray) -> dict[str, TypedColumn]:
-        """Columns of what is no real number in slots (n, columns)."""
+        """Columns of what is not a real number in slots (n, columns)."""
         return {
             name: TypedColumn(fmi_type.column, fmi_type.from_slots(slots[:, i], self._texts))
             for i, name, fmi_type in self._columns

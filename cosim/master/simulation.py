@@ -547,7 +547,7 @@ class Simulation:
             for messages in self._messages.values():
                 messages.begin()
             if self._log is not None:
-                self._log.heading("the FMUs begin anew")
+                self._log.heading("the FMUs start afresh")
             self._renew()
         self._used = True
         self._instances = {name: self._instances[name] for name in self._resolved.components}

@@ -121,7 +121,7 @@ def _checked(command: Mapping[str, Any]) -> dict[str, Any]:
         or not ({"set", "stop"} & set(command))
     ):
         raise SetupError(
-            f"{command!r} is no command; write {{'point': 100, 'set': {{'plant.dm': 0.1}}}}, or 'stop': True"
+            f"{command!r} is not a command; write {{'point': 100, 'set': {{'plant.dm': 0.1}}}}, or 'stop': True"
         )
     return dict(command)
 

@@ -84,7 +84,7 @@ class Function:
         whole = self.kind == "VectorSum" and signal.count("[") == (0 if is_output else 1)
         size = self.dimension if whole else 1
         if len(variables) != size:
-            raise OSPError(f"{here}: {len(variables)} variables can't be connected to {size}; mend their numbers")
+            raise OSPError(f"{here}: {len(variables)} variables can't be connected to {size}; correct their numbers")
         for element, variable in enumerate(variables, first):
             if is_output:
                 self.targets.append((element, variable))

@@ -79,4 +79,4 @@ def number(text: str, what: str) -> float:
     try:
         return float(text)
     except ValueError:
-        raise OSPError(f"{what} is '{text.strip()}', which is not a number; mend it") from None
+        raise OSPError(f"{what} is '{text.strip()}', which is not a number; correct it") from None

@@ -210,7 +210,9 @@ class _Reader:
         try:
             simulator.start[name] = _PARSERS[local_name(typed)](text)
         except (ValueError, KeyError):
-            raise OSPError(f"{here}: initial value of '{name}': '{text}' is no {local_name(typed)}; mend it") from None
+            raise OSPError(
+                f"{here}: initial value of '{name}': '{text}' is not of type {local_name(typed)}; correct it"
+            ) from None
 
     def _function(self, element: ElementTree.Element, name: str) -> None:
         self.functions[name] = read_function(element, f"{self.file}")

@@ -201,7 +201,7 @@ def _in_order(path: Path) -> Results:
     """A table whose times are finite and do not descend."""
     table = Results.read(path)
     if not np.isfinite(table.time).all() or (np.diff(table.time) < 0.0).any():
-        raise CaseError(f"{path}: its times must be finite and must not descend; mend them")
+        raise CaseError(f"{path}: its times must be finite and must not descend; correct them")
     return table
 
 

@@ -47,7 +47,7 @@ def experiment_of(case: Case, description: ModelDescription) -> Experiment:
     Raises
     ------
     CosimError
-        A file of the case can't be read, nothing says when to stop, or the rows are no whole number of steps apart.
+        A file of the case can't be read, nothing says when to stop, or the rows are not a whole number of steps apart.
     """
     options = case.options()
     reference = case.reference() if case.reference_path.is_file() else None
@@ -75,7 +75,7 @@ def experiment_of(case: Case, description: ModelDescription) -> Experiment:
     every = max(1, round(exact))
     if abs(exact - every) > 1e-6:
         raise CaseError(
-            f"case '{case.name}': rows {rows:.9g} s apart are no whole number of steps of {step:.9g} s; "
+            f"case '{case.name}': rows {rows:.9g} s apart are not a whole number of steps of {step:.9g} s; "
             f"change StepSize in {case.options_path}"
         )
     own = options.relative_tolerance if options is not None and options.relative_tolerance else None

@@ -40,6 +40,6 @@ def input_elements(ports: Ports, names: list[str], case: Case) -> list[Element]:
     for name in names:
         found = ports.find(name)
         if len(found) != 1 or found[0].variable.causality != "input":
-            raise CaseError(f"{case.inputs_path}: '{name}' is no input of the FMU, or not one element of it")
+            raise CaseError(f"{case.inputs_path}: '{name}' is not an input of the FMU, or not a single element of one")
         elements += found
     return elements

@@ -37,7 +37,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         "--fmu-rebaseline",
         dest="cosim_fmu_rebaseline",
         metavar="CASE",
-        help="make the reference of this one case anew; refused in CI, in parallel, and where git could not undo it",
+        help="rewrite the reference of this one case; refused in CI, in parallel, and where git could not undo it",
     )
     group.addoption(
         "--fmu-timeout",

@@ -65,7 +65,7 @@ def rebaseline(case: Case, path: Path, interface: Interface, timeout: float, *, 
         git could not undo it, or the run fails.
     """
     if case.reference_path.exists() and (why := _not_in_git(case.reference_path)):
-        raise RebaselineError(f"{case.reference_path}: {why}; commit it, or move it away to begin anew")
+        raise RebaselineError(f"{case.reference_path}: {why}; commit it, or move it away to start over")
     as_it_was = dataclasses.replace(case)  # what a case has read it keeps, and its files are written now
     results, _ = run_isolated(as_it_was, path, interface, timeout, options=RunOptions(build))
     fmu = read_fmu(path, str(path))

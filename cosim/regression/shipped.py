@@ -206,7 +206,7 @@ class _Reader:
             parts = {_local(child): child for child in element}
             other = next((tag for tag in parts if tag not in _PARTS), None)
             if other is not None:
-                self._note(here, f"is no transient simulation, but <{other}>")
+                self._note(here, f"is not a transient simulation, but <{other}>")
                 continue
             files: dict[str, str | None] = {}
             for tag in ("Parameters", "Stimuli", "References"):
@@ -353,7 +353,7 @@ class _Reader:
         source = element.get("source", "")
         parts = urlsplit(source)
         if parts.scheme or parts.netloc:
-            self._note(source, "is no file of the FMU; it is not fetched")
+            self._note(source, "is not a file of the FMU; it is not fetched")
             return None
         member = posixpath.normpath(posixpath.join(posixpath.dirname(here), unquote(parts.path)))
         if member not in self._members:
@@ -402,5 +402,5 @@ def _number(fmu: Path, here: str, key: str, text: str | None) -> float | None:
     if text is None:
         return None
     if not _is_number(text):
-        raise CaseError(f'{fmu}: {here}: {key}="{text}" is no number')
+        raise CaseError(f'{fmu}: {here}: {key}="{text}" is not a number')
     return float(text)

@@ -114,7 +114,7 @@ def assembled(
         numbers, whole numbers, Booleans, texts and binary values.
     """
     if np.ndim(time) != 1 or np.asarray(time).dtype.kind not in "iuf":
-        raise ResultsError(f"{path}: column '{TIME}' has values that are no numbers")
+        raise ResultsError(f"{path}: column '{TIME}' has values that are not numbers")
     units = units or {}
     names: list[str] = []
     values: list[np.ndarray] = []

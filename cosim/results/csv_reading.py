@@ -195,7 +195,7 @@ def _columns(path: str | PathLike[str], lines: Sequence[int], cells: Sequence[Se
             columns.append(_exact(values, column) if i else values)
     if columns[0].dtype.kind != "f":
         i = next((i for i, cell in enumerate(cells[0]) if not _is_number(cell)), 0)
-        raise ResultsError(f"{path}: line {lines[i]}: column '{TIME}' has {cells[0][i]!r}, which is no number")
+        raise ResultsError(f"{path}: line {lines[i]}: column '{TIME}' has {cells[0][i]!r}, which is not a number")
     return columns
 
 
@@ -287,6 +287,6 @@ def _other(path: str | PathLike[str], lines: Sequence[int], cells: Sequence[str]
             return np.array(values)
     if any(_is_number(cell) for cell in cells):  # a mistake in a column of numbers, rather than one of texts
         i = next(i for i, cell in enumerate(cells) if not _is_number(cell))
-        what = "is empty" if not cells[i].strip() else f"{cells[i]!r} is no number"
+        what = "is empty" if not cells[i].strip() else f"{cells[i]!r} is not a number"
         raise ResultsError(f"{path}: line {lines[i]}: a cell {what}, as others of its column are")
     return np.array(cells, dtype=object)

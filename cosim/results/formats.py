@@ -41,7 +41,7 @@ class FormatError(CosimError):
 class Contents:
     """Contents of a file: times (n,) in s, and values (n, columns) with their names and, as far as known, units.
 
-    `typed` has the columns of what is no real number, by name.
+    `typed` has the columns of what is not a real number, by name.
     """
 
     time: np.ndarray
@@ -52,7 +52,7 @@ class Contents:
 
     @property
     def types(self) -> dict[str, str]:
-        """Name -> type of what is no real number."""
+        """Name -> type of what is not a real number."""
         return {name: column.type for name, column in self.typed.items()}
 
 

@@ -100,7 +100,7 @@ def _trajectory(path: Path, matrices: dict[str, np.ndarray]) -> Contents:
     transposed = kind[3].lower() == "bintrans"
     turned = {name: matrix.T if transposed else matrix for name, matrix in matrices.items()}
     if kind[0] != "Atrajectory":
-        raise ResultsError(f"{path}: is no trajectory, but '{kind[0]}'")
+        raise ResultsError(f"{path}: is not a trajectory, but '{kind[0]}'")
     names = _texts(turned["name"])
     described = _texts(turned["description"]) if "description" in turned else [""] * len(names)
     info = turned["dataInfo"].astype(int)

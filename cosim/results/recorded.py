@@ -60,7 +60,7 @@ class Recorded(ABC):
     @property
     @abstractmethod
     def types(self) -> dict[str, str]:
-        """Scalar name -> type of what is no real number; see `TypedColumn`."""
+        """Scalar name -> type of what is not a real number; see `TypedColumn`."""
 
     @abstractmethod
     def thinned(self, every: int) -> Recorded:

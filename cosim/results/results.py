@@ -37,7 +37,7 @@ class Results(Recorded):
         How the run was made: step, order, FMUs and their SHA-256, parameters, status, times, and `units`
         (scalar name -> unit).
     typed : mapping
-        Name -> `TypedColumn` of what is no real number; `results[name]` gives these values.
+        Name -> `TypedColumn` of what is not a real number; `results[name]` gives these values.
 
     Examples
     --------
@@ -64,7 +64,7 @@ class Results(Recorded):
 
     @property
     def types(self) -> dict[str, str]:
-        """Scalar name -> type of what is no real number; see `TypedColumn`."""
+        """Scalar name -> type of what is not a real number; see `TypedColumn`."""
         return {name: column.type for name, column in self.typed.items()}
 
     def _values(self, positions: int | list[int], every: int = 1) -> np.ndarray:

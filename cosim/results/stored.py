@@ -47,7 +47,7 @@ class TableWriter:
     names : sequence of str
         Names of the columns after the time.
     types : mapping, optional
-        Name -> type of what is no real number; see `TypedColumn`.
+        Name -> type of what is not a real number; see `TypedColumn`.
     units : mapping, optional
         Name -> unit.
     units_row : bool
@@ -179,7 +179,7 @@ class StoredResults(Recorded):
 
     @property
     def types(self) -> dict[str, str]:
-        """Scalar name -> type of what is no real number; see `TypedColumn`."""
+        """Scalar name -> type of what is not a real number; see `TypedColumn`."""
         return dict(self._types)
 
     def _column(self, name: str, every: int = 1) -> np.ndarray:

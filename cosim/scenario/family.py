@@ -126,9 +126,9 @@ def families() -> dict[str, ScenarioFamily]:
         try:
             family = entry.load()
         except Exception as error:  # whatever a package raises
-            raise ScenarioError(f"{here}: {type(error).__name__}: {error}; mend or uninstall its package") from error
+            raise ScenarioError(f"{here}: {type(error).__name__}: {error}; repair or uninstall its package") from error
         if not isinstance(family, ScenarioFamily):
-            raise ScenarioError(f"{here}: is no instance of cosim.scenario.ScenarioFamily")
+            raise ScenarioError(f"{here}: is not an instance of cosim.scenario.ScenarioFamily")
         found[entry.name] = family
     return found
 

@@ -39,7 +39,7 @@ def document_of(path: Path) -> str:
     Raises
     ------
     SignatureError
-        It is no zip archive, or has several members of one name.
+        It is not a zip archive, or has several members of one name.
     OSError
         It can't be read.
     """
@@ -54,7 +54,7 @@ def members_of(path: Path, stream: IO[bytes]) -> dict[str, str]:
     Raises
     ------
     SignatureError
-        It is no zip archive, or has several members of one name.
+        It is not a zip archive, or has several members of one name.
     """
     found: dict[str, str] = {}
     try:
@@ -84,7 +84,7 @@ def read_document(text: str, where: Path) -> dict[str, Any]:
     except (ValueError, RecursionError):
         about = None
     if not isinstance(about, dict) or about.get("format") != FORMAT:
-        raise SignatureError(f"{where}: is no signature of this kind; sign the archive again: cosim sign")
+        raise SignatureError(f"{where}: is not a signature of this kind; sign the archive again: cosim sign")
     members = about.get("members")
     if not isinstance(about.get("sha256"), str) or not isinstance(members, dict):
         raise SignatureError(f"{where}: its document lacks hashes; sign the archive again: cosim sign")

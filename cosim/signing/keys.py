@@ -52,7 +52,7 @@ def new_key(path: str | PathLike[str], passphrase: str = "") -> str:
     path = Path(path)
     for existing in (path, public_path(path)):
         if existing.exists():
-            raise SignatureError(f"{existing} is there already, and a key can't be had again; choose another name")
+            raise SignatureError(f"{existing} already exists, and a lost key can't be recovered; choose another name")
     key = Ed25519PrivateKey.generate()
     encryption = (
         serialization.BestAvailableEncryption(passphrase.encode()) if passphrase else serialization.NoEncryption()
@@ -90,7 +90,7 @@ def private_key(path: Path, passphrase: Callable[[], str]) -> Ed25519PrivateKey:
             raise SignatureError(f"{path}: is a public key, which can't sign; give the private one") from None
         raise SignatureError(f"{path}: no private key can be read from it: {_line(error)}") from None
     if not isinstance(key, Ed25519PrivateKey):
-        raise SignatureError(f"{path}: is no Ed25519 key; make one with: cosim sign --new-key FILE")
+        raise SignatureError(f"{path}: is not an Ed25519 key; make one with: cosim sign --new-key FILE")
     return key
 
 
@@ -114,7 +114,7 @@ def public_key(path: Path) -> Ed25519PublicKey:
     except (ValueError, TypeError) as error:
         raise SignatureError(f"{path}: no public key can be read from it: {_line(error)}") from None
     if not isinstance(key, Ed25519PublicKey):
-        raise SignatureError(f"{path}: is no Ed25519 key; cosim sign --new-key FILE makes such keys")
+        raise SignatureError(f"{path}: is not an Ed25519 key; cosim sign --new-key FILE makes such keys")
     return key
 
 

@@ -152,7 +152,7 @@ def _read(path: Path, where: Path) -> tuple[str, bytes, str]:
             f"{path}: is not signed: there is no {where.name} beside it; sign it: cosim sign"
         ) from None
     except (ValueError, KeyError, TypeError, RecursionError, binascii.Error):
-        raise SignatureError(f"{where}: is no signature of this kind; sign the archive again: cosim sign") from None
+        raise SignatureError(f"{where}: is not a signature of this kind; sign the archive again: cosim sign") from None
     if not isinstance(text, str) or not isinstance(claimed, str):
-        raise SignatureError(f"{where}: is no signature of this kind; sign the archive again: cosim sign")
+        raise SignatureError(f"{where}: is not a signature of this kind; sign the archive again: cosim sign")
     return text, signature, claimed

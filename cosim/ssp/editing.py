@@ -189,7 +189,7 @@ class SSPFile:
         SSPError
             There is no such component, or the FMU lacks a variable that a connector of it stands for.
         SetupError
-            It is no FMU that can be co-simulated.
+            It is not an FMU that can be co-simulated.
         """
         element = self._elements().get(component)
         if element is None or element.localName != "Component":

@@ -140,7 +140,7 @@ class Feed:
             assert hop.table is not None
             if hop.table.kind == "EnumerationMappingTransformation":
                 if mapped is not None:
-                    raise SSPError(f"{hop.here}: maps names of items, but '{value.name}' is no enumeration")
+                    raise SSPError(f"{hop.here}: maps names of items, but '{value.name}' is not an enumeration")
                 texts = [hop.table.entries.get(text, text) for text in texts]
                 continue
             if mapped is None:
@@ -207,7 +207,9 @@ class Flow:
         (source_part, source), (target_part, target) = found if gives[0] else found[::-1]
         factor, offset, table = _transformation(transformation, here)
         if len(source.scalars) != len(target.scalars):
-            raise SSPError(f"{here}: {len(source.scalars)} values can't feed {len(target.scalars)}; mend their sizes")
+            raise SSPError(
+                f"{here}: {len(source.scalars)} values can't feed {len(target.scalars)}; correct their sizes"
+            )
         convert = not (attributes["suppressUnitConversion"] or document.ignore_units)
         for from_name, to_name in zip(source.scalars, target.scalars, strict=True):
             hop = Hop((source_part.path, from_name), source.unit, target.unit, convert, factor, offset, here, table)

@@ -80,8 +80,8 @@ Factor = Levels | Range
 def parse_factor(text: str) -> Factor:
     """A factor from `NAME=LOW:HIGH`, `NAME=LOW:HIGH:LEVELS` (evenly spaced) or `NAME=VALUE,VALUE,...`.
 
-    Values of a list are numbers, or texts if one of them is no number: true and false, items of an enumeration, texts.
-    In double quotes a number is a text.
+    Values of a list are numbers, or texts if one of them is not a number: true and false, items of an enumeration,
+    texts. In double quotes a number is a text.
 
     Raises
     ------
@@ -90,7 +90,7 @@ def parse_factor(text: str) -> Factor:
     """
     name, equals, values = text.partition("=")
     if not (equals and name and values):
-        raise SweepError(f"'{text}' is no factor; {_FORMS}")
+        raise SweepError(f"'{text}' is not a factor; {_FORMS}")
     if ":" not in values or '"' in values:
         return Levels(name, _listed(text, values))
     ends = values.split(":")

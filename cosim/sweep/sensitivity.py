@@ -138,7 +138,7 @@ def sobol(groups: Sequence[str], results: np.ndarray, seed: int = 0) -> list[Ind
 
     parts = len(groups) + 2
     if len(results) % parts:
-        raise SweepError(f"{len(results)} rows are no design of {len(groups)} groups; give all rows")
+        raise SweepError(f"{len(results)} rows are not a design of {len(groups)} groups; give all rows")
     blocks = np.asarray(results, dtype=float).reshape(parts, -1)
     blocks = blocks[:, np.isfinite(blocks).all(axis=0)]
     n = (1 << blocks.shape[1].bit_length()) // 2

@@ -212,7 +212,7 @@ class PythonFunction:
         match = _NAME.match(name) if isinstance(name, str) else None
         here = f"component '{self.component}': {role}: {name!r}"
         if match is None:
-            raise SetupError(f"{here} is no name; write a vector of 3 as theta[1..3]")
+            raise SetupError(f"{here} is not a name; write a vector of 3 as theta[1..3]")
         ranges = match["ranges"]
         by_name = tuple(int(r.removeprefix("1..")) for r in ranges.split(",")) if ranges else ()
         what, shape = _unit_or_type_and_shape(here, spec)

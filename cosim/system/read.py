@@ -137,7 +137,7 @@ def multiple_of_step(step: float, communication_step: float | None, what: str, f
     every = max(1, round(step / communication_step))
     if step > 0 and not math.isclose(every * communication_step, step, rel_tol=1e-9):
         findings.note(
-            f"{what} {step!r} s is no multiple of {communication_step!r} s; {every * communication_step:g} s is taken, "
-            "as libcosim does"
+            f"{what} {step!r} s is not a multiple of {communication_step!r} s; "
+            f"{every * communication_step:g} s is taken, as libcosim does"
         )
     return every

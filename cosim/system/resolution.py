@@ -332,7 +332,7 @@ def _interval(here: str, value: Any) -> float:
     except (TypeError, ValueError, OverflowError):
         interval = math.nan
     if not (math.isfinite(interval) and interval > 0.0):
-        raise SetupError(f"{here}: {value!r} is no interval of a clock; give a positive number of seconds")
+        raise SetupError(f"{here}: {value!r} is not an interval of a clock; give a positive number of seconds")
     return interval
 
 

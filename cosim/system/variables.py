@@ -107,7 +107,7 @@ class Element:
         known = self.type.value(value)
         if self.kind == "enumeration" and self.items and known not in self.items.values():
             numbers = ", ".join(f"{name} = {number}" for name, number in self.items.items())
-            raise ArgumentError(f"{value!r} is no item of the enumeration, which has {numbers}")
+            raise ArgumentError(f"{value!r} is not an item of the enumeration, which has {numbers}")
         return known
 
 

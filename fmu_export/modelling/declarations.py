@@ -86,7 +86,9 @@ class Declaration:
 
 def _declaration(kind: Kind, is_output: bool, start: Any, **options: Any) -> Declaration:
     if isinstance(start, str) and not options.get("items"):
-        raise ArgumentError(f"{kind}: the start value {start!r} is no number; write {kind}(0.0, {start!r}) for a unit")
+        raise ArgumentError(
+            f"{kind}: the start value {start!r} is not a number; write {kind}(0.0, {start!r}) for a unit"
+        )
     if isinstance(start, IntEnum):
         options |= {"type": "enumeration", "items": {item.name: item.value for item in type(start)}}
     elif options.get("type") is None:
@@ -322,7 +324,7 @@ def when(
         As of `Event`.
     """
     if not callable(indicator):
-        raise ArgumentError(f"when: the indicator {indicator!r} is no function; write when(lambda m: ...)")
+        raise ArgumentError(f"when: the indicator {indicator!r} is not a function; write when(lambda m: ...)")
     if direction not in ("falling", "rising", "both"):
         raise ArgumentError(f'when: direction={direction!r}; write "falling", "rising" or "both"')
     return _Decorator(WhenMark(indicator, direction), "@when(lambda m: ...)")
@@ -386,7 +388,7 @@ def declared_variables(cls: type) -> dict[str, Declaration]:
                 del found[name]
             elif name in found:
                 raise ArgumentError(
-                    f"{cls.__name__}: {owner.__name__}.{name} hides {KINDS[found[name].kind]}; declare it anew, as "
+                    f"{cls.__name__}: {owner.__name__}.{name} hides {KINDS[found[name].kind]}; redeclare it, as "
                     f"{name} = {found[name].kind}(...), or leave it out by None"
                 )
     return found

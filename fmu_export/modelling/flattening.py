@@ -162,7 +162,9 @@ class _Flattening:
             value = np.array(value)
         kind = getattr(getattr(value, "dtype", None), "kind", None) or np.asarray(value).dtype.kind
         if kind not in "biuf":
-            raise ArgumentError(f"{where}: '{v.name}' is no number and no array of numbers, but {type(value).__name__}")
+            raise ArgumentError(
+                f"{where}: '{v.name}' is neither a number nor an array of numbers, but {type(value).__name__}"
+            )
         shape, expected = np.shape(value), v.shape
         if shape != expected:
             raise ArgumentError(
@@ -195,7 +197,7 @@ class _Flattening:
             return self._packed("derivatives", returned, self.states, "derivative")
 
         def output_values(returned: Any, m: Any) -> Array:
-            self._check_names("outputs", returned, outputs, "outputs and locals that are no states")
+            self._check_names("outputs", returned, outputs, "outputs and locals that are not states")
             computed = self._packed("outputs", returned, self.computed, "value")
             values = vars(m)["_flat"] | vars(self.computed.unpack(computed))
             wanted = Layout([*self.outputs.variables, *(v for v in self.locals.variables if v.name not in states)])

@@ -81,7 +81,7 @@ class Event:
     Raises
     ------
     ArgumentError
-        The name is no identifier, a function can't be called, or the direction is another.
+        The name is not an identifier, a function can't be called, or the direction is another.
     """
 
     name: str
@@ -117,7 +117,7 @@ class Sampled:
     Raises
     ------
     ArgumentError
-        The name is no identifier, the update can't be called, or period or offset can't be taken.
+        The name is not an identifier, the update can't be called, or period or offset can't be taken.
     """
 
     name: str
@@ -142,7 +142,7 @@ def _check_part(kind: str, name: object, **functions: object) -> None:
         raise ArgumentError(str(error).replace("variable", kind, 1)) from None
     for what, function in functions.items():
         if not callable(function):
-            raise ArgumentError(f"{kind} '{name}': {what} is no function")
+            raise ArgumentError(f"{kind} '{name}': {what} is not a function")
 
 
 @dataclass(frozen=True)
@@ -215,7 +215,7 @@ class Model:
     derivatives : callable
         derivatives(t, x, u, p) -> (n_x,), per second.
     output_values : callable
-        outputs(t, x, u, p) -> the outputs, in their order, then the locals that are no states; optional where all of
+        outputs(t, x, u, p) -> the outputs, in their order, then the locals that are not states; optional where all of
         these are states.
     requirements : tuple of Requirement
         When the equations may be evaluated.
@@ -273,7 +273,7 @@ class Model:
             raise ArgumentError(f"{self.name}: default_experiment is {self.default_experiment!r}, no DefaultExperiment")
         for function in ("initial_state", "derivatives", "output_values"):
             if not callable(getattr(self, function)):
-                raise ArgumentError(f"{self.name}: {function} is no function")
+                raise ArgumentError(f"{self.name}: {function} is not a function")
         self._check_solver()
         self._check_variables()
         self._check_functions()
@@ -321,7 +321,7 @@ class Model:
                 if what not in ("output", "local"):  # these have no start values
                     v.check_starts(f"{self.name}: {what}")
                 if v.tunable and what != "parameter":
-                    raise ArgumentError(f"{self.name}: '{v.name}' is no parameter; only parameters can be tunable")
+                    raise ArgumentError(f"{self.name}: '{v.name}' is not a parameter; only parameters can be tunable")
                 if (self.states or self.events) and v.name in RESERVED[self.solver]:
                     raise ArgumentError(
                         f"{self.name}: {what} '{v.name}': every FMU with states has a parameter of this name"
@@ -330,8 +330,8 @@ class Model:
         for state in self.states:
             if state not in known:
                 raise ArgumentError(
-                    f"{self.name}: state '{state}' is no output and no local; declare one of this name, known are "
-                    f"{', '.join(known) or 'none'}"
+                    f"{self.name}: state '{state}' is neither an output nor a local; declare one of this name, "
+                    f"known are {', '.join(known) or 'none'}"
                 )
         check_unique(self.states, f"{self.name}: states: ")
         for v in self.state_layout.variables:
@@ -361,7 +361,7 @@ class Model:
             if (same.size, same.unit, same.type, same.items) != (v.size, v.unit, v.type, v.items):
                 raise ArgumentError(f"{here}: the output of this name has another size, unit or type")
         if self.initial_discrete is not None and not callable(self.initial_discrete):
-            raise ArgumentError(f"{self.name}: initial_discrete is no function")
+            raise ArgumentError(f"{self.name}: initial_discrete is not a function")
         if self.initial_discrete is not None and not len(self.discrete):
             raise ArgumentError(f"{self.name}: initial_discrete is given, but there are no discrete states")
         if len(self.discrete) and not self.events and not self.sampled:
@@ -379,7 +379,7 @@ class Model:
             for what, value in (("period", part.period), ("offset", part.offset)):
                 if isinstance(value, str) and value not in fixed:
                     raise ArgumentError(
-                        f"{here}: {what} {value!r} is no scalar parameter that is fixed during a run; known are "
+                        f"{here}: {what} {value!r} is not a scalar parameter that is fixed during a run; known are "
                         f"{', '.join(fixed) or 'none'}"
                     )
             if isinstance(part.period, str) and not fixed[part.period] > 0.0:
@@ -426,5 +426,5 @@ class Model:
 
     @cached_property
     def returned(self) -> Layout:
-        """What `output_values` returns: outputs, then locals that are no states."""
+        """What `output_values` returns: outputs, then locals that are not states."""
         return Layout([*self.outputs.variables, *(v for v in self.locals.variables if v.name not in self.states)])

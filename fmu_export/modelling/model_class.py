@@ -152,7 +152,7 @@ class ModelClass(_Base):
         return {}
 
     def outputs(self) -> dict[str, Any]:
-        """Value of each output and of each local variable that is no state."""
+        """Value of each output and of each local variable that is not a state."""
         return {}
 
     def initial(self) -> dict[str, Any]:

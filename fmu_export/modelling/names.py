@@ -41,7 +41,7 @@ LONGEST_NAME = 200
 
 
 def check_identifier(what: str, name: object) -> None:
-    """Refuse what is no identifier in C and Python, or stands for something else there.
+    """Refuse what is not an identifier in C and Python, or stands for something else there.
 
     Parameters
     ----------
@@ -54,13 +54,13 @@ def check_identifier(what: str, name: object) -> None:
     ArgumentError
     """
     if not isinstance(name, str) or not _IDENTIFIER.fullmatch(name):
-        problem = "is no identifier; take letters without accents, digits and _, and begin with a letter"
+        problem = "is not an identifier; take letters without accents, digits and _, and begin with a letter"
     elif name in _C_KEYWORDS or keyword.iskeyword(name):
         problem = "is a keyword of C or Python; take another one"
     elif re.match("fmi[0-9][A-Z]", name):
         problem = "is like the functions of FMI; take another one"
     elif _DEVICES.fullmatch(name):
-        problem = "is no name of a file on Windows; take another one"
+        problem = "is not a name of a file on Windows; take another one"
     elif len(name) > LONGEST_IDENTIFIER:
         problem = f"is longer than {LONGEST_IDENTIFIER} characters; take a shorter one"
     else:
@@ -76,7 +76,9 @@ def check_variable_name(name: object) -> None:
     ArgumentError
     """
     if not isinstance(name, str) or not _STRUCTURED.fullmatch(name):
-        problem = "is no name of FMI; take letters without accents, digits, _, indices as [1] and dots between levels"
+        problem = (
+            "is not a name of FMI; take letters without accents, digits, _, indices as [1] and dots between levels"
+        )
     elif name == "time":
         problem = "is that of the simulation time, which every FMU has; take another one"
     elif len(name) > LONGEST_NAME:
@@ -94,6 +96,6 @@ def check_text(what: str, text: object) -> None:
     ArgumentError
     """
     if not isinstance(text, str):
-        raise ArgumentError(f"{what} is {text!r}, which is no text")
+        raise ArgumentError(f"{what} is {text!r}, which is not a text")
     if found := _UNPRINTABLE.search(text):
         raise ArgumentError(f"{what} has the character {found[0]!r}; write one line of printable text")

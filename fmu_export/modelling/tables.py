@@ -45,7 +45,7 @@ class Table:
     Raises
     ------
     ArgumentError
-        The name is no identifier, shapes do not fit, breakpoints do not increase, or a number is not finite.
+        The name is not an identifier, shapes do not fit, breakpoints do not increase, or a number is not finite.
     """
 
     def __init__(
@@ -56,7 +56,7 @@ class Table:
         try:
             arrays = [np.array(a, dtype=float) for a in ((x, y) if z is None else (x, y, z))]
         except (TypeError, ValueError) as error:
-            raise ArgumentError(f"table '{name}': its data are no arrays of numbers: {error}") from None
+            raise ArgumentError(f"table '{name}': its data are not arrays of numbers: {error}") from None
         *self.breakpoints, self.values = arrays
         for array in arrays:
             if not np.isfinite(array).all():
@@ -88,7 +88,7 @@ class Table:
         Raises
         ------
         ArgumentError
-            A cell is no number, lines have different lengths, or the data are no table.
+            A cell is not a number, lines have different lengths, or the data are no table.
         OSError
             The file can't be read.
         """
@@ -183,13 +183,13 @@ def _data(text: str, path: str) -> tuple[Any, ...]:
                 cells.append(float(cell))
             except ValueError:
                 if rows or (cells and len(line.split(",")) > 2):
-                    raise ArgumentError(f"{path}, line {number}: '{cell.strip()}' is no number") from None
+                    raise ArgumentError(f"{path}, line {number}: '{cell.strip()}' is not a number") from None
                 cells.append(cell)
         if rows and len(cells) != len(rows[0]):
             raise ArgumentError(f"{path}, line {number} has {len(cells)} cells; the first line has {len(rows[0])}")
         rows.append(cells)
     if not rows or len(rows[0]) < 2:
-        raise ArgumentError(f"{path} is no table: separate numbers by commas, at least two in a line")
+        raise ArgumentError(f"{path} is not a table: separate numbers by commas, at least two in a line")
     if len(rows[0]) > 2:
         return [row[0] for row in rows[1:]], rows[0][1:], [row[1:] for row in rows[1:]]
     if all(isinstance(cell, str) for cell in rows[0]):

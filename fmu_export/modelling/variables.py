@@ -54,8 +54,8 @@ class Variable:
         Positive magnitude that values usually have, 1 by default; integrators weigh errors of states by it.
     type : {"real", "integer", "boolean", "enumeration", "string"}, optional
         In the functions of a model all values are floats: a Boolean is 0 or 1, an enumeration the value of its item, a
-        string the position of its text in `items`, which begins with 0. What is no real changes at events, at sampling
-        instants and with inputs, and not continuously.
+        string the position of its text in `items`, which begins with 0. What is not a real changes at events, at
+        sampling instants and with inputs, and not continuously.
     items : sequence of str or mapping of str to int, optional
         Names of the items of an enumeration, with values 1, 2, ... or those of the mapping; the texts that a string can
         be.
@@ -162,7 +162,7 @@ class Variable:
         Raises
         ------
         ArgumentError
-            It is no value of this type.
+            It is not a value of this type.
         """
         if isinstance(value, str) and self.type in ("enumeration", "string"):
             for name, position in self.items:
@@ -171,9 +171,9 @@ class Variable:
             raise ArgumentError(f"{what} is {value!r}; it must be one of {', '.join(repr(n) for n, _ in self.items)}")
         found = number_or_nan(value)
         if not math.isfinite(found):
-            raise ArgumentError(f"{what} is {value!r}, which is no finite number")
+            raise ArgumentError(f"{what} is {value!r}, which is not a finite number")
         if self.type == "integer" and (found % 1.0 or abs(found) > _LARGEST_INTEGER):
-            raise ArgumentError(f"{what} is {value!r}, which is no whole number of 32 bits")
+            raise ArgumentError(f"{what} is {value!r}, which is not a whole number of 32 bits")
         if self.type == "boolean" and found not in (0.0, 1.0):
             raise ArgumentError(f"{what} is {value!r}, which is neither true nor false")
         if self.items and found not in {position for _, position in self.items}:
@@ -229,7 +229,7 @@ def _items(here: str, type_: Type, items: Any) -> tuple[tuple[str, int], ...]:
     for name, position in pairs:
         check_text(f"{here}: an item", name)
         if isinstance(position, bool) or not isinstance(position, int) or abs(position) > _LARGEST_INTEGER:
-            raise ArgumentError(f"{here}: the value {position!r} of item '{name}' is no whole number of 32 bits")
+            raise ArgumentError(f"{here}: the value {position!r} of item '{name}' is not a whole number of 32 bits")
         if len(name) > LONGEST_NAME or (type_ == "enumeration" and not name):
             raise ArgumentError(f"{here}: an item is a text of 1 to {LONGEST_NAME} characters, not {name[:20]!r}")
     for what, found in (("names", [n for n, _ in pairs]), ("values", [i for _, i in pairs])):
@@ -256,7 +256,7 @@ def number(here: str, what: str, value: Any) -> float:
     """
     found = number_or_nan(value)
     if not math.isfinite(found):
-        raise ArgumentError(f"{here}: {what} is {value!r}, which is no finite number")
+        raise ArgumentError(f"{here}: {what} is {value!r}, which is not a finite number")
     return found
 
 

@@ -64,8 +64,8 @@ def compose(
     Raises
     ------
     CompositionError
-        A component's name is no identifier, a connection is wrong, there is an algebraic loop, or the components have
-        different solvers and none is chosen.
+        A component's name is not an identifier, a connection is wrong, there is an algebraic loop, or the components
+        have different solvers and none is chosen.
     """
     for component in components:
         try:

@@ -1,8 +1,8 @@
 """The WebAssembly flavour: C code traced from the model, for browsers and other hosts of WebAssembly.
 
 A module is the same C as the native FMUs, with its own face and without a C library: it imports nothing, and computes
-the same bits. It is no FMU: FMI's layered standard for WebAssembly is a draft, by which an FMU holds a component of the
-Component Model, which no browser instantiates, and which zig does not make.
+the same bits. It is not an FMU: FMI's layered standard for WebAssembly is a draft, whose FMUs hold a component of
+the Component Model, which no browser instantiates, and which zig does not make.
 """
 
 from __future__ import annotations

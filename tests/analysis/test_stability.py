@@ -356,5 +356,5 @@ def test_a_state_space_of_python_control_is_a_component():
 def test_only_a_state_space_in_continuous_time_is_a_component():
     with pytest.raises(SetupError, match=r"sampled every 0\.1 s"):
         LinearComponent.from_state_space(control.ss(0.5, 1.0, 1.0, 0.0, dt=0.1))
-    with pytest.raises(SetupError, match="TransferFunction is no state space"):
+    with pytest.raises(SetupError, match="TransferFunction is not a state space"):
         LinearComponent.from_state_space(control.tf([1.0], [1.0, 1.0]))

@@ -113,7 +113,7 @@ def test_beside_the_robot_a_file_names_its_system(program: Program, tank_fmus: P
     ("value", "says"),
     [
         ("no_such_module:FAMILY", "ModuleNotFoundError: No module named 'no_such_module'"),
-        ("json:dumps", "is no instance of cosim.scenario.ScenarioFamily"),
+        ("json:dumps", "is not an instance of cosim.scenario.ScenarioFamily"),
     ],
 )
 def test_a_package_whose_scenarios_can_t_be_loaded_is_named_in_one_line(

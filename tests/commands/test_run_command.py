@@ -671,7 +671,7 @@ def test_a_broken_fmu_is_one_line(here, no_figures, capsys, damage):
     elif damage == "empty":
         path.write_bytes(b"")
     elif damage == "text":
-        path.write_bytes(b"this is no archive")
+        path.write_bytes(b"this is not an archive")
     else:
         drop = "modelDescription.xml" if damage == "without description" else "binaries/"
         with zipfile.ZipFile(path) as archive:

@@ -174,7 +174,7 @@ def test_continuous_inputs_are_linear_between_rows_and_others_held(fmu: str) -> 
         (
             'modelIdentifier="Tank"',
             'modelIdentifier="../Tank"',
-            "its model identifier '../Tank' is no name of a library",
+            "its model identifier '../Tank' is not a name of a library",
         ),
         ('fmiVersion="2.0"', "", "not a readable FMU: modelDescription.xml, it has no fmiVersion"),
         ('<Unknown index="', '<Unknown index="99', "its ModelStructure refers to variable '99"),
@@ -214,7 +214,7 @@ def test_inputs_of_any_format(capsys: pytest.CaptureFixture[str], name: str) -> 
 def test_a_trajectory_drives_the_inputs_and_the_rest_is_said(capsys: pytest.CaptureFixture[str]) -> None:
     Results(np.arange(2.0), ["a", "x", "other"], np.ones((2, 3))).save("all.mat")
     assert main(["run", "Tank.fmu", "--input", "all.mat"]) == 0
-    assert "note: all.mat has 2 columns more, which are no inputs of the FMU" in capsys.readouterr().out
+    assert "note: all.mat has 2 more columns, which are not inputs of the FMU" in capsys.readouterr().out
     assert summary("Tank")["driven"] == ["a"]
     Results(np.arange(2.0), ["x", "other"], np.ones((2, 2))).save("all.mat")
     assert main(["run", "Tank.fmu", "--input", "all.mat"]) == 1

@@ -43,7 +43,7 @@ def unclean(path: Path) -> list[str]:
         ("C:/x", "has a drive letter"),
         ("a\\b", "a backslash"),
         ("a\x1b[2Jb", "a control character"),
-        ("a//b", "is no name of a file"),
+        ("a//b", "is not a name of a file"),
         ("a" * 300, "is longer than a file system takes"),
     ],
 )
@@ -147,7 +147,7 @@ def test_a_damaged_member_is_named(tmp_path: Path) -> None:
         ("modelDescription.xml/", "but a folder of that name"),
         ("Model/modelDescription.xml", "pack the content of the folder"),
         ("ModelDescription.XML", "rename it"),
-        ("other", "it is no FMU"),
+        ("other", "it is not an FMU"),
     ],
 )
 def test_a_description_that_is_elsewhere_is_found(tmp_path: Path, name: str, why: str) -> None:

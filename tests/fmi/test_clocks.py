@@ -112,7 +112,7 @@ def test_the_interval_of_a_clock_can_be_given(fmu, tmp_path, monkeypatch, capsys
     with pytest.raises(SimulationError, match=message):
         simulate(one(fmu, period=0.0), 1.0, H)
     for wrong in (0.0, -1.0, "often", math.inf, [0.1, 0.2]):
-        with pytest.raises(SetupError, match=r"value of 'c\.fixed': .* is no interval of a clock; give a positive"):
+        with pytest.raises(SetupError, match=r"value of 'c\.fixed': .* is not an interval of a clock; give a positive"):
             simulate(one(fmu, fixed=wrong), 1.0, H)
     for name in ("periodic", "changing", "countdown"):
         with pytest.raises(SetupError, match=rf"'c\.{name}': clocks have none"):

@@ -388,7 +388,7 @@ def test_amounts_of_memory(text: str, number: int) -> None:
 
 @pytest.mark.parametrize("text", ["", "M", "0", "-1", "1T", "1e9", "nan"])
 def test_no_amounts_of_memory(text: str) -> None:
-    with pytest.raises(SetupError, match="is no amount of memory; write"):
+    with pytest.raises(SetupError, match="is not an amount of memory; write"):
         parse_bytes(text)
 
 

@@ -324,7 +324,7 @@ def test_c_sources_that_the_compiler_refuses_give_its_first_error(tmp_path: Path
 def test_sources_are_names_of_files_of_the_fmu(tmp_path: Path, name: str) -> None:
     """And neither options of the compiler nor files elsewhere."""
     fmu = sources_of_tank(tmp_path / "tank.fmu", f"/* {name} */", listed=f"tank.c {name}")
-    assert f"its list of sources has '{name}', which is no name of one of its files" in refusal(fmu, build=True)
+    assert f"its list of sources has '{name}', which is not a name of one of its files" in refusal(fmu, build=True)
 
 
 def test_without_a_compiler_the_message_says_how_to_get_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

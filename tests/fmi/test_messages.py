@@ -107,7 +107,7 @@ def test_each_run_counts_from_zero(version: int, tmp_path: Path) -> None:
     with Simulation(system_of(m=fmu), log=Log("warning", file=tmp_path / "log")) as simulation:
         counts = [simulation.run(0.5 * n, 0.5).info["warnings"] for n in (2, 6, 4)]
     assert counts == [1, 3, 2]
-    assert [line for line in lines(tmp_path / "log") if line.startswith("---")] == ["--- the FMUs begin anew ---"] * 2
+    assert [line for line in lines(tmp_path / "log") if line.startswith("---")] == ["--- the FMUs start afresh ---"] * 2
 
 
 def test_a_run_that_is_stepped_counts_as_it_goes(tmp_path: Path) -> None:
@@ -390,7 +390,7 @@ def test_the_log_of_a_run_without_results_is_kept_elsewhere(
     assert "no initial state: 3 residuals; what the FMUs said is in " in error
     assert error.count("\n") == 1
     line = "t = 0 s: t: error: [logSolver] no initial state: 3 residuals"
-    assert lines(Path(error.split()[-1])) == [line, "--- the FMUs begin anew ---", line]  # with a tolerance
+    assert lines(Path(error.split()[-1])) == [line, "--- the FMUs start afresh ---", line]  # with a tolerance
     assert list(out.iterdir()) == []
 
 

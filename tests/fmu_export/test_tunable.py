@@ -46,7 +46,7 @@ def with_tunable(model: Model, *names: str) -> Model:
 @pytest.mark.parametrize("which", ["inputs", "outputs"])
 def test_only_parameters_can_be_tunable(which: str) -> None:
     first, *others = getattr(INTEGRATOR, which).variables
-    with pytest.raises(ArgumentError, match=f"Integrator: '{first.name}' is no parameter"):
+    with pytest.raises(ArgumentError, match=f"Integrator: '{first.name}' is not a parameter"):
         replace(INTEGRATOR, **{which: Layout([replace(first, tunable=True), *others])})
 
 

@@ -168,7 +168,7 @@ def test_an_fmu_that_fails_in_a_steered_run_has_its_results(fmus: Path) -> None:
 
 @pytest.mark.parametrize("wrong", [{}, {"point": -1, "set": {}}, {"point": 1}, {"point": 1.5, "stop": True}])
 def test_what_is_no_command_is_refused(wrong: dict[str, Any]) -> None:
-    with pytest.raises(SetupError, match="is no command"):
+    with pytest.raises(SetupError, match="is not a command"):
         Steering([wrong])
 
 

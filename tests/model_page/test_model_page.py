@@ -187,7 +187,7 @@ def test_it_is_used_by_keyboard(tabs: Tabs, page: Path) -> None:
     tab.evaluate("document.querySelectorAll('details').forEach((d) => (d.open = true))")
     tab.fill('[data-name="stepSize"] input', "0.3")
     until(tab, "document.querySelector('.model').dataset.state === 'failed'")
-    assert tab.inner_text(".trouble") == "From 0 s to 2 s is no whole number of steps of 0.3 s"
+    assert tab.inner_text(".trouble") == "From 0 s to 2 s is not a whole number of steps of 0.3 s"
     tab.fill('[data-name="g"] input', "")
     assert tab.get_attribute('[data-name="g"] input', "aria-invalid") == "true"
 

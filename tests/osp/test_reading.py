@@ -146,7 +146,7 @@ def test_steps_of_simulators(fmus: Path, tmp_path: Path) -> None:
     assert every("0") == (1, ())
     (note,) = every("0.51")[1]
     assert (every("0.51")[0], every("0.1")[0]) == (2, 1)
-    assert note.endswith("stepSize 0.51 s is no multiple of 0.25 s; 0.5 s is taken, as libcosim does")
+    assert note.endswith("stepSize 0.51 s is not a multiple of 0.25 s; 0.5 s is taken, as libcosim does")
 
 
 def test_a_step_in_place_of_the_base_step(fmus: Path, tmp_path: Path) -> None:
@@ -275,7 +275,7 @@ def test_a_sum_of_vectors(fmus: Path, tmp_path: Path) -> None:
         ('<Sum name="s"/>', "", r"a Sum has no inputCount; give it one"),
         ('<Sum name="s" inputCount="9999999"/>', "", r"has 9999999 inputs, more than any system needs"),
         ('<Product name="s"/>', "", r"Product 's' is a function that is not known; known are LinearTransformation"),
-        ('<LinearTransformation name="s" factor="x"/>', "", r"factor is 'x', which is not a number; mend it"),
+        ('<LinearTransformation name="s" factor="x"/>', "", r"factor is 'x', which is not a number; correct it"),
         ('<LinearTransformation name="s"/>', signal("s.in", "tank.u"), r"both ends are inputs; one end must give"),
         ('<LinearTransformation name="s"/>', signal("t.in", "tank.x"), r"there is no function 't'"),
         ('<LinearTransformation name="tank"/>', "", r"there are two simulators or functions named 'tank'; rename one"),
@@ -324,9 +324,9 @@ def test_all_that_is_wrong_is_said_at_once(fmus: Path, tmp_path: Path) -> None:
     file = folder / "OspSystemStructure.xml"
     assert message.startswith(f"{file}: 6 things are wrong: (1) simulator 'a': has no 'None.fmu'; ")
     for part in (
-        "(2) simulator 'b': 'proxyfmu://host:9090?file=Gain.fmu' is no file of this folder; it is meant for libcosim's",
+        "(2) simulator 'b': 'proxyfmu://host:9090?file=Gain.fmu' is not a file of this folder; it is meant for",
         "(3) simulator 'c': initial value of 'KK', which the FMU does not have; did you mean 'K'?",
-        "(4) simulator 'c': initial value of 'K': 'x' is no Real; mend it",
+        "(4) simulator 'c': initial value of 'K': 'x' is not of type Real; correct it",
         "(5) connection of variable 'y': there is no simulator 'd'",
         "(6) connection 'c.y[3]' - 'c.u[1]': simulator 'c' has no variable 'y[3]'; did you mean 'y[2]'?",
     ):

@@ -130,7 +130,7 @@ def test_what_is_broken_fails_in_one_line_and_the_rest_runs(session, pytester):
             "fmus?Ball.fmu: fmu failed at t = 0 s: its process was ended (*",
             "*fmus?Refuses.fmu *nstantiate*",
             "*Toml_ref.toml: can't be read as TOML: *",
-            "*Csv_ref.csv: line 2: a cell 'x' is no number, as others of its column are",
+            "*Csv_ref.csv: line 2: a cell 'x' is not a number, as others of its column are",
             "fmus?NoZip.fmu: is a text, not an FMU (not a zip archive); *",
             "--fmu empty: there is no FMU file in this folder",
             "--fmu text.txt: the name of an FMU file ends with .fmu",
@@ -215,7 +215,7 @@ def test_a_reference_is_made(session, pytester):
 def test_a_reference_is_made_anew_only_where_git_has_the_old_one(built, tmp_path):
     case = make_case(tmp_path, "Ball", Results(np.arange(201) * 0.01, ["v"], np.ones((201, 1))), toml="start.e = 0.65")
     old = case.reference_path.read_bytes()
-    with pytest.raises(RebaselineError, match="git does not know it; commit it, or move it away to begin anew"):
+    with pytest.raises(RebaselineError, match="git does not know it; commit it, or move it away to start over"):
         rebaseline(case, built / "Ball.fmu", "co_simulation", 60.0)
     for arguments in (("init",), ("add", "."), ("commit", "-m", "all")):
         git(tmp_path, *arguments)

@@ -111,7 +111,7 @@ def test_local_variables_of_a_reference_are_recorded(fmus, tmp_path):
         ("", "StartTime, 0\nStopTime, soon\n", None, "line 2: StopTime = 'soon' must be a number"),
         ("", "StartTime, 0\nStopTime, 1\nStepSize, -1\n", None, "line 3: StepSize = -1 must be finite"),
         ("", "", Results(np.arange(2.0), ["v"], np.ones((2, 1))), "has no variable 'v'"),
-        ("", "", Results(np.arange(2.0), ["y"], np.ones((2, 1))), "'y' is no input"),
+        ("", "", Results(np.arange(2.0), ["y"], np.ones((2, 1))), "'y' is not an input"),
         ("", "", Results(np.arange(2.0), ["u"], np.full((2, 1), np.nan)), "not finite"),
     ],
 )
@@ -140,7 +140,7 @@ def test_a_reference_gives_the_times_where_there_are_no_options(fmus, tmp_path):
         result = run(case, fmus / "Dahlquist.fmu", interface)
         np.testing.assert_allclose(result["x"], np.exp(-DAHLQUIST.parameters.starts[0] * (time - 1.0)), atol=1e-9)
     case.options_path.write_text(options.replace("0.01", "0.03"))
-    with pytest.raises(CosimError, match=r"rows 0\.04 s apart are no whole number of steps of 0\.03 s"):
+    with pytest.raises(CosimError, match=r"rows 0\.04 s apart are not a whole number of steps of 0\.03 s"):
         run(case, fmus / "Dahlquist.fmu", "co_simulation")
 
 

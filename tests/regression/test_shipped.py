@@ -190,7 +190,7 @@ def test_a_result_that_an_experiment_uses_is_no_case_of_its_own(tmp_path):
 
 
 NOT_TRIED = {
-    "steady state": (experiment(ONE.format("<SteadyState/>")), "is no transient simulation, but <SteadyState>"),
+    "steady state": (experiment(ONE.format("<SteadyState/>")), "is not a transient simulation, but <SteadyState>"),
     "hdf5": (
         experiment(ONE.format('<References type="application/hdf5" source="x.h5"/>'), **{"x.h5": ""}),
         "its references are of type application/hdf5, and CSV files only are read",
@@ -199,7 +199,7 @@ NOT_TRIED = {
     "outside": (experiment(ONE.format('<Stimuli source="../../../x.csv"/>')), "which the FMU lacks"),
     "elsewhere": (
         {MANIFEST: manifest('type="text/csv" source="https://example.org/x.csv" role="result"')},
-        "https://example.org/x.csv is no file of the FMU; it is not fetched",
+        "https://example.org/x.csv is not a file of the FMU; it is not fetched",
     ),
     "uncertainty": (
         {MANIFEST: manifest('source="u.exp" role="experiment/uncertainty-analysis"')},
@@ -233,7 +233,7 @@ BROKEN = {
     "other root": ({**experiment(""), "tests.exp": "<Tests/>"}, "tests.exp: <Tests> is no <Experiments>"),
     "no number": (
         experiment(ONE.format('<TransientSimulation stopTime="soon"/>')),
-        "tests.exp: experiment 'one': stopTime=\"soon\" is no number",
+        "tests.exp: experiment 'one': stopTime=\"soon\" is not a number",
     ),
     "no rows": ({MANIFEST: manifest(RESULT), "Dahlquist_out.csv": ""}, "Dahlquist_out.csv: has no rows"),
     "ragged": (

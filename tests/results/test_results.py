@@ -117,7 +117,7 @@ def test_missing_name_lists_what_is_there_when_nothing_is_near():
         ("x,time\n0,1\n", "the first column must be 'time'"),
         ("time,x\n0,1\n1\n", "line 3 has 1 columns, the header has 2"),
         ("time,x\n0,1\n1,2,3\n", "line 3 has 3 columns, the header has 2"),
-        ("time,x\n0,1\n1,two\n", "line 3: a cell 'two' is no number"),
+        ("time,x\n0,1\n1,two\n", "line 3: a cell 'two' is not a number"),
         ("time,x\n0,1\n1,\n", "line 3: a cell is empty"),
     ],
 )

@@ -304,7 +304,7 @@ def test_a_bad_file_is_refused_by_file_and_key(case: str) -> None:
         (
             'of = "lag.x"\nmeasure',
             'of = "gain.y"\nmeasure',
-            ["metric 'peak': 'gain.y' is not recorded, or is no scalar"],
+            ["metric 'peak': 'gain.y' is not recorded, or is not a scalar"],
         ),
         ('"gain.u[2]"', '"gain.u"', ["'gain.u[1]' is fed twice"]),
         ("T = 2", "T = 'x'", ["'lag.T'", "not a number"]),

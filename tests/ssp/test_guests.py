@@ -132,7 +132,7 @@ def test_a_parameter_that_is_there_twice_is_noted(fmus: dict[str, Path], tmp_pat
 @pytest.mark.parametrize(("n", "more"), [(3, ""), (4, " (and 1 more)"), (6, " (and 3 more)")])
 def test_violations_beyond_three_are_counted(tmp_path: Path, n: int, more: str) -> None:
     nameless = elements(*['<ssd:Component source="resources/gain.fmu"/>'] * n)
-    with pytest.raises(SSPError, match=rf"'name'{re.escape(more)}; mend it in the tool that wrote it$"):
+    with pytest.raises(SSPError, match=rf"'name'{re.escape(more)}; correct it in the tool that wrote it$"):
         read(archive(tmp_path / "n.ssp", description(nameless)))
 
 
@@ -219,16 +219,16 @@ def test_prefixes_without_a_namespace_are_given_one(fmus: dict[str, Path], tmp_p
 @pytest.mark.parametrize(
     ("source", "message"),
     [
-        ("https://example.org/gain.fmu", r"'https://.*' is no file of this archive; download it and give its path$"),
+        ("https://example.org/gain.fmu", r"'https://.*' is not a file of this archive; download it and give its path$"),
         ("proxyfmu://host:9090?file=gain.fmu", r"it is meant for libcosim's proxies on another machine; give the path"),
         ("proxyfmu://localhost", r"it is meant for libcosim's proxies"),
         ("proxyfmu://localhost?file=none.fmu", r"has no 'none.fmu'; known are"),
         ("file:///nowhere/gain.fmu", r"there is no file '/nowhere/gain.fmu' for 'file:///nowhere/gain.fmu'; mend"),
-        ("file://host/gain.fmu", r"'file://host/gain.fmu' is no file of this archive"),
-        ("C:/models/gain.fmu", r"'C:/models/gain.fmu' is no file of this archive; sources must be relative"),
-        ("../gain.fmu", r"'../gain.fmu' is no file of this archive"),
-        ("resources/%2e%2e/%2e%2e/gain.fmu", r"is no file of this archive"),
-        ("/etc/passwd", r"'/etc/passwd' is no file of this archive"),
+        ("file://host/gain.fmu", r"'file://host/gain.fmu' is not a file of this archive"),
+        ("C:/models/gain.fmu", r"'C:/models/gain.fmu' is not a file of this archive; sources must be relative"),
+        ("../gain.fmu", r"'../gain.fmu' is not a file of this archive"),
+        ("resources/%2e%2e/%2e%2e/gain.fmu", r"is not a file of this archive"),
+        ("/etc/passwd", r"'/etc/passwd' is not a file of this archive"),
         ("http://[gain.fmu", r"is no URI: .*; sources must be relative"),
     ],
 )
@@ -732,7 +732,7 @@ def test_parameter_sets_of_the_user(two_sets: Path, named: list[str], expected: 
     [
         ("none.ssv", "none.ssv: there is no such file, nor one in two.ssp; check the path"),
         ("local.ssv", "local.ssv: none of its parameters is one of the system, as 'K'; names are component.parameter"),
-        ("gian=local.ssv", "gian=local.ssv: 'gian' is no component and no parameter set that is bound; did you mean"),
+        ("gian=local.ssv", "gian=local.ssv: 'gian' is neither a component nor a bound parameter set; did you mean"),
     ],
 )
 def test_parameter_sets_that_would_do_nothing(

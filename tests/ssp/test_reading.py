@@ -331,7 +331,7 @@ REFUSED = {
         )
     ),
     r"component 'a': the FMU has no variable for connector 'w'; known are": elements(component("a", "gain", "input w")),
-    r"connector 'y\[1\]' is of kind input, but the variable of the FMU is output; mend it": elements(
+    r"connector 'y\[1\]' is of kind input, but the variable of the FMU is output; correct it": elements(
         component("a", "gain", "input y[1]")
     ),
     r"connector 'length' is in 'mm', but the FMU in 'm'": elements(component("a", "m", "input length mm")),
@@ -343,7 +343,7 @@ REFUSED = {
         component("a", "m", bindings=bindings(binding("length Real 1.0 N.m")))
     ),
     r"has no 'resources/gian.fmu'; did you mean 'resources/gain.fmu'\?": elements(component("a", "gian")),
-    r"'resources/../../gain.fmu' is no file of this archive": elements(component("a", "../../gain")),
+    r"'resources/../../gain.fmu' is not a file of this archive": elements(component("a", "../../gain")),
     r"component 'a' is of type text/x-modelica, which is not supported; use an FMU": elements(
         component("a", "gain", more=' type="text/x-modelica; path=A.B"')
     ),

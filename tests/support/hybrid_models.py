@@ -30,7 +30,7 @@ BALL = Model(
     ],
 )
 
-#: A room with a heater that a thermostat switches; `switched` counts the switchings, and is no output.
+#: A room with a heater that a thermostat switches; `switched` counts the switchings, and is not an output.
 THERMOSTAT = Model(
     name="Thermostat",
     description="A room with a thermostat",
@@ -98,7 +98,7 @@ def _counted(*changes: Any) -> Any:
     return np.stack([c + 0.0 for c in changes])
 
 
-#: sin(2 pi t) crosses zero; each direction is counted, and `last` is when there was one. There are no states.
+#: sin(2 pi t) crosses zero; each direction is counted, and `last` is when there was one. There are not states.
 CROSSINGS = Model(
     name="Crossings",
     parameters=[Variable("f", "Hz", start=1.0)],

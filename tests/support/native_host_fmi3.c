@@ -36,7 +36,7 @@ static void logger(fmi3InstanceEnvironment environment, fmi3Status status, fmi3S
     expect(length > 0, "an empty message", "logger", 0, status);
     expect(percent_allowed || !strchr(last_message, '%'), "an unexpanded percent sign", "logger", 0, status);
     for (const char *c = last_message; *c; c++)
-        expect((*c >= ' ' && *c <= '~') || (foreign_allowed && *c < 0), "a character that is no text", "logger", 0,
+        expect((*c >= ' ' && *c <= '~') || (foreign_allowed && *c < 0), "a character that is not a text", "logger", 0,
                status);
     expect(environment == &calls, "another environment", "logger", 0, status);
     expect((status == fmi3Error && !strcmp(category, "logStatusError")) ||
@@ -115,7 +115,7 @@ static fmi3IntervalQualifier qualifiers[1];
 static fmi3DependencyKind kinds[1];
 static const double step_of_ages = 1e300;
 
-/* Sets an output that is no state, where there is one. */
+/* Sets an output that is not a state, where there is one. */
 static fmi3Status set_output(fmi3Instance c) {
     if (model_output_states[output[0] - N_PU] >= 0) return fmi3Error;
     return fmi3SetFloat64(c, output, 1, one_value, 1);
@@ -808,7 +808,7 @@ int main(int argc, char *argv[]) {
     for (unsigned i = 0; i <= N_VALUES; i++) all[i] = i;
     if (N_X > 0) state_variable[0] = N_PU + (unsigned)model_state_outputs[0];
     for (unsigned i = 0; i + 1 < N_Y && model_output_states[output[0] - N_PU] >= 0; i++)
-        output[0]++; /* one that is no state */
+        output[0]++; /* one that is not a state */
     for (unsigned i = 0; i < N_P; i++)
         if (!model_tunable[i]) fixed[0] = i; /* all models have one, and the first parameter is tunable */
     for (unsigned i = 0; i < N_Y + N_X; i++) computed[i] = N_PU + i;

@@ -86,7 +86,7 @@ def test_failed_runs_are_left_out_with_their_sets():
     assert errors(sobol(groups_of(ISHIGAMI), results)).max() < 0.05
     with pytest.raises(SweepError, match="only 1 sets of runs have all succeeded"):
         sobol(["x"], np.array([1.0, np.nan, 2.0, 1.0, 3.0, 1.0]))
-    with pytest.raises(SweepError, match="7 rows are no design of 1 groups"):
+    with pytest.raises(SweepError, match="7 rows are not a design of 1 groups"):
         sobol(["x"], np.arange(7.0))
 
 

@@ -95,7 +95,7 @@ def test_a_step_is_so_many_communication_steps(
     findings = Findings()
     assert multiple_of_step(step, communication_step, "its step", findings) == every
     findings.raise_problems("file")
-    note = f"its step {step!r} s is no multiple of {communication_step!r} s; {taken} s is taken, as libcosim does"
+    note = f"its step {step!r} s is not a multiple of {communication_step!r} s; {taken} s is taken, as libcosim does"
     assert findings.notes() == (() if taken is None else (note,))
 
 

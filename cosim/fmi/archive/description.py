@@ -74,9 +74,11 @@ def check_description(root: _Element) -> FileFindings:
 def _check_root(root: _Element, found: FileFindings) -> None:
     namespace, _, name = str(root.tag).rpartition("}")
     if name != _ROOT:
-        found.add(wrong=f"its root element is {quoted(name)}, not {_ROOT}; it is no FMU")
+        found.add(wrong=f"its root element is {quoted(name)}, not {_ROOT}; it is not an FMU")
     elif namespace:
-        found.add(wrong=f"its elements are in the namespace {quoted(namespace[1:])}, and those of FMI in none; mend it")
+        found.add(
+            wrong=f"its elements are in the namespace {quoted(namespace[1:])}, and those of FMI have none; correct it"
+        )
     elif not root.get("fmiVersion"):
         found.add(wrong="it has no fmiVersion; export it again")
     elif re.fullmatch(r"1\.0|2\.0|3\.\d.*", root.get("fmiVersion", "")) is None:
@@ -137,7 +139,7 @@ class _Description:
                 text = element.get(name)
                 if text is not None and not _is_finite(text):
                     at = f"{self._at(element)}: its default experiment has {name}={quoted(text)}"
-                    self.found.add(wrong=f"{at}, which is no number; export it again")
+                    self.found.add(wrong=f"{at}, which is not a number; export it again")
             if not self.found.wrong:
                 self._check_experiment(element)
 
@@ -175,7 +177,7 @@ class _Description:
                 text = display.get(name)
                 if text is not None and not _is_number(text):
                     at = f"{self._at(display)}: a display unit has {name}={quoted(text)}"
-                    self.found.add(wrong=f"{at}, which is no number; export it again")
+                    self.found.add(wrong=f"{at}, which is not a number; export it again")
 
     def _check_types(self) -> None:
         for item in self.root.iterfind("TypeDefinitions//Item"):
@@ -198,7 +200,7 @@ class _Description:
                 continue
             reference = variable.get("valueReference", "")
             if not _is_whole(reference) or not 0 <= int(reference) < 2**32:
-                what = f"has valueReference={quoted(reference)}, which is no whole number below 2^32"
+                what = f"has valueReference={quoted(reference)}, which is not a whole number below 2^32"
                 self.found.add(wrong=f"{self._here(variable)} {what}; export it again")
             typed = self._typed(variable)
             if typed is None or typed.tag not in known:
@@ -231,7 +233,7 @@ class _Description:
         wrong = next((word for word in words if not right(word)), None)
         if wrong is not None:
             self.found.add(
-                unclean=f"{self._here(variable)} has the start value {quoted(wrong)}, which is none of type {kind}"
+                unclean=f"{self._here(variable)} has the start value {quoted(wrong)}, which is not of type {kind}"
             )
 
     def _check_names(self) -> None:
@@ -319,17 +321,17 @@ class _Description:
             holders = by_reference.get(reference.strip(), [])
             if len(holders) != 1:
                 number = f"{len(holders)} variables have" if holders else "no variable has"
-                self.found.add(wrong=f"{here} refers to valueReference {quoted(reference)}, which {number}; mend it")
+                self.found.add(wrong=f"{here} refers to valueReference {quoted(reference)}, which {number}; correct it")
                 return None
             holder = holders[0]
             named = f"{here} refers to {quoted(holder.get('name'))}, which"
             if holder.tag not in _INTEGERS or holder.find("Dimension") is not None:
-                self.found.add(wrong=f"{named} is no single whole number; export it again")
+                self.found.add(wrong=f"{named} is not a single whole number; export it again")
                 return None
             text = holder.get("start", "")
             here = f"{named} has start={quoted(text)}: it"
         if text is None or not _is_whole(text) or int(text) < 0:
-            self.found.add(wrong=f"{here} is {quoted(text)}, which is no size; export it again")
+            self.found.add(wrong=f"{here} is {quoted(text)}, which is not a size; export it again")
             return None
         return int(text)
 

@@ -184,7 +184,7 @@ def misplaced(folder: Path, members: Iterable[str]) -> list[str]:
         if meant is None or not (folder / member).is_file():
             continue
         if is_for is None:
-            found.append(f"{member} is no library")
+            found.append(f"{member} is not a library")
         elif not is_for.serves(meant):
             found.append(f"{member} is for {is_for}, not for {meant}")
     return found

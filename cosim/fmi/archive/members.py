@@ -63,7 +63,7 @@ UNREADABLE = (
 
 
 class ArchiveError(SetupError):
-    """A file is no archive, or one that is not unpacked; the text is to follow its name."""
+    """A file is not an archive, or one that is not unpacked; the text is to follow its name."""
 
 
 class Members(AbstractContextManager["Members"]):
@@ -81,7 +81,7 @@ class Members(AbstractContextManager["Members"]):
     Raises
     ------
     BadZipFile
-        It is no archive.
+        It is not an archive.
     ArchiveError
         It is one that is not unpacked.
     """
@@ -194,7 +194,7 @@ class Members(AbstractContextManager["Members"]):
     def _check_name(self, name: str) -> None:
         parts = name.removesuffix("/").split("/")
         why = (
-            "is no name of a file"
+            "is not a name of a file"
             if name in ("", "/") or "" in parts[1:]
             else "is an absolute path"
             if name.startswith("/")

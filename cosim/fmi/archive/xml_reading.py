@@ -44,7 +44,7 @@ def read_xml(data: bytes) -> _Element:
         root = etree.fromstring(data, parser)
     except (etree.LxmlError, ValueError, LookupError) as error:
         said = " ".join(str(getattr(error, "msg", None) or error).split())
-        raise XmlError(f"is not readable as XML: {said or 'it is empty'}; mend it") from None
+        raise XmlError(f"is not readable as XML: {said or 'it is empty'}; correct it") from None
     if root.getroottree().docinfo.doctype:
         raise XmlError("has a document type (DOCTYPE), which could define entities; remove it")
     if root.xpath(f"boolean({'/*' * _MOST_NESTED})"):

@@ -56,5 +56,5 @@ def parse_bytes(text: str) -> int:
     """
     found = re.fullmatch(r"(\d+(?:\.\d+)?)\s*([kmg]?)b?", text.strip().lower())
     if found is None or not float(found[1]):
-        raise SetupError(f"'{text}' is no amount of memory; write bytes, or a number with k, M or G, as 500M")
+        raise SetupError(f"'{text}' is not an amount of memory; write bytes, or a number with k, M or G, as 500M")
     return round(float(found[1]) * _UNITS[found[2]])

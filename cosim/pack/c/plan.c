@@ -60,7 +60,7 @@ static double real(Reader *in) {
     for (bool behind = false; *text && *text != 'p'; text++) {
         if (*text == '.') behind = true;
         else if (digit(*text) >= 0) digits = 16 * digits + (uint64_t)digit(*text), exponent -= behind ? 4 : 0;
-        else in->failed = true, in->why = "a number is no number";
+        else in->failed = true, in->why = "a number is not a number";
     }
     if (*text == 'p') exponent += atoi(text + 1);
     return sign * ldexp((double)digits, exponent);

@@ -219,7 +219,7 @@ Status packed_set(Packed *packed, uint32_t reference, VariableType type, double 
 Status packed_set_rate(Packed *packed, uint32_t reference, double rate) {
     const Variable *variable = reference < (uint32_t)packed->n_variables ? &packed->variables[reference] : NULL;
     if (!variable || variable->role != COLUMN || !is_real((VariableType)variable->type))
-        return packed_fail(packed, FAILURE, "value reference %lu is no real input and has no derivative to set",
+        return packed_fail(packed, FAILURE, "value reference %lu is not a real input and has no derivative to set",
                            (unsigned long)reference);
     if (!isfinite(rate))
         return packed_fail(packed, FAILURE, "the derivative of '%s' can't be %g", variable->name, rate);

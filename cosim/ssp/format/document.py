@@ -90,7 +90,7 @@ def open_document(package: Package, name: str, folder: Path, ignore_units: bool)
     where = package.where(name)
     content = parse(package.read_xml(name), "ssd", where, package.findings)
     if child(content, "System") is None:
-        raise package.findings.error(f"{where}: has no System; mend it in the tool that wrote it")
+        raise package.findings.error(f"{where}: has no System; correct it in the tool that wrote it")
     return Document(package, name, content, read_definitions(content), folder, package.findings, ignore_units)
 
 

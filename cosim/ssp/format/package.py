@@ -120,7 +120,7 @@ class Package(AbstractContextManager["Package"], ABC):
                 return self._checked(found, uri)
         if not self._inside(candidates[0]):
             raise self.findings.error(
-                f"{self.path}: '{uri}' is no file of this {self.kind}; sources must be relative, as resources/x.fmu"
+                f"{self.path}: '{uri}' is not a file of this {self.kind}; sources must be relative, as resources/x.fmu"
             )
         loose = {_loose(name): name for name in self._names()}
         if _loose(candidates[0]) in loose:
@@ -156,7 +156,7 @@ class Package(AbstractContextManager["Package"], ABC):
         """Parts of a URI; what only looks like one, as C:/x.fmu, is a path that no other machine has."""
         remedy = "sources must be relative, as resources/x.fmu"
         if re.match(r"[A-Za-z]:[\\/]", uri):
-            raise self.findings.error(f"{self.path}: '{uri}' is no file of this {self.kind}; {remedy}")
+            raise self.findings.error(f"{self.path}: '{uri}' is not a file of this {self.kind}; {remedy}")
         try:
             return urlsplit(uri)
         except ValueError as error:
@@ -166,10 +166,10 @@ class Package(AbstractContextManager["Package"], ABC):
         """A file that is not in the package, but on this machine."""
         if parts.scheme != "file" or parts.netloc not in ("", "localhost"):
             remedy = _REMEDIES.get(parts.scheme, "sources must be relative, as resources/x.fmu")
-            raise self.findings.error(f"{self.path}: '{uri}' is no file of this {self.kind}; {remedy}")
+            raise self.findings.error(f"{self.path}: '{uri}' is not a file of this {self.kind}; {remedy}")
         path = Path(url2pathname(parts.path))
         if not path.is_file():
-            raise self.findings.error(f"{self.path}: there is no file '{path}' for '{uri}'; mend the source")
+            raise self.findings.error(f"{self.path}: there is no file '{path}' for '{uri}'; correct the source")
         self.findings.note(f"{self.path}: '{uri}' is not in the {self.kind}; it is taken from this machine")
         return str(path)
 
@@ -180,7 +180,7 @@ class Archive(Package):
     Raises
     ------
     SSPError
-        There is no such file, or it is no archive, or one that unpacks to more than any system needs.
+        There is no such file, or it is not an archive, or one that unpacks to more than any system needs.
     """
 
     def __init__(self, path: Path, findings: Findings, said: Path | None = None) -> None:

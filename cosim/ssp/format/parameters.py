@@ -48,7 +48,7 @@ class ParameterFiles:
                 self._instead[sources[where]] = file
             else:
                 hint = nearest(where, [*elements, *sources])
-                raise SSPError(f"{text}: '{where}' is no component and no parameter set that is bound; {hint}")
+                raise SSPError(f"{text}: '{where}' is neither a component nor a bound parameter set; {hint}")
 
     def instead_of(self, binding: DataElement) -> list[Value] | None:
         """The values that take the place of those of a binding, if a user wants others."""

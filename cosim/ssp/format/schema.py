@@ -129,7 +129,7 @@ def parse(data: bytes, kind: DocumentKind, where: str, findings: Findings | None
     if refused:
         more = f" (and {len(refused) - 3} more)" if len(refused) > 3 else ""
         listed = "; ".join(refused[:3])
-        raise SSPError(f"{where}: violates the SSP schema {listed}{more}; mend it in the tool that wrote it")
+        raise SSPError(f"{where}: violates the SSP schema {listed}{more}; correct it in the tool that wrote it")
     for text, sort in notes:
         assert findings is not None
         findings.note(text, sort)

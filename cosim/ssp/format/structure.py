@@ -247,7 +247,7 @@ def _reference(element: DataElement, path: str, document: Document, known: dict[
     wanted = element.attrib["dictionary"]
     if wanted not in known:
         raise SSPError(
-            f"{document.where}: '{path}' refers to a signal dictionary '{wanted}', which is none; "
+            f"{document.where}: '{path}' refers to a signal dictionary '{wanted}', which does not exist; "
             f"{nearest(wanted, known)}"
         )
     dictionary = known[wanted]
@@ -281,7 +281,7 @@ def _component(element: DataElement, path: str, document: Document) -> Part:
     if kind not in _FMU_TYPES:
         raise SSPError(f"{here} is of type {kind}, which is not supported; use an FMU, an SSP or an SSD")
     if source.partition("#")[0].lower().endswith((".ssp", ".ssd")):
-        raise SSPError(f"{here} is an FMU by its type, but '{source}' is none; set type to {_PACKAGE_TYPE}")
+        raise SSPError(f"{here} is an FMU by its type, but '{source}' is not one; set type to {_PACKAGE_TYPE}")
     implementation = element.attrib.get("implementation", "any")
     if implementation not in IMPLEMENTATIONS:
         raise SSPError(
@@ -324,7 +324,7 @@ def _nested(element: DataElement, path: str, document: Document, kind: str, sour
         elif part.connectors[name].kind != outer_kind:
             document.findings.problem(
                 f"{here}: connector '{name}' is of kind {outer_kind}, but {part.connectors[name].kind} "
-                f"in '{source}'; mend it"
+                f"in '{source}'; correct it"
             )
     return part
 
@@ -337,7 +337,7 @@ def _description_of(document: Document, kind: str, source: str, here: str, path:
         for part in document.content.iter():
             if local_name(part) == "System" and part.attrib.get("id") == fragment:
                 return inner, part
-        raise SSPError(f"{here}: no system of this description has the id '{fragment}'; mend the source")
+        raise SSPError(f"{here}: no system of this description has the id '{fragment}'; correct the source")
     name = _located(document, address, here)
     if kind == _DESCRIPTION_TYPE:
         opened = open_document(document.package, name, document.folder, document.ignore_units)
@@ -371,7 +371,7 @@ def _component_connector(connector: DataElement, part: Part, here: str) -> Conne
     if kind not in (own.kind, "inout", "unspecified"):
         if (kind in GIVING) != (own.kind in GIVING):
             raise SSPError(
-                f"{here}: connector '{name}' is of kind {kind}, but the variable of the FMU is {own.kind}; mend it"
+                f"{here}: connector '{name}' is of kind {kind}, but the variable of the FMU is {own.kind}; correct it"
             )
         if elements[0].variable.variability != "constant":
             findings.note(
@@ -397,7 +397,7 @@ def _component_connector(connector: DataElement, part: Part, here: str) -> Conne
         same = False
     if not same:
         raise SSPError(
-            f"{here}: connector '{name}' is in '{declared.name}', but the FMU in '{own.unit.name}'; mend it, "
+            f"{here}: connector '{name}' is in '{declared.name}', but the FMU in '{own.unit.name}'; correct it, "
             "or ignore units (--units ignore)"
         )
     return own  # the FMU's unit comes with a definition for sure

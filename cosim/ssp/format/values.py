@@ -134,7 +134,7 @@ class Value:
             return self.items[text]
         if items and re.fullmatch(r"[+-]?\d+", text) and float(text) in items.values():
             return float(text)
-        known = ", ".join(items) or "it is no enumeration"
+        known = ", ".join(items) or "it is not an enumeration"
         raise SSPError(f"{self.origin}: '{target}' can't become '{text}'; known are: {known}")
 
     def _conversion(

@@ -271,7 +271,7 @@ CoreStatus core_set_input_derivatives(Core *core, const unsigned references[], s
             return core_fail(core, CORE_ERROR, "input derivatives of order %d are not used, only of orders 1 to %d",
                              orders[i], MOST_ORDER);
         if (!(reference >= N_P && reference < N_PU))
-            return core_fail(core, CORE_ERROR, "value reference %lu is no input and has no derivative to set",
+            return core_fail(core, CORE_ERROR, "value reference %lu is not an input and has no derivative to set",
                              (unsigned long)reference);
         if (!IS_REAL(reference))
             return core_fail(core, CORE_ERROR, "input '%s' is discrete and has no derivative to set",
@@ -381,7 +381,7 @@ CoreStatus core_get_output_derivatives(Core *core, const unsigned references[], 
     int has_computed = 0, inputs_change = 0;
     for (size_t i = 0; i < n; i++)
         if (!(references[i] >= N_PU && references[i] < N_PU + N_OUTPUTS))
-            return core_fail(core, CORE_ERROR, "value reference %lu is no output and has no derivative to get",
+            return core_fail(core, CORE_ERROR, "value reference %lu is not an output and has no derivative to get",
                              (unsigned long)references[i]);
 #if HYBRID
     CoreStatus settled = core_settle(core);

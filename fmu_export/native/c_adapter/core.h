@@ -235,7 +235,7 @@ enum { TYPE_REAL, TYPE_INTEGER, TYPE_BOOLEAN, TYPE_ENUMERATION, TYPE_STRING }; /
 CoreStatus core_check_types(Core *core, Representation as, const unsigned references[], size_t n, const char *function);
 /* Whether a number stands for a value of the variable's type. */
 CoreStatus core_check_value(Core *core, size_t reference, double value, CoreStatus status);
-/* Read the text of a value that is no real; 0 if it is none of the type. */
+/* Read the text of a value that is not a real; 0 if it is none of the type. */
 int core_read_value(size_t reference, const char *text, double *value);
 #define ARE_REAL(core, references, n) (core_check_types(core, AS_DOUBLE, references, n, __func__) == CORE_OK)
 #define IS_REAL(reference) (model_types[reference] == TYPE_REAL)

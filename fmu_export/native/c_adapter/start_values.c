@@ -17,7 +17,7 @@ int core_read_number(char *text, double *value) {
     return end > text && !end[strspn(end, " \t\r\n")] && isfinite(*value);
 }
 
-/* Read a value of a variable that is no real. */
+/* Read a value of a variable that is not a real. */
 static int read_other(int i, const char *text, double *value) {
 #if N_TYPED > 0
     return core_read_value((size_t)i, text, value);

@@ -110,7 +110,7 @@ static CoreStatus parse(const Source *source, char *text, int variables, Table *
             int headings = first && variables == 1 && isnan(row[0]) && isnan(row[1]);
             if (bad || (variables == 1 && !headings && (isnan(row[0]) || isnan(row[1]))))
                 status =
-                    fail(source, number, "a cell is no finite number; write numbers with points, separated by commas");
+                    fail(source, number, "a cell is not a finite number; write numbers with points, separated by commas");
             rows += !headings;
         }
     }

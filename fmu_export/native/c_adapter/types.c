@@ -36,7 +36,7 @@ static int is_value(size_t reference, double value) {
 
 CoreStatus core_check_value(Core *core, size_t reference, double value, CoreStatus status) {
     if (is_value(reference, value)) return CORE_OK;
-    return core_fail(core, status, "'%s' is %.17g, which is no value of its type, %s", model_names[reference], value,
+    return core_fail(core, status, "'%s' is %.17g, which is not a value of its type, %s", model_names[reference], value,
                      names_of_types[model_types[reference]]);
 }
 

@@ -216,7 +216,7 @@ class Array:
                 refuse("values of another shape can't be assigned to a Boolean mask; use np.where")
             mask = key.mask.base
             if mask.shape != self.shape[: mask.ndim]:
-                refuse(f"a Boolean mask of shape {mask.shape} is no index of an array of shape {self.shape}")
+                refuse(f"a Boolean mask of shape {mask.shape} is not an index of an array of shape {self.shape}")
             mask = mask.reshape(mask.shape + (1,) * (self.ndim - mask.ndim))
             self.base[...] = elementwise(either, np.broadcast_arrays(mask, base, self.base), self.dtype)
         else:

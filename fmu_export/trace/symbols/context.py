@@ -258,7 +258,7 @@ def column(value: Any, what: str, length: int) -> Any:
     try:
         base, _ = elements_of(value)
     except TraceError as error:
-        raise TraceError(f"{what} returns what is no array of numbers: {type(value).__name__}") from error
+        raise TraceError(f"{what} returns something other than an array of numbers: {type(value).__name__}") from error
     if base.ndim > 1 or (base.ndim == 0 and length != 1):
         raise TraceError(
             f"{what} returns an array of shape {base.shape}; ({length},) is declared, so flatten it by np.ravel"

@@ -26,7 +26,7 @@ STORED = (
     "a list or an array of numbers, np.float64(), np.vectorize and compiled code take no symbols; make the array by "
     "np.zeros, np.array or np.stack in this function"
 )
-MASK = "a Boolean mask is no index of an array of numbers; write np.array(C)[mask] for C[mask], or np.where"
+MASK = "a Boolean mask is not an index of an array of numbers; write np.array(C)[mask] for C[mask], or np.where"
 SHIFT = "<< and >> can't be traced; multiply, or divide and use np.floor"
 
 

@@ -132,7 +132,7 @@ export class Model {
     const n = Math.round((stopTime - startTime) / stepSize);
     const isWhole = Math.abs(startTime + n * stepSize - stopTime) <= 1e-6 * stepSize;
     if (!(stepSize > 0 && n >= 1 && Number.isSafeInteger(n) && isWhole)) {
-      throw new ModelError(`From ${startTime} s to ${stopTime} s is no whole number of steps of ${stepSize} s`);
+      throw new ModelError(`From ${startTime} s to ${stopTime} s is not a whole number of steps of ${stepSize} s`);
     }
     const names = settings.record ?? this.names("output");
     const time = Float64Array.from({ length: n + 1 }, (_, i) => startTime + i * stepSize);

@@ -24,14 +24,14 @@ def nothing(*arguments: Any) -> Any:
 @pytest.mark.parametrize(
     ("make", "said"),
     [
-        (lambda: Event("a b", nothing, nothing), "event 'a b': the name is no name of FMI"),
-        (lambda: Event("hit", 1.0, nothing), "event 'hit': indicator is no function"),  # type: ignore[arg-type]
-        (lambda: Event("hit", nothing, None), "event 'hit': reset is no function"),  # type: ignore[arg-type]
+        (lambda: Event("a b", nothing, nothing), "event 'a b': the name is not a name of FMI"),
+        (lambda: Event("hit", 1.0, nothing), "event 'hit': indicator is not a function"),  # type: ignore[arg-type]
+        (lambda: Event("hit", nothing, None), "event 'hit': reset is not a function"),  # type: ignore[arg-type]
         (lambda: Event("hit", nothing, nothing, "down"), "direction is 'down'"),  # type: ignore[arg-type]
         (lambda: Sampled("s", nothing, 0.0), "period 0.0 is not positive"),
         (lambda: Sampled("s", nothing, float("nan")), "period is nan"),
         (lambda: Sampled("s", nothing, 0.1, float("inf")), "offset is inf"),
-        (lambda: Sampled("s", 0.1, nothing), "sampled 's': update is no function"),  # type: ignore[arg-type]
+        (lambda: Sampled("s", 0.1, nothing), "sampled 's': update is not a function"),  # type: ignore[arg-type]
         (lambda: replace(BALL, events=[nothing]), "give a tuple of Events"),  # type: ignore[list-item]
         (lambda: replace(BALL, events=2 * BALL.events), "not unique: bounce"),
         (lambda: replace(BALL, inputs=[Variable("bounce.indicator")]), "of the indicator of that event"),
@@ -42,9 +42,9 @@ def nothing(*arguments: Any) -> Any:
         (lambda: replace(BALL, sampled=SAMPLED_PI.sampled), "there are no discrete states that it could change"),
         (lambda: replace(THERMOSTAT, discrete=[Variable("on", "K")]), "'on': the output of this name has another"),
         (lambda: replace(THERMOSTAT, discrete=[Variable("on", start=2.0, max=1.0)]), "2.0 is outside"),
-        (lambda: replace(THERMOSTAT, discrete=[Variable("on", tunable=True)]), "'on' is no parameter"),
-        (lambda: replace(THERMOSTAT, initial_discrete=1), "initial_discrete is no function"),  # type: ignore[arg-type]
-        (lambda: replace(SAMPLED_PI, sampled=[Sampled("s", nothing, "T")]), "period 'T' is no scalar parameter"),
+        (lambda: replace(THERMOSTAT, discrete=[Variable("on", tunable=True)]), "'on' is not a parameter"),
+        (lambda: replace(THERMOSTAT, initial_discrete=1), "initial_discrete is not a function"),  # type: ignore[arg-type]
+        (lambda: replace(SAMPLED_PI, sampled=[Sampled("s", nothing, "T")]), "period 'T' is not a scalar parameter"),
         (lambda: replace(SAMPLED_PI, sampled=[Sampled("s", nothing, "offset")]), "starts at 0.0; it must be positive"),
         (lambda: to_control(BALL), "python-control takes continuous models"),
         (lambda: build_pythonfmu(SAMPLED_PI, "unused"), "build an FMU with build_native"),

@@ -137,13 +137,13 @@ def test_names_that_the_exporter_adds_are_its_own() -> None:
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"start": math.nan}, "variable 'k': the start value is nan, which is no finite number"),
-        ({"start": math.inf}, "variable 'k': the start value is inf, which is no finite number"),
-        ({"start": "1.0"}, "variable 'k': the start value is '1.0', which is no finite number"),
-        ({"start": [1.0, math.nan], "size": 2}, "variable 'k': a start value is nan, which is no finite number"),
+        ({"start": math.nan}, "variable 'k': the start value is nan, which is not a finite number"),
+        ({"start": math.inf}, "variable 'k': the start value is inf, which is not a finite number"),
+        ({"start": "1.0"}, "variable 'k': the start value is '1.0', which is not a finite number"),
+        ({"start": [1.0, math.nan], "size": 2}, "variable 'k': a start value is nan, which is not a finite number"),
         ({"start": [[1.0, 2.0]], "size": 2}, "variable 'k' has 2 elements but 1 x 2 start values"),
-        ({"min": math.nan}, "variable 'k': min is nan, which is no finite number"),
-        ({"max": -math.inf}, "variable 'k': max is -inf, which is no finite number"),
+        ({"min": math.nan}, "variable 'k': min is nan, which is not a finite number"),
+        ({"max": -math.inf}, "variable 'k': max is -inf, which is not a finite number"),
         ({"min": 2.0, "max": 1.0}, "variable 'k': min 2.0 is greater than max 1.0"),
         (
             {"size": 0},
@@ -159,7 +159,7 @@ def test_names_that_the_exporter_adds_are_its_own() -> None:
         ({"unit": None}, "variable 'k': "),
         ({"description": "two\nlines"}, r"variable 'k': the description has the character '\n'"),
         ({"description": "\x00"}, r"variable 'k': the description has the character '\x00'"),
-        ({"description": None}, "variable 'k': the description is None, which is no text"),
+        ({"description": None}, "variable 'k': the description is None, which is not a text"),
     ],
 )
 def test_numbers_and_texts_of_a_variable(changes: dict[str, Any], said: str) -> None:
@@ -196,7 +196,7 @@ def test_outputs_have_no_start_values_to_check() -> None:
     [
         (
             {"states": ("height",)},
-            "Tank: state 'height' is no output and no local; declare one of this name, known are level",
+            "Tank: state 'height' is neither an output nor a local; declare one of this name, known are level",
         ),
         ({"states": ("level", "level")}, "Tank: states: variable names are not unique: level"),
         ({"states": "level"}, "Tank: states is 'level'; give a tuple of names of outputs"),
@@ -205,10 +205,10 @@ def test_outputs_have_no_start_values_to_check() -> None:
         ({"inputs": Variable("u")}, "Tank: inputs is Variable("),
         ({"inputs": ["u"]}, "Tank: inputs: a Layout is made of Variables, and 'u' is none"),
         ({"inputs": [Variable("u"), Variable("u")]}, "Tank: inputs: variable names are not unique: u"),
-        ({"outputs": [Variable("level", tunable=True)]}, "Tank: 'level' is no parameter; only parameters can be"),
+        ({"outputs": [Variable("level", tunable=True)]}, "Tank: 'level' is not a parameter; only parameters can be"),
         ({"requirements": [lambda t, x, u, p: 1.0]}, "Tank: requirements is "),
-        ({"derivatives": None}, "Tank: derivatives is no function"),
-        ({"initial_state": np.zeros(1)}, "Tank: initial_state is no function"),
+        ({"derivatives": None}, "Tank: derivatives is not a function"),
+        ({"initial_state": np.zeros(1)}, "Tank: initial_state is not a function"),
         ({"default_experiment": 10.0}, "Tank: default_experiment is 10.0, no DefaultExperiment"),
         ({"description": "a\x07"}, r"Tank: the description has the character '\x07'"),
     ],
@@ -224,9 +224,9 @@ def test_parts_of_a_model(changes: dict[str, Any], said: str) -> None:
         ((1.0, 0.1, 2.0), "stop_time 1.0 is not after start_time 2.0"),
         ((1.0, 0.0), "step_size 0.0 is not positive"),
         ((1.0, -1.0), "step_size -1.0 is not positive"),
-        ((math.inf, 0.1), "stop_time is inf, which is no finite number"),
-        ((1.0, math.nan), "step_size is nan, which is no finite number"),
-        ((1.0, 0.1, None), "start_time is None, which is no finite number"),
+        ((math.inf, 0.1), "stop_time is inf, which is not a finite number"),
+        ((1.0, math.nan), "step_size is nan, which is not a finite number"),
+        ((1.0, 0.1, None), "start_time is None, which is not a finite number"),
     ],
 )
 def test_default_experiments(arguments: tuple[Any, ...], said: str) -> None:

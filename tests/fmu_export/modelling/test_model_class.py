@@ -293,7 +293,7 @@ def test_start_values_by_keyword_are_those_of_the_type() -> None:
     assert model.initial_discrete_state(model.parameters.starts)[0] == 5.0
     for wrong, message in (
         ({"fluid": "milk"}, "the start value is 'milk'; it must be one of 'water', 'oil'"),
-        ({"stages": 2.5}, "the start value is 2.5, which is no whole number"),
+        ({"stages": 2.5}, "the start value is 2.5, which is not a whole number"),
         ({"active": 2}, "the start value is 2, which is neither true nor false"),
         ({"A": np.zeros((3, 2))}, "variable 'A' has 2 x 3 elements but 3 x 2 start values"),
     ):
@@ -326,14 +326,14 @@ def rates(**changed: Any) -> Any:
         (rates(q=lambda m: m.q[0]), "'q' is declared with shape (2,), but what it returns is as a scalar"),
         (rates(q=lambda m: [0.0, 1.0, 2.0]), "'q' is declared with shape (2,), but what it returns is with shape (3,)"),
         (rates(heat=lambda m: m.q), "'heat' is declared as a scalar, but what it returns is with shape (2,)"),
-        (rates(heat=lambda m: None), "'heat' is no number and no array of numbers, but NoneType"),
+        (rates(heat=lambda m: None), "'heat' is neither a number nor an array of numbers, but NoneType"),
         (rates(heat=lambda m: setattr(m, "g", 1.0)), "'g' can't be set; return what changes, as dict(g=...)"),
         (variant(derivatives=lambda m: {"q": m.w}), "Variant.derivatives: the derivative of 'w' is missing"),
         (variant(derivatives=lambda m: None), "Variant.derivatives: it returns NoneType; return a dictionary"),
         (variant(outputs=lambda m: {"total": 1.0}), "Variant.outputs: the value of 'height' is missing"),
         (
             variant(outputs=lambda m: {"q": m.q}),
-            "it returns 'q', which is a state; this method returns outputs and locals that are no states only",
+            "it returns 'q', which is a state; this method returns outputs and locals that are not states only",
         ),
         (variant(initial=lambda m: {"q": m.w}), "Variant.initial: 'w' is a state, whose value is not known there"),
         (variant(initial=lambda m: {"total": 0.0}), "Variant.initial: it returns 'total', which is an output"),
@@ -348,7 +348,7 @@ def rates(**changed: Any) -> Any:
         ),
         (
             variant(g=3.7),
-            "g hides a parameter; declare it anew, as g = parameter(...), or leave it out by None",
+            "g hides a parameter; redeclare it, as g = parameter(...), or leave it out by None",
         ),
         (variant(t=parameter(1.0)), "Variant: a variable can't have the name 't'"),
         (variant(_k=parameter(1.0)), "Variant: a variable can't have the name '_k'"),
@@ -359,12 +359,18 @@ def rates(**changed: Any) -> Any:
         (lambda: Pendulum(q=1.0), "there is no parameter or input 'q'; did you mean 'q_start'; known are L, g, "),
         (lambda: Pendulum(total=1.0), "Pendulum(total=...): there is no parameter or input 'total'"),
         (lambda: Pendulum(L=[1.0, 2.0, 3.0]), "Pendulum(L=...): variable 'L' has 2 elements but 3 start values"),
-        (lambda: Pendulum(g="1"), "Pendulum(g=...): variable 'g': the start value is '1', which is no finite number"),
+        (
+            lambda: Pendulum(g="1"),
+            "Pendulum(g=...): variable 'g': the start value is '1', which is not a finite number",
+        ),
         (lambda: Pendulum().speed, "Pendulum(): there is no 'speed'"),
         (ModelClass, "ModelClass has no variables"),
-        (lambda: parameter("m"), "parameter: the start value 'm' is no number; write parameter(0.0, 'm') for a unit"),
+        (
+            lambda: parameter("m"),
+            "parameter: the start value 'm' is not a number; write parameter(0.0, 'm') for a unit",
+        ),
         (variant(k=input_([1.0, 2.0], size=3)), "Variant: variable 'k' has 3 elements but 2 start values"),
-        (variant(k=state([None])), "Variant: variable 'k': a start value is None, which is no finite number"),
+        (variant(k=state([None])), "Variant: variable 'k': a start value is None, which is not a finite number"),
         (lambda: require("x", at="end"), 'require: at=\'end\'; write "start" or "step"'),  # type: ignore[arg-type]
     ],
 )
@@ -398,7 +404,7 @@ def test_names_stand_in_a_class_once() -> None:
 
 def test_times_of_a_class_are_numbers() -> None:
     for times, message in (
-        ({"stop_time": "3"}, "Timed: default experiment: stop_time is '3', which is no finite number"),
+        ({"stop_time": "3"}, "Timed: default experiment: stop_time is '3', which is not a finite number"),
         ({"step_size": 0.0}, "Timed: default experiment: step_size 0.0 is not positive"),
         ({"start_time": 5}, "Timed: default experiment: stop_time 1.0 is not after start_time 5.0"),
     ):
@@ -533,7 +539,7 @@ def machine(**body: Any) -> Any:
             machine(tick=every(0.1)(lambda m: {"on": 1.0})),
             "'on' is declared as Boolean, but what it returns is a number",
         ),
-        (machine(tick=every("T")(lambda m: {"on": True})), "sampled 'tick': period 'T' is no scalar parameter"),
+        (machine(tick=every("T")(lambda m: {"on": True})), "sampled 'tick': period 'T' is not a scalar parameter"),
         (machine(tick=every(-1)(lambda m: {"on": True})), "sampled 'tick': period -1.0 is not positive"),
         (machine(tick=lambda m: {}), "Variant.tick hides a method that is marked"),
         (machine(empty=when(lambda m: m.v)(lambda m: {})), "Variant.empty: one number is asked for"),
@@ -543,7 +549,7 @@ def machine(**body: Any) -> Any:
         (machine(tick=every(lambda m: {})), "Variant.tick: the method needs @every(period) above it"),
         (machine(bounded=require(lambda m: 1.0)), "Variant.bounded: the method needs @require(message) above it"),
         (machine(initial_state=lambda m: {}), "Variant.initial_state: nothing calls it; the method is initial(m)"),
-        (lambda: when("x")(lambda m: {}), "when: the indicator 'x' is no function"),  # type: ignore[arg-type]
+        (lambda: when("x")(lambda m: {}), "when: the indicator 'x' is not a function"),  # type: ignore[arg-type]
         (lambda: when(len, "down")(lambda m: {}), "when: direction='down'; write"),  # type: ignore[arg-type]
         (
             lambda: every(0.1)(when(lambda m: m.x)(lambda m: {})),

@@ -181,8 +181,8 @@ def test_values_are_set_and_got(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("call", "said"),
     [
-        (lambda h: put(h, "enumeration", {"kind": 0}), "'kind' is 0, which is no value of its type, enumeration"),
-        (lambda h: put(h, "enumeration", {"kind": 7, "speed": 4}), "'speed' is 4, which is no value of its type"),
+        (lambda h: put(h, "enumeration", {"kind": 0}), "'kind' is 0, which is not a value of its type, enumeration"),
+        (lambda h: put(h, "enumeration", {"kind": 7, "speed": 4}), "'speed' is 4, which is not a value of its type"),
         (lambda h: put(h, "string", {"text": "else"}), "'text' can't be 'else'; set one of its texts, such as 'plain'"),
         (lambda h: put(h, "boolean", {"u": True}), "'u' is of type real"),
         (lambda h: put(h, "integer", {"on": 1}), "'on' is of type Boolean"),
@@ -222,7 +222,7 @@ def test_an_output_that_is_no_value_of_its_type_is_an_error(folder: Path) -> Non
         assert put(host, "integer", {"level": 3}) == OK
         host.run_up()
         assert ask(host, "integer", ["half"])[0] == ERROR
-        assert host.messages[-1] == "'half' is 1.5, which is no value of its type, integer"
+        assert host.messages[-1] == "'half' is 1.5, which is not a value of its type, integer"
 
 
 def test_discrete_inputs_have_no_derivatives_and_change_at_events(folder: Path) -> None:
@@ -269,7 +269,7 @@ def test_start_values_are_data_of_their_type(fmu: Path, tmp_path: Path) -> None:
         assert ask(host, "string", ["label"]) == (OK, [TEXTS[2]])
     before = copy.read_bytes()
     for values, said in (
-        ({"n": 1.5}, "start value of 'n' is 1.5, which is no whole number of 32 bits"),
+        ({"n": 1.5}, "start value of 'n' is 1.5, which is not a whole number of 32 bits"),
         ({"n": 10}, r"start value 10 of 'n' is outside \[1.0, 9.0\]"),
         ({"flag": 2}, "start value of 'flag' is 2, which is neither true nor false"),
         ({"speed": "warp"}, "start value of 'speed' is 'warp'; it must be one of 'off', 'slow', 'fast'"),

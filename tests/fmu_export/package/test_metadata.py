@@ -76,5 +76,5 @@ def test_archives_without_sources(tmp_path: Path, flavour: str) -> None:
 def test_texts_are_printable(name: str) -> None:
     with pytest.raises(ArgumentError, match=f"metadata: {name} has the character"):
         Metadata(**{name: "two\nlines"})
-    with pytest.raises(ArgumentError, match=f"metadata: {name} is 3, which is no text"):
+    with pytest.raises(ArgumentError, match=f"metadata: {name} is 3, which is not a text"):
         Metadata(**{name: 3})  # type: ignore[arg-type]

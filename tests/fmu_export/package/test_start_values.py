@@ -170,8 +170,8 @@ def test_numbers_of_other_types_become_floats(controller, number):
         ({"tau_a[1]": 1.0}, r"no parameter 'tau_a\[1\]'"),  # an output
         ({"S": 1.0}, r"no parameter 'S'.*S\[1\]"),  # whole vectors are not scalars
         ({"": 1.0}, r"no parameter ''"),
-        ({"alpha": math.nan}, r"'alpha' is nan, which is no finite number"),
-        ({"alpha": math.inf}, r"'alpha' is inf, which is no finite number"),
+        ({"alpha": math.nan}, r"'alpha' is nan, which is not a finite number"),
+        ({"alpha": math.inf}, r"'alpha' is inf, which is not a finite number"),
         ({"alpha": -1e-300}, r"-1e-300 of 'alpha' is outside \[0.0, inf\]"),
         ({"k": 0.0}, r"0.0 of 'k' is outside \[1e-12, inf\]"),
         ({"max_step": 0.0}, r"'max_step' is outside"),

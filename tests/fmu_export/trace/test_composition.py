@@ -90,8 +90,8 @@ def test_requirements_name_their_component_and_see_what_it_sees() -> None:
 @pytest.mark.parametrize(
     ("components", "connections", "message"),
     [
-        ({"a b": GAIN}, [], "component: the name 'a b' is no identifier"),
-        ({"a.b": GAIN}, [], "component: the name 'a.b' is no identifier"),
+        ({"a b": GAIN}, [], "component: the name 'a b' is not an identifier"),
+        ({"a.b": GAIN}, [], "component: the name 'a.b' is not an identifier"),
         ({"a": GAIN, "b": GAIN}, [("a.z", "b.u")], "a.z -> b.u: there is no output 'a.z'; known are a.y, b.y"),
         ({"a": GAIN, "b": GAIN}, [("a.y", "b.y")], "a.y -> b.y: there is no input 'b.y'; known are a.u, b.u"),
         ({"a": GAIN, "b": GAIN3}, [("a.y", "b.u")], "a.y -> b.u: the sizes differ: 2 and 3"),

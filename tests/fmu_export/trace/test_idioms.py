@@ -191,7 +191,7 @@ def test_an_fmu_that_was_not_checked_says_so(tmp_path: Path) -> None:
         ("x << 1", r"<branch>:2: <<.*multiply"),
         ("x.sort()\nreturn x", r"<branch>:2: .*\.sort of an array can't be traced"),
         ("{}[3]", r"<branch>:2: 3, while tracing.*the page"),
-        ("None", r"output_values returns what is no array of numbers: NoneType"),
+        ("None", r"output_values returns something other than an array of numbers: NoneType"),
         ("kept.append(1)\nreturn x * len(kept)", "traced twice, the equations differ"),
         ("np.outer(x, C)", r"output_values returns an array of shape \(4, 4\)"),
     ],

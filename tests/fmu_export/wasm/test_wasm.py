@@ -184,9 +184,9 @@ def test_a_module_imports_nothing_and_describes_itself(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("start", "message"),
     [
-        ({"n": 2.5}, "'n' is 2.5, which is no value of its type, integer"),
+        ({"n": 2.5}, "'n' is 2.5, which is not a value of its type, integer"),
         ({"on": math.nan}, "the start value of 'on' is nan; it must be a finite number"),
-        ({"speed": 4.0}, "'speed' is 4, which is no value of its type, enumeration"),
+        ({"speed": 4.0}, "'speed' is 4, which is not a value of its type, enumeration"),
     ],
 )
 def test_start_values_that_are_none_are_refused(typed: WasmModel, start: dict[str, float], message: str) -> None:

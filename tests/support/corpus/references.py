@@ -63,7 +63,7 @@ REFERENCES: tuple[Case, ...] = (
     _case("options of zeros", "x_ref.opt", ref_opt=bytes(100)),
     _case("a step of 0, which says nothing", "", RUNS, ref_opt=_OPTIONS.replace("0.1", "0")),
     _case("a step of NaN", "x_ref.opt", ref_opt=_OPTIONS.replace("0.1", "NaN")),
-    _case("a step that is no number", "x_ref.opt", ref_opt=_OPTIONS.replace("0.1", "short")),
+    _case("a step that is not a number", "x_ref.opt", ref_opt=_OPTIONS.replace("0.1", "short")),
     _case("a stop of 1e300", "", ref_opt=_OPTIONS.replace("StopTime, 1", "StopTime, 1e300")),
     _case("tolerances that are a text", "x_ref.toml", ref_toml="hello"),
     _case("tolerances of an unknown key", "x_ref.toml", ref_toml="colour = 3\n"),

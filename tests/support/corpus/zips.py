@@ -176,7 +176,7 @@ ZIPS: tuple[Case, ...] = (
     _bytes("one byte", b"P", "not a zip archive"),
     _bytes("a magic number only", b"PK\3\4", "FMU"),
     _bytes("an end of a directory only", END + bytes(18), "has no modelDescription.xml"),
-    _bytes("a text", b"this is no FMU\n", "not an FMU"),
+    _bytes("a text", b"this is not an FMU\n", "not an FMU"),
     _bytes("random bytes", bytes(range(256)) * 40, "not a zip archive"),
     _bytes("zeros", bytes(100_000), "not a zip archive"),
     _bytes("a gzip file", b"\x1f\x8b\x08" + bytes(50), "not a zip archive"),
