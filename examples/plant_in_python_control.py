@@ -24,5 +24,5 @@ print("poles (1/s):", *(f"{pole:.1f}" for pole in sorted(closed.poles(), key=abs
 
 response = closed[6, 0]  # of x_E to tau_a[1]
 time, x_E = control.step_response(0.1 * response, np.linspace(0.0, 3.0, 301))
-print(f"0.1 N.m more on joint 1 move the end effector by {1e3 * x_E[-1]:.3f} mm in x")
-print(f"at last, by the transfer function: {1e2 * response.dcgain():.3f} mm")
+print(f"0.1 N.m more on joint 1 moves the end effector by {1e3 * x_E[-1]:.3f} mm in x")
+print(f"in the end, by the transfer function: {1e2 * response.dcgain():.3f} mm")
