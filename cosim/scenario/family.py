@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import sys
 from collections.abc import Collection, Mapping, Sequence
 from functools import cache
 from importlib.metadata import entry_points
@@ -33,7 +34,7 @@ class ScenarioFamily:
     system : str
         One line for people: what system it is.
     folder : Path, optional
-        Folder of the TOML files that come with it; they are known by their names.
+        Folder of the TOML files that come with it, which are known by their names; relative to the module of the class.
     default : str, optional
         The scenario that `cosim run` runs when none is named. At most one family on a machine should have one.
     scenario : type of Scenario
@@ -63,6 +64,13 @@ class ScenarioFamily:
     drawing: str = "cosim.results.plot_file:write_plot"
     study: str = "cosim.sweep.scenarios:ScenarioStudy"
     scenario: ClassVar[type[Scenario]] = Scenario
+
+    def __init_subclass__(cls) -> None:
+        """A relative folder is one beside the module, wherever the program runs."""
+        super().__init_subclass__()
+        file = getattr(sys.modules.get(cls.__module__), "__file__", None)
+        if cls.folder is not None and file is not None:
+            cls.folder = Path(file).parent / cls.folder
 
     def scenario_names(self) -> list[str]:
         """Names of the scenarios that come with it."""
@@ -129,6 +137,8 @@ def families() -> dict[str, ScenarioFamily]:
             raise ScenarioError(f"{here}: {type(error).__name__}: {error}; repair or uninstall its package") from error
         if not isinstance(family, ScenarioFamily):
             raise ScenarioError(f"{here}: is not an instance of cosim.scenario.ScenarioFamily")
+        if family.folder is not None and not family.folder.is_dir():
+            raise ScenarioError(f"{here}: there is no folder {family.folder}; repair or uninstall its package")
         found[entry.name] = family
     return found
 
@@ -192,5 +202,5 @@ def family_of(system: str | None, *, own: bool) -> ScenarioFamily | None:
         return None
     if len(known) != 1:
         which = f"of {', '.join(known)}" if known else "(no package that knows one is installed)"
-        raise ScenarioError(f"needs [components] with their FMUs, or system = the name of a known one {which}")
+        raise ScenarioError(f"needs [components] with their FMUs, or system = the name of a family {which}")
     return next(iter(known.values()))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -400,7 +401,7 @@ def test_what_a_family_can_t_have_is_refused() -> None:
 @pytest.mark.usefixtures("here")
 def test_among_several_families_a_file_says_which(loops: dict[str, ScenarioFamily]) -> None:
     loops["others"] = ScenarioFamily()
-    with pytest.raises(ScenarioError, match="system = the name of a known one of loops, others"):
+    with pytest.raises(ScenarioError, match="system = the name of a family of loops, others"):
         load_scenario(written(RUN))
     assert "lag" in load_scenario(written('system = "loops"\n' + RUN)).components
     loops.clear()
@@ -426,6 +427,22 @@ def test_names_and_defaults_of_families(tmp_path: Path, loops: dict[str, Scenari
         named("one")
     with pytest.raises(ScenarioError, match="there is no default scenario; give the name of one, one, or"):
         default_scenario()
+
+
+def test_a_relative_folder_is_beside_the_module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    package = tmp_path / "site/far_away"
+    (package / "cases").mkdir(parents=True)
+    (package / "cases/one.toml").write_text(RUN, encoding="utf-8")
+    (package / "__init__.py").write_text(
+        "from pathlib import Path\nfrom cosim.scenario import ScenarioFamily\n"
+        "class Far(ScenarioFamily):\n    folder = Path('cases')\nclass Further(Far):\n    pass\n",
+        encoding="utf-8",
+    )
+    monkeypatch.syspath_prepend(str(tmp_path / "site"))
+    monkeypatch.chdir(tmp_path)
+    module = import_module("far_away")
+    assert module.Far().scenario_names() == module.Further().scenario_names() == ["one"]
+    assert module.Further.folder == package / "cases"
 
 
 def test_the_robot_is_a_family() -> None:
