@@ -415,7 +415,9 @@ def sweep_progress(points: int, what: str = "sweep") -> Iterator[Callable[[int, 
         if not bars:  # what was there before must not count for the rate
             no_terminal = None  # tqdm's word for: no bar where there is no terminal to draw it on
             bars.append(tqdm(file=screen(), total=points, initial=done, unit=" runs", desc=what, disable=no_terminal))
-        bars[0].set_postfix_str(f"{workers} workers" if workers else "waiting for workers", refresh=False)
+        bars[0].set_postfix_str(
+            f"{workers} worker{'s' * (workers > 1)}" if workers else "waiting for workers", refresh=False
+        )
         bars[0].update(done - bars[0].n)
 
     try:
@@ -451,6 +453,7 @@ def sweep_table(summary: SweepSummary, folder: Path) -> str:
         lines.append("failed    none")
     if summary.runs:
         rate = summary.runs / summary.seconds
-        lines.append(f"rate      {rate:.3g} runs a second on {summary.workers} workers, {summary.seconds:.1f} s")
+        workers = f"{summary.workers} worker{'s' * (summary.workers > 1)}"
+        lines.append(f"rate      {rate:.3g} runs a second on {workers}, {summary.seconds:.1f} s")
     lines.append(f"results   {folder} (Parquet; cosim.sweep.read reads them)")
     return "\n".join(lines)

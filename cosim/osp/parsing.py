@@ -41,7 +41,7 @@ def parse(path: Path, root: str) -> ElementTree.Element:
     except (ElementTree.ParseError, expat.ExpatError, ValueError, LookupError) as error:
         raise OSPError(f"{path}: not readable as XML: {error}") from None
     if local_name(element) != root:
-        raise OSPError(f"{path}: is no {root}, but a {local_name(element)}; check the path")
+        raise OSPError(f"{path}: is not an {root}, but a {local_name(element)}; check the path")
     return element
 
 

@@ -197,7 +197,7 @@ class _Reader:
         used: set[str] = set()
         root = self._xml(member)
         if _local(root) != "Experiments":
-            raise CaseError(f"{self._fmu}: {member}: <{_local(root)}> is no <Experiments>")
+            raise CaseError(f"{self._fmu}: {member}: <{_local(root)}> is not <Experiments>")
         for element in root:
             if _local(element) != "Experiment":
                 continue
@@ -370,7 +370,7 @@ class _Reader:
         try:
             return ElementTree.fromstring(self._read(member))
         except ElementTree.ParseError as error:
-            raise CaseError(f"{self._fmu}: {member}: is no XML: {error}") from error
+            raise CaseError(f"{self._fmu}: {member}: is not XML: {error}") from error
 
     def _note(self, what: str, why: str) -> None:
         self.found.notes.append(f"{what.removeprefix(FOLDER)} {why}")

@@ -66,7 +66,7 @@ def _version_4(path: Path, data: bytes) -> dict[str, np.ndarray]:
     position = 0
     while position < len(data):
         if position + _HEADER > len(data):
-            raise ResultsError(f"{path}: is no MAT file, or ends early")
+            raise ResultsError(f"{path}: is not a MAT file, or ends early")
         order = "<" if struct.unpack_from("<i", data, position)[0] < 1000 else ">"
         kind, rows, columns, imaginary, length = struct.unpack_from(f"{order}5i", data, position)
         big, rest = divmod(kind, 1000)
@@ -74,7 +74,7 @@ def _version_4(path: Path, data: bytes) -> dict[str, np.ndarray]:
         first = position + _HEADER + length
         sound = big == (order == ">") and precision < len(_PRECISIONS) and text < 2 and min(rows, columns) >= 0
         if not sound or imaginary or not 0 < length <= 1024:
-            raise ResultsError(f"{path}: is no MAT file with matrices of real numbers and texts")
+            raise ResultsError(f"{path}: is not a MAT file with matrices of real numbers and texts")
         stored = np.dtype(f"{order}{_PRECISIONS[precision]}")
         position = first + rows * columns * stored.itemsize
         if position > len(data):

@@ -35,7 +35,7 @@ def open_parquet(path: Path) -> parquet.ParquetFile:
     OSError
         It can't be opened.
     pyarrow.ArrowInvalid
-        It is no Parquet file, or nothing in it is whole.
+        It is not a Parquet file, or nothing in it is whole.
     """
     from pyarrow import parquet
 

@@ -64,7 +64,7 @@ def _those(found: Iterable[str]) -> str:
 def _file(path: Path) -> ModuleType:
     """A file as a module; it finds the modules beside it, as it does when Python runs it."""
     if path.suffix != ".py":
-        raise ArgumentError(f"{path} is no Python file; give the one of the model, as my_controller.py")
+        raise ArgumentError(f"{path} is not a Python file; give the one of the model, as my_controller.py")
     if not path.is_file():
         raise ArgumentError(f"there is no file {path}; check the path, or write one: cosim new model NAME")
     spec = importlib.util.spec_from_file_location(path.stem, path)

@@ -69,7 +69,7 @@ def check_identifier(what: str, name: object) -> None:
 
 
 def check_variable_name(name: object) -> None:
-    """Refuse what is no structured name of FMI: identifiers with indices, joined by dots.
+    """Refuse what is not a structured name of FMI: identifiers with indices, joined by dots.
 
     Raises
     ------

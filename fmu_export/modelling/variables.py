@@ -63,7 +63,7 @@ class Variable:
     Raises
     ------
     ArgumentError
-        The name is no structured name of FMI, the unit is not known, a number is not finite or does not fit, a start
+        The name is not a structured name of FMI, the unit is not known, a number is not finite or does not fit, a start
         value is none of the type.
     """
 

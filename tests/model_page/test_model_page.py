@@ -77,7 +77,7 @@ def test_the_page_loads_nothing_and_its_policy_lets_it_compile(page: Path) -> No
         ("{folder}/none.py", "has no Model and no ModelClass"),
         ("{folder}/bad.py", r"can't be run: ZeroDivisionError: division by zero \(bad.py, line 2\)"),
         ("{folder}/missing.py", "there is no file"),
-        ("{folder}/a.fmu", "is no Python file"),
+        ("{folder}/a.fmu", "is not a Python file"),
         ("nowhere.model", "there is no module 'nowhere'"),
     ],
 )

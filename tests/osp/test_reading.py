@@ -338,7 +338,7 @@ def test_all_that_is_wrong_is_said_at_once(fmus: Path, tmp_path: Path) -> None:
     ("text", "message"),
     [
         ("no XML", "not readable as XML"),
-        ("<SystemStructure/>", "is no OspSystemStructure, but a SystemStructure; check the path"),
+        ("<SystemStructure/>", "is not an OspSystemStructure, but a SystemStructure; check the path"),
         ('<!DOCTYPE a [<!ENTITY b "c">]><OspSystemStructure/>', "has a document type, which could define entities"),
         ("<OspSystemStructure><BaseStepSize>fast</BaseStepSize></OspSystemStructure>", "BaseStepSize is 'fast', which"),
         ("<OspSystemStructure><BaseStepSize>-1</BaseStepSize></OspSystemStructure>", "it must be a positive number of"),

@@ -229,8 +229,8 @@ def test_what_is_not_tried_is_said(tmp_path, name):
 
 
 BROKEN = {
-    "no XML": ({MANIFEST: "<fmiReferences"}, "fmi-ls-manifest.xml: is no XML"),
-    "other root": ({**experiment(""), "tests.exp": "<Tests/>"}, "tests.exp: <Tests> is no <Experiments>"),
+    "no XML": ({MANIFEST: "<fmiReferences"}, "fmi-ls-manifest.xml: is not XML"),
+    "other root": ({**experiment(""), "tests.exp": "<Tests/>"}, "tests.exp: <Tests> is not <Experiments>"),
     "no number": (
         experiment(ONE.format('<TransientSimulation stopTime="soon"/>')),
         "tests.exp: experiment 'one': stopTime=\"soon\" is not a number",
@@ -327,4 +327,4 @@ def test_the_validator_runs_them(tmp_path, monkeypatch, capsys):
     assert "Ball.fmu: brings no references along that can be run" in capsys.readouterr().out
     with_members(built_fmus() / "Dahlquist.fmu", tmp_path, BROKEN["no XML"][0])
     assert main(["validate", "--run", "Dahlquist.fmu"]) == 1
-    assert "is no XML" in capsys.readouterr().out
+    assert "is not XML" in capsys.readouterr().out

@@ -259,7 +259,7 @@ def test_trajectories_with_parameters_and_aliases(tmp_path: Path, layout: str) -
         ("a.json", b'{"time": [0, 1], "x": [1]}', "'x' has 1 values for 2 times"),
         ("a.json", b'{"time": [0], "x": ["a", 1]', "can't be read as JSON"),
         ("a.json", b'{"time": [0, 1], "x": ["a", 1]}', "'x' has values of several kinds"),
-        ("a.mat", struct.pack("<5i", 77, 1, 1, 0, 2) + b"x\0", "is no MAT file"),
+        ("a.mat", struct.pack("<5i", 77, 1, 1, 0, 2) + b"x\0", "is not a MAT file"),
         ("a.mat", b"MATLAB 7.3 MAT-file", "save it with -v7"),
         ("a.csv", b"PAR1....", "is a table in Parquet; let its name end in .parquet"),
         ("a.npz", b"time,x\n0,1\n", "is a table in CSV; let its name end in .csv"),

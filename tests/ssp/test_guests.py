@@ -229,7 +229,7 @@ def test_prefixes_without_a_namespace_are_given_one(fmus: dict[str, Path], tmp_p
         ("../gain.fmu", r"'../gain.fmu' is not a file of this archive"),
         ("resources/%2e%2e/%2e%2e/gain.fmu", r"is not a file of this archive"),
         ("/etc/passwd", r"'/etc/passwd' is not a file of this archive"),
-        ("http://[gain.fmu", r"is no URI: .*; sources must be relative"),
+        ("http://[gain.fmu", r"is not a URI: .*; sources must be relative"),
     ],
 )
 def test_sources_elsewhere_are_refused(fmus: dict[str, Path], tmp_path: Path, source: str, message: str) -> None:

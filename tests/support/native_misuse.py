@@ -264,13 +264,13 @@ CASES = [
     Misuse(
         "adjoint derivative of an input",
         lambda h: h.run_up().adjoint(["dm"], {"dm": 1.0})[0],
-        "is no unknown: give outputs or state derivatives",
+        "is not an unknown: give outputs or state derivatives",
         **ONLY_3,
     ),
     Misuse(
         "adjoint derivative by an output",
         lambda h: h.run_up().adjoint(["x_E"], {"x_E": 1.0})[0],
-        "is no known: give states, inputs or parameters",
+        "is not a known: give states, inputs or parameters",
         **ONLY_3,
     ),
     Misuse(

@@ -48,7 +48,7 @@ def test_a_sweep_with_failing_runs_says_so_and_is_a_success(here):
     assert list(lines) == ["runs", "failed", "rate", "results"]
     assert lines["runs"] == "8 of 8, 8 of them now"
     assert lines["failed"].startswith("4; the first: point 0: start value of 'plant.X': -1.0 is out of bounds")
-    assert re.match(r"[\d.]+ runs a second on \d+ workers, [\d.]+ s", lines["rate"])
+    assert re.match(r"[\d.]+ runs a second on \d+ workers?, [\d.]+ s", lines["rate"])
     assert lines["results"].startswith("results/sweep-tracking ")
     table = read(Path("results/sweep-tracking")).to_pylist()
     assert [(r["seed"], r["controller.alpha"], r["plant.X"]) for r in table] == [

@@ -245,7 +245,7 @@ def test_scenarios_are_a_factor_and_rows_have_the_metrics_of_all(folder):
         ("g.u[1]=1,2", "a connection or a signal feeds it"),
         ("p.u.rsm=1,2", "a multisine has no number 'rsm'; did you mean 'rms'?"),
         ("p.u.rms=high,low", "p.u.rms = 'high' must be a number"),
-        ("p.e=off,onn", "'onn' is no"),
+        ("p.e=off,onn", "'onn' is not"),
         ("p.b=true,no", "'no' is "),
         ("g.K=1,two", "'two' is not a number"),
         ("p.journal=1,2", "2.0 is not a value of type String"),

@@ -174,7 +174,7 @@ class Members(AbstractContextManager["Members"]):
             return f", but a folder of that name; get the {self._what} again"
         other = next((n for n in self.names if PurePosixPath(n).name.casefold() == name.casefold()), None)
         if other is None:
-            return f"; it is no {self._what}, or was packed wrongly"
+            return f"; it is not an {self._what}, or was packed wrongly"
         if "/" in other:
             return f" (it has {quoted(other)}); pack the content of the folder, not the folder"
         return f" (it has {quoted(other)}); rename it"

@@ -31,7 +31,7 @@ def read_xml(data: bytes) -> _Element:
     Raises
     ------
     XmlError
-        It is no XML, too large, nested too deep, or has a document type, which could define entities.
+        It is not XML, too large, nested too deep, or has a document type, which could define entities.
     """
     from lxml import etree  # later, as it takes a while and not every command reads XML
 

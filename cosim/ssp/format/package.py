@@ -160,7 +160,7 @@ class Package(AbstractContextManager["Package"], ABC):
         try:
             return urlsplit(uri)
         except ValueError as error:
-            raise self.findings.error(f"{self.path}: '{uri}' is no URI: {error}; {remedy}") from None
+            raise self.findings.error(f"{self.path}: '{uri}' is not a URI: {error}; {remedy}") from None
 
     def _outside(self, uri: str, parts: SplitResult) -> str:
         """A file that is not in the package, but on this machine."""

@@ -108,7 +108,7 @@ def parse(data: bytes, kind: DocumentKind, where: str, findings: Findings | None
     Raises
     ------
     SSPError
-        It is no XML, has entities or violates the schema; the message gives the violations.
+        It is not XML, has entities or violates the schema; the message gives the violations.
     MissingExtra
         The package with the schemas is not installed.
     """

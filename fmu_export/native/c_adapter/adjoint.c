@@ -15,7 +15,7 @@ CoreStatus core_adjoint(Core *core, const unsigned unknowns[], size_t n, const d
     int initial = (s->phase & INITIALIZATION) != 0;
     for (size_t i = 0; i < n; i++) {
         if (unknowns[i] < N_PU || unknowns[i] >= N_VALUES)
-            return core_fail(core, CORE_ERROR, "value reference %lu is no unknown: give outputs or state derivatives",
+            return core_fail(core, CORE_ERROR, "value reference %lu is not an unknown: give outputs or state derivatives",
                              (unsigned long)unknowns[i]);
         if (!isfinite(seed[i])) return core_fail(core, CORE_ERROR, "the seed has entries that are not finite");
         weights[unknowns[i] - N_PU] += seed[i];
@@ -31,7 +31,7 @@ CoreStatus core_adjoint(Core *core, const unsigned unknowns[], size_t n, const d
         else if (known < N_PU) result[i] = sums[N_X + known - N_P];
         else if (state >= 0) result[i] = initial ? 0.0 : sums[state];
         else
-            return core_fail(core, CORE_ERROR, "value reference %lu is no known: give states, inputs or parameters",
+            return core_fail(core, CORE_ERROR, "value reference %lu is not a known: give states, inputs or parameters",
                              (unsigned long)known);
         if (!isfinite(result[i]))
             return core_fail(core, CORE_DISCARD, "t = %.9g s: the adjoint derivative by '%s' is not finite", s->time,

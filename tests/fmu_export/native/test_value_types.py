@@ -292,7 +292,7 @@ def test_start_values_that_are_none_are_refused(folder: Path, tmp_path: Path, li
     lines = [line if old.startswith(f"{name} = ") else old for old in text.splitlines()]
     (resources / "start_values.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
     where = resources.as_uri() if (folder / "sources" / "fmi2.c").exists() else str(resources)
-    with pytest.raises(Refused, match=f"start values can't be read: '{line}' in .* is no 'name = value'"):
+    with pytest.raises(Refused, match=f"start values can't be read: '{line}' in .* is not 'name = value'"):
         Host(folder, resources=where)
 
 

@@ -1,4 +1,4 @@
-"""FMUs whose model description is no XML, hostile XML, or not what the standard has."""
+"""FMUs whose model description is not XML, hostile XML, or not what the standard has."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ DESCRIPTIONS: tuple[Case, ...] = (
     _xml("a description cut off", DESCRIPTION_2[:300], "is not readable as XML"),
     _xml("an element that is not closed", DESCRIPTION_2.replace("</ModelStructure>", ""), "is not readable as XML"),
     _xml("two root elements", DESCRIPTION_2 + "<again/>", "is not readable as XML"),
-    _xml("bytes that are no UTF-8", DESCRIPTION_2.encode().replace(b"Stranger", b"\xff\xfe"), "is not readable as XML"),
+    _xml("bytes that are not UTF-8", DESCRIPTION_2.encode().replace(b"Stranger", b"\xff\xfe"), "is not readable as XML"),
     _xml("a NUL", DESCRIPTION_2.encode().replace(b"Stranger", b"a\0b"), "is not readable as XML"),
     _xml("a control character", DESCRIPTION_2.replace("Stranger", "a\x1b[2Jb"), "is not readable as XML"),
     _xml("a control character by its number", DESCRIPTION_2.replace("Stranger", "&#27;[2J"), "is not readable as XML"),

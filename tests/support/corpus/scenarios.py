@@ -46,7 +46,7 @@ SCENARIOS: tuple[Case, ...] = (
     _toml("a text", "hello\n", "s.toml"),
     _toml("JSON", '{"components": {}}', "s.toml"),
     _toml("zeros", bytes(100), "s.toml"),
-    _toml("bytes that are no UTF-8", b'title = "\xff"\n', "can't be read as TOML"),
+    _toml("bytes that are not UTF-8", b'title = "\xff"\n', "can't be read as TOML"),
     _toml("UTF-16", _PLAIN.encode("utf-16"), "s.toml"),
     _toml("a byte order mark", _PLAIN.encode("utf-8-sig"), ""),
     _toml("5,000 nested lists", "title = " + "[" * 5000 + "]" * 5000, "can't be read as TOML"),

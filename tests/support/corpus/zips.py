@@ -263,7 +263,7 @@ ZIPS: tuple[Case, ...] = (
     _patched("a name of 65,535 bytes", "", (CENTRAL, 28, b"\xff\xff")),
     _patched("an extra field of 65,535 bytes", "", (CENTRAL, 30, b"\xff\xff")),
     _patched(
-        "a name that is no UTF-8",
+        "a name that is not UTF-8",
         "",
         (LOCAL, 6, b"\0\x08"),
         (CENTRAL, 8, b"\0\x08"),
