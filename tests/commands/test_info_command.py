@@ -72,7 +72,7 @@ def test_scenarios_are_listed_and_copied(
     assert main(["scenarios", "--copy", name]) == 0
     assert (tmp_path / f"{name}.toml").read_text().count("[run]") == 1
     assert main(["scenarios", "--copy", name]) == 1
-    assert "is there already" in capsys.readouterr().err
+    assert "already exists" in capsys.readouterr().err
     assert main(["scenarios", "--copy", name, "--to", "mine.toml"]) == 0
     assert (tmp_path / "mine.toml").read_bytes() == (tmp_path / f"{name}.toml").read_bytes()
     assert main(["scenarios", "--copy", "nothing"]) == 1

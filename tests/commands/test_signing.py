@@ -175,10 +175,10 @@ def test_keys_are_kept_and_told_apart(here: Path) -> None:
     for key, what in (("maker", "maker: is a private key"), ("tank.fmu", "tank.fmu: no public key can be read")):
         with pytest.raises(SignatureError, match=what):
             verify(Path("tank.fmu"), [Path(key)])
-    with pytest.raises(SignatureError, match="maker is there already"):
+    with pytest.raises(SignatureError, match="maker already exists"):
         new_key(Path("maker"))
     Path("maker").rename("moved")
-    with pytest.raises(SignatureError, match=r"maker\.pub is there already"):
+    with pytest.raises(SignatureError, match=r"maker\.pub already exists"):
         new_key(Path("maker"))
 
 

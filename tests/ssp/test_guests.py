@@ -223,7 +223,7 @@ def test_prefixes_without_a_namespace_are_given_one(fmus: dict[str, Path], tmp_p
         ("proxyfmu://host:9090?file=gain.fmu", r"it is meant for libcosim's proxies on another machine; give the path"),
         ("proxyfmu://localhost", r"it is meant for libcosim's proxies"),
         ("proxyfmu://localhost?file=none.fmu", r"has no 'none.fmu'; known are"),
-        ("file:///nowhere/gain.fmu", r"there is no file '/nowhere/gain.fmu' for 'file:///nowhere/gain.fmu'; mend"),
+        ("file:///nowhere/gain.fmu", r"there is no file '/nowhere/gain.fmu' for 'file:///nowhere/gain.fmu'; correct"),
         ("file://host/gain.fmu", r"'file://host/gain.fmu' is not a file of this archive"),
         ("C:/models/gain.fmu", r"'C:/models/gain.fmu' is not a file of this archive; sources must be relative"),
         ("../gain.fmu", r"'../gain.fmu' is not a file of this archive"),
@@ -518,7 +518,7 @@ def test_dictionaries_in_files_and_their_names(fmus: dict[str, Path], tmp_path: 
     found = read(archive(tmp_path / "f.ssp", by_file, fmus, **file))
     assert simulate(found.system, 1.0, 0.5)["other/b.length"][-1] == pytest.approx(2000.0)
     for old, new, message in (
-        ('name="signals"', 'name="signale"', r"'deep/bus' refers to a signal dictionary 'signals', which is none; did"),
+        ('name="signals"', 'name="signale"', r"'deep/bus' refers to a signal dictionary 'signals', which does not exist; did"),
         ('DictionaryEntry name="place"', 'DictionaryEntry name="plce"', r"dictionary 'signals' has no signal 'place'"),
     ):
         with pytest.raises(SSPError, match=message):
@@ -610,7 +610,7 @@ def test_a_system_that_has_itself_as_a_component(fmus: dict[str, Path], tmp_path
         read(archive(tmp_path / "c.ssp", text, fmus))
     with pytest.raises(SSPError, match="no system of this description has the id 'x'"):
         read(archive(tmp_path / "d.ssp", description(outer("#x", "x-ssp-definition")), fmus))
-    with pytest.raises(SSPError, match=r"is an FMU by its type, but 'resources/x.ssp' is none; set type"):
+    with pytest.raises(SSPError, match=r"is an FMU by its type, but 'resources/x.ssp' is not one; set type"):
         read(archive(tmp_path / "e.ssp", description(outer("resources/x.ssp", "x-fmu-sharedlibrary")), fmus))
 
 

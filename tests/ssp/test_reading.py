@@ -350,7 +350,7 @@ REFUSED = {
     r"component 'a' is meant for ScheduledExecution": elements(
         component("a", "gain", more=' implementation="ScheduledExecution"')
     ),
-    r"'d' refers to a signal dictionary 'e', which is none; there are none": elements(
+    r"'d' refers to a signal dictionary 'e', which does not exist; there are none": elements(
         '<ssd:SignalDictionaryReference name="d" dictionary="e"/>'
     ),
     r"there are two elements named 'a'": elements(GAIN_A, GAIN_A),
