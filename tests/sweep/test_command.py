@@ -92,7 +92,7 @@ def test_ctrl_c_in_a_terminal_ends_it_in_one_line_and_the_same_command_goes_on(h
     ("arguments", "says"),
     [
         ([], "nothing is varied"),
-        (["--vary", "controller.alpha"], "no factor"),
+        (["--vary", "controller.alpha"], "is not a factor"),
         (["--vary", "controller.alpha=3:1"], "is empty"),
         (["--vary", "controller.alpha=nan,1"], "not a finite number"),
         (["--vary", "controller.alpha=0:1"], "a grid needs levels of controller.alpha"),

@@ -39,9 +39,9 @@ def test_a_factor_is_a_range_levels_or_a_list():
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("a.x", "no factor"),
-        ("=1", "no factor"),
-        ("a.x=", "no factor"),
+        ("a.x", "is not a factor"),
+        ("=1", "is not a factor"),
+        ("a.x=", "is not a factor"),
         ("a.x=one:2", "'one' is not a number"),
         ("a.x=1,,2", "empty value"),
         ("a.x=1,", "empty value"),

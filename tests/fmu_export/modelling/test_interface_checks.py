@@ -203,7 +203,7 @@ def test_outputs_have_no_start_values_to_check() -> None:
         ({"states": 3}, "Tank: states is 3; give a tuple of names of outputs"),
         ({"states": None}, "Tank: states is None; give a tuple"),
         ({"inputs": Variable("u")}, "Tank: inputs is Variable("),
-        ({"inputs": ["u"]}, "Tank: inputs: a Layout is made of Variables, and 'u' is none"),
+        ({"inputs": ["u"]}, "Tank: inputs: a Layout is made of Variables, and 'u' is not one"),
         ({"inputs": [Variable("u"), Variable("u")]}, "Tank: inputs: variable names are not unique: u"),
         ({"outputs": [Variable("level", tunable=True)]}, "Tank: 'level' is not a parameter; only parameters can be"),
         ({"requirements": [lambda t, x, u, p: 1.0]}, "Tank: requirements is "),

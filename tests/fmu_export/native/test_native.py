@@ -1052,7 +1052,7 @@ def test_written_start_values_take_effect(native_fmus: Path, tmp_path: Path, fla
 @BOTH
 @pytest.mark.parametrize(
     ("name", "value", "words"),
-    [("nobody", 1.0, "no parameter 'nobody'"), ("l", -1.0, "outside"), ("X", math.nan, "no finite number"),
+    [("nobody", 1.0, "no parameter 'nobody'"), ("l", -1.0, "outside"), ("X", math.nan, "not a finite number"),
      ("dm", 0.1, "no parameter 'dm'"), ("x_E", 0.1, "no parameter 'x_E'")],
 )  # fmt: skip
 def test_bad_start_values_are_not_written(

@@ -203,7 +203,7 @@ def typed() -> WasmModel:
 def test_what_is_set_is_checked(typed: WasmModel) -> None:
     host = WasmHost(typed)
     assert host.set({"level": 0.5}) == ERROR
-    assert "no value of its type" in host.message
+    assert "not a value of its type" in host.message
     assert host.call("step", 0.0, 0.1) == ERROR
     assert host.message.startswith("step can't be called in this state")
     assert host.call("set", host.given([99], "<u4"), 1, host.given([1.0])) == ERROR
