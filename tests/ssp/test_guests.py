@@ -518,7 +518,11 @@ def test_dictionaries_in_files_and_their_names(fmus: dict[str, Path], tmp_path: 
     found = read(archive(tmp_path / "f.ssp", by_file, fmus, **file))
     assert simulate(found.system, 1.0, 0.5)["other/b.length"][-1] == pytest.approx(2000.0)
     for old, new, message in (
-        ('name="signals"', 'name="signale"', r"'deep/bus' refers to a signal dictionary 'signals', which does not exist; did"),
+        (
+            'name="signals"',
+            'name="signale"',
+            r"'deep/bus' refers to a signal dictionary 'signals', which does not exist; did",
+        ),
         ('DictionaryEntry name="place"', 'DictionaryEntry name="plce"', r"dictionary 'signals' has no signal 'place'"),
     ):
         with pytest.raises(SSPError, match=message):
