@@ -19,7 +19,7 @@ from benchmarks.system import STOP_TIME, disturbed
 from cosim import Results, Simulation
 from fmu_export.native.c_source import c_function
 from fmu_export.native.elementary import declarations, elementary_sources
-from fmu_export.native.runge_kutta import runge_kutta_source
+from fmu_export.native.runge_kutta import LINEAR_INPUTS, runge_kutta_source
 from fmu_export.native.toolchain import compile_library, host_target
 from fmu_export.trace.trace import TracedModel, trace
 from parallel_robot.models import closed_loop_model
@@ -42,7 +42,7 @@ _LOOP = """
 #endif
 
 EXPORT void run(long n, double h, const double p[], const double signals[], const unsigned char jumps[], double *row) {
-    double x[N_X], next[N_X], u[N_U], last[N_U], rate[N_U], y[N_ALL];
+    double x[N_X], next[N_X], u[N_U], last[N_U], rate[N_U], y[N_ALL], stages[3 * N_ALL], middle[N_U], end[N_U];
     double per_second = 1.0 / h;
     loop_initial_state(p, x);
     for (long i = 0; i <= n; i++, row += N_Y) {
@@ -56,7 +56,8 @@ EXPORT void run(long n, double h, const double p[], const double signals[], cons
             rate[j] = jumps[i + 1] ? before : (signals[(i + 1) * N_U + j] - u[j]) * per_second;
             last[j] = u[j];
         }
-        loop_linear_step(t, x, u, p, h, rate, y + N_Y, next);
+        between(u, rate, h, N_U, middle, end);
+        loop_step(t, h, x, middle, end, p, y + N_Y, next, stages);
         memcpy(x, next, sizeof x);
     }
 }
@@ -98,7 +99,7 @@ def _sources(traced: TracedModel) -> dict[str, bytes]:
     head += "".join(f"#define {name} {size}\n" for name, size in sizes.items())
     functions = [c_function(getattr(traced, f), names, "loop") for f, names in arguments.items()]
     functions.append(runge_kutta_source(traced.rates, "loop"))
-    files = {"equations.c": (head + "".join(functions) + _LOOP).encode()}
+    files = {"equations.c": (head + "".join(functions) + LINEAR_INPUTS + _LOOP).encode()}
     return files | elementary_sources(*files.values())
 
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from fmu_export.native.c_source import c_function
 from fmu_export.native.elementary import declarations, elementary_sources
-from fmu_export.native.runge_kutta import runge_kutta_source
+from fmu_export.native.runge_kutta import LINEAR_INPUTS, runge_kutta_source
 from fmu_export.native.toolchain import compile_library, host_target
 from fmu_export.trace.trace import trace
 from parallel_robot.models import MODELS
@@ -49,9 +49,9 @@ _LOOP = """
 
 EXPORT void run(long n, double h, const double p[], const double c[], const double r[], const double signals[],
                 const unsigned char jumps[], double *row) {
-    /* plant: u = tau_a, tau_d, dm; controller: v = theta_a, omega_a, theta_ref, omega_ref, tau_ref */
-    double x[12], x_next[12], psi[2], psi_next[2], u[7], v[15], y[22 + 15], z[5 + 2], w[11];
-    double u_rate[7], v_rate[15], last_u[7], last_v[15];
+    /* plant: u = tau_a, tau_d, dm, dm_rate (0); controller: v = theta_a, omega_a, theta_ref, omega_ref, tau_ref */
+    double x[12], x_next[12], psi[2], psi_next[2], u[8] = {0}, v[15], y[22 + 16], z[5 + 2], w[11];
+    double u_rate[8] = {0}, v_rate[15], last_u[8], last_v[15], stages[3 * 16], middle[15], end[15];
     double per_second = 1.0 / h;
     plant_initial_state(p, x);
     controller_initial_state(c, psi);
@@ -66,7 +66,7 @@ EXPORT void run(long n, double h, const double p[], const double c[], const doub
         for (int j = 0; j < 3; j++) u[j] = z[j];
         AT_POINT(plant, t, x, u, p, y, 22);
         memcpy(row, y, 22 * sizeof *y), memcpy(row + 22, z, 5 * sizeof *z), memcpy(row + 27, w, sizeof w);
-        memcpy(row + 38, u, sizeof u), memcpy(row + 45, v, sizeof v);
+        memcpy(row + 38, u, sizeof u), memcpy(row + 46, v, sizeof v);
         if (i == n) break;
         RATES(v_rate, v, last_v, 15)
         RATES(u_rate, u, last_u, 3)
@@ -75,8 +75,10 @@ EXPORT void run(long n, double h, const double p[], const double c[], const doub
                 u_rate[3 + j] = (signals[4 * (i + 1) + j] - u[3 + j]) * per_second, last_u[3 + j] = u[3 + j];
         else
             for (int j = 3; j < 7; j++) { u_rate[j] = fresh ? 0.0 : (u[j] - last_u[j]) * per_second; last_u[j] = u[j]; }
-        plant_linear_step(t, x, u, p, h, u_rate, y + 22, x_next);
-        controller_linear_step(t, psi, v, c, h, v_rate, z + 5, psi_next);
+        between(u, u_rate, h, 8, middle, end);
+        plant_step(t, h, x, middle, end, p, y + 22, x_next, stages);
+        between(v, v_rate, h, 15, middle, end);
+        controller_step(t, h, psi, middle, end, c, z + 5, psi_next, stages);
         memcpy(x, x_next, sizeof x), memcpy(psi, psi_next, sizeof psi);
     }
 }
@@ -109,7 +111,7 @@ def sources(kind: str) -> dict[str, bytes]:
         files[f"{name}.c"] = (head + "".join(functions)).encode()
         prototypes += [re.search(r"^void .*", f, re.M)[0] + ";\n" for f in functions]
     at_point = f"#define AT_POINT(model, t, x, u, p, y, n) {_AT_POINT[kind]}\n"
-    files["loop.c"] = (_HEAD + at_point + "".join(prototypes) + _LOOP).encode()
+    files["loop.c"] = (_HEAD + at_point + "".join(prototypes) + LINEAR_INPUTS + _LOOP).encode()
     return files | elementary_sources(*files.values())
 
 

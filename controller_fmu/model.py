@@ -148,5 +148,6 @@ MODEL = Model(
     initial_state=initial_state,
     derivatives=derivatives,
     output_values=output_values,
+    solver="rk43",
     default_experiment=DefaultExperiment(stop_time=15.0, step_size=1e-3),
 )

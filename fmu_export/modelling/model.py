@@ -22,13 +22,14 @@ from fmu_export.modelling.variables import Array, Layout, check_unique, number
 #: f(t, x, z, u, p).
 ModelFunction = Callable[..., Array]
 
-#: How the states are integrated in co-simulation: by the classical Runge-Kutta method with a fixed step, by that of
-#: Dormand and Prince with steps that a tolerance allows, or by RODAS, which is implicit, for stiff models.
-Solver = Literal["rk4", "dopri5", "rodas4"]
+#: How the states are integrated in co-simulation: by the classical Runge-Kutta method with a fixed step, by the same
+#: or that of Dormand and Prince with steps that a tolerance allows, or by RODAS, which is implicit, for stiff models.
+Solver = Literal["rk4", "rk43", "dopri5", "rodas4"]
 
 #: Parameters that the exporter adds to models with states, by their solver.
 RESERVED: dict[Solver, tuple[str, ...]] = {
     "rk4": ("max_step",),
+    "rk43": ("rtol", "max_step"),
     "dopri5": ("rtol", "max_step"),
     "rodas4": ("rtol", "max_step"),
 }
@@ -230,9 +231,10 @@ class Model:
         initial_discrete(p) -> (n_z,); by default the start values of `discrete`.
     events : tuple of Event, optional
     sampled : tuple of Sampled, optional
-    solver : {"rk4", "dopri5", "rodas4"}, optional
-        What integrates the states in co-simulation: the classical Runge-Kutta method with fixed steps; that of Dormand
-        and Prince, whose steps a tolerance determines; or RODAS, implicit, with a tolerance too, for stiff models.
+    solver : {"rk4", "rk43", "dopri5", "rodas4"}, optional
+        What integrates the states in co-simulation: the classical Runge-Kutta method with fixed steps; the same, or
+        that of Dormand and Prince, with steps that a tolerance determines; or RODAS, implicit, with a tolerance too,
+        for stiff models.
 
     Raises
     ------

@@ -76,7 +76,7 @@ class ModelClass(_Base):
         Keyword of the class; the first line of its docstring by default.
     start_time, stop_time, step_size : float, optional
         Keywords of the class: the `DefaultExperiment`, of 1 s in steps of 10 ms by default.
-    solver : {"rk4", "dopri5", "rodas4"}, optional
+    solver : {"rk4", "rk43", "dopri5", "rodas4"}, optional
         Keyword of the class: as of `Model`.
 
     Raises

@@ -73,7 +73,8 @@ _INTERFACES = {
 _CORE = ("core.h", "core.c", "types.c", "co_simulation.c")
 _FILES = ("start_values.c", "uri.h", "uri.c")
 _METHODS: dict[Solver, tuple[str, ...]] = {
-    "rk4": ("rk4.c",),
+    "rk4": ("fixed_step.h", "rk4.c"),
+    "rk43": ("adaptive.c", "fixed_step.h", "rk4.c", "rk43.h"),
     "dopri5": ("adaptive.c", "dopri5.c", "dormand_prince.h"),
     "rodas4": ("adaptive.c", "rodas4.c", "sparse_lu.h"),
 }

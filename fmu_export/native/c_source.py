@@ -15,7 +15,7 @@ from fmu_export.native.expressions import SCALARS, Tables, c_string, literal
 from fmu_export.native.hybrid_source import hybrid_calls, hybrid_prototypes, hybrid_sizes, hybrid_tables
 from fmu_export.native.implicit import ImplicitParts, implicit_parts
 from fmu_export.native.loops import loop_statements
-from fmu_export.native.runge_kutta import STEP_PROTOTYPE, runge_kutta_source
+from fmu_export.native.runge_kutta import RUNGE_KUTTA, STEP_PROTOTYPE, runge_kutta_source
 from fmu_export.native.straight_c import straight_statements
 from fmu_export.package.interface import Interface
 from fmu_export.trace.graph import Graph
@@ -114,7 +114,7 @@ def _equations(traced: TracedModel) -> _Equations:
         functions += [implicit.jacobian, implicit.time_derivative]
     tables = Tables()
     parts = [c_function(f, arguments[f.name()], tables=tables) for f in functions]
-    if traced.model.states and solver == "rk4":
+    if traced.model.states and solver in RUNGE_KUTTA:
         parts.append(runge_kutta_source(traced.rates))
     parts += hybrid_calls(traced)
     before = declarations(functions) + "".join(helper.c + "\n" for helper in helpers(functions)) + tables.source()
@@ -178,7 +178,11 @@ def _header(traced: TracedModel, interface: Interface, guid: str, equations: _Eq
             for f in equations.functions
         )
         + hybrid_prototypes(traced)
-        + (f"{STEP_PROTOTYPE.format(prefix='model')};\n" if interface.states and traced.model.solver == "rk4" else "")
+        + (
+            f"{STEP_PROTOTYPE.format(prefix='model')};\n"
+            if interface.states and traced.model.solver in RUNGE_KUTTA
+            else ""
+        )
         + _SHOW
         + "\n#endif\n"
     )
@@ -194,7 +198,7 @@ def _tables(traced: TracedModel, interface: Interface) -> str:
     tunable = "".join(f"{int(v.variability == 'tunable')}, " for v in parameters)
     first_output = interface.n_parameters + interface.n_inputs
     states = ", ".join(str(s - first_output) for s in (*interface.states, first_output))
-    nominals = "".join(f"{literal(interface.variables[i].nominal or 1.0)}, " for i in interface.states)
+    nominals = "".join(f"{literal(nominal)}, " for nominal in interface.nominals)
     guesses = "".join(f"{literal(d.state_start)}, " for d in interface.derivatives)
     starts = "".join(f"{-1 if k is None else k}, " for k in traced.start_parameters())
     state_of = {output: i for i, output in enumerate(interface.states)}

@@ -6,6 +6,7 @@ from typing import Any
 
 from fmu_export.errors import needs
 from fmu_export.modelling.functions import rk4_step
+from fmu_export.modelling.model import Solver
 from fmu_export.trace.operations import template
 from fmu_export.trace.symbols.expressions import as_written
 
@@ -13,12 +14,15 @@ with needs("export"):
     import casadi as ca
 
 
+#: Solvers whose step this is.
+RUNGE_KUTTA: tuple[Solver, ...] = ("rk4", "rk43")
+
 #: Part of the operations of the rates that must be free of the states before all stages stand in one function.
 SHARED = 0.2
 
 
 def runge_kutta_source(rates: ca.Function, prefix: str = "model") -> str:
-    """C source of `<prefix>_linear_step`, which calls `<prefix>_rates`.
+    """C source of `<prefix>_step`, which calls `<prefix>_rates` and gives those of its stages, too.
 
     The stages are those of `rk4_step`, which runs here for one state and one input, with derivatives that only record
     what they are asked for: operations and their order are those of a step that is traced as a whole.
@@ -30,7 +34,7 @@ def runge_kutta_source(rates: ca.Function, prefix: str = "model") -> str:
     prefix : str, optional
         What the names of the functions begin with.
     """
-    n_x, n_u, n_rates = rates.numel_in(1), rates.numel_in(2), rates.numel_out(0)
+    n_x, n_rates = rates.numel_in(1), rates.numel_out(0)
     t, x, u, h, u_rate, k1 = (ca.SX.sym(name) for name in ("t", "x", "u", "h", "u_rate", "k1"))
     stages: list[tuple[Any, Any, Any, ca.SX]] = []
 
@@ -40,34 +44,36 @@ def runge_kutta_source(rates: ca.Function, prefix: str = "model") -> str:
 
     with as_written():
         end = rk4_step(derivatives, t, x, u, None, h, u_rate, k1)
-    places = {"t": "t", "h": "h", "x": "x[i]", "u": "u[i]", "u_rate": "u_rate[i]", "k1": "k1[i]"}
+    places = {"t": "t", "h": "h", "x": "x[i]", "k1": "k1[i]"}
     places |= {str(k): f"{k}[i]" for *_, k in stages}
 
     def loop(n: int, target: str, value: ca.SX) -> str:
         return f"    for (int i = 0; i < {n}; i++) {target}[i] = {_expression(value, places)};\n"
 
-    lines, inputs_are = "", None
+    lines = ""
+    middle, *_, last = (str(inputs) for _, _, inputs, _ in stages)
+    inputs_at = {middle: "u_middle", last: "u_end"}
     for time, state, inputs, k in stages:
-        if n_u and str(inputs) != inputs_are:
-            lines += loop(n_u, "stage_u", inputs)
-        inputs_are = str(inputs)
         lines += loop(n_x, "stage_x", state)
-        lines += f"    {prefix}_rates({_expression(time, places)}, stage_x, stage_u, p, {k});\n"
-    results = ", ".join(f"{k}[{n_rates}]" for *_, k in stages)
+        lines += f"    {prefix}_rates({_expression(time, places)}, stage_x, {inputs_at[str(inputs)]}, p, {k});\n"
+    results = ", ".join(f"*{k} = stages + {i * n_rates}" for i, (*_, k) in enumerate(stages))
     return (
         (_FLATTEN if _part_without_states(rates) > SHARED else "") + f"{STEP_PROTOTYPE.format(prefix=prefix)}\n{{\n"
-        f"    double stage_x[{n_x}], stage_u[{max(n_u, 1)}], {results};\n"
-        + ("" if n_u else "    (void)u, (void)u_rate, (void)stage_u;\n")
-        + lines
-        + loop(n_x, "y", end)
-        + "}\n"
+        f"    double stage_x[{n_x}], {results};\n" + lines + loop(n_x, "y", end) + "}\n"
     )
 
 
-#: How C declares the function.
+#: C of the inputs in the middle and at the end of a step, where they are linear, for callers of the function.
+LINEAR_INPUTS = """
+static void between(const double *u, const double *u_rate, double h, int n, double *middle, double *end) {
+    for (int j = 0; j < n; j++) middle[j] = u[j] + h / 2.0 * u_rate[j], end[j] = u[j] + h * u_rate[j];
+}
+"""
+
+#: How C declares the function. Results are nothing that is read, or what stages share would be computed again.
 STEP_PROTOTYPE = (
-    "void {prefix}_linear_step(double t, const double *x, const double *u, const double *p, double h, "
-    "const double *u_rate, const double *k1, double *y)"
+    "void {prefix}_step(double t, double h, const double *x, const double *u_middle, const double *u_end, "
+    "const double *p, const double *k1, double *restrict y, double *restrict stages)"
 )
 
 

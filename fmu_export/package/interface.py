@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from fmu_export.errors import TraceError
+from fmu_export.modelling.model import Model
 from fmu_export.modelling.units import rate_unit
 from fmu_export.modelling.variables import Layout, Type, Variable
 
@@ -30,6 +31,17 @@ ADAPTIVE = (
         max=0.1,
     ),
     Variable("max_step", "s", "Largest step of the internal integration", start=1e300, min=1e-9),
+)
+
+#: The same for a method that can do without.
+ADAPTIVE_OR_FIXED = (
+    replace(
+        ADAPTIVE[0],
+        description=f"{ADAPTIVE[0].description}; 0: steps are the communication step, or equal parts of it",
+        start=1e-5,
+        min=0.0,
+    ),
+    ADAPTIVE[1],
 )
 
 
@@ -127,6 +139,11 @@ class Interface:
     arrays: bool = False
 
     @property
+    def nominals(self) -> tuple[float, ...]:
+        """Nominal values of the states."""
+        return tuple(self.variables[i].nominal or 1.0 for i in self.states)
+
+    @property
     def entries(self) -> tuple[Entry, ...]:
         """The variables of the model description without state derivatives, time and indicators."""
         if self.arrays:
@@ -167,6 +184,13 @@ class Interface:
         return sum(v.causality == "output" for v in self.variables)
 
 
+def _numerics(model: Model) -> tuple[Variable, ...]:
+    """The parameters that its solver adds to a model."""
+    if not model.states:
+        return (MAX_STEP,) if model.events else ()
+    return {"rk4": (MAX_STEP,), "rk43": ADAPTIVE_OR_FIXED}.get(model.solver, ADAPTIVE)
+
+
 def interface_of(traced: TracedModel) -> Interface:
     """Flatten the declared variables of a model and find the structure of its outputs in its expression graphs.
 
@@ -178,9 +202,7 @@ def interface_of(traced: TracedModel) -> Interface:
     """
     model = traced.model
     _check_tunables(traced)
-    integrated = bool(model.states)
-    numerics = ADAPTIVE if integrated and model.solver != "rk4" else (MAX_STEP,) if integrated or model.events else ()
-    parameters = Layout((*model.parameters.variables, *numerics))
+    parameters = Layout((*model.parameters.variables, *_numerics(model)))
     variables = [
         *_flatten(parameters, "parameter"),
         *_flatten(model.inputs, "input"),

@@ -21,13 +21,14 @@ import numpy as np
 
 from fmu_export.errors import ArgumentError, DocumentationError
 from fmu_export.modelling.functions import rk4_step
-from fmu_export.modelling.model import Model
+from fmu_export.modelling.internal_steps import InternalSteps, TooManySteps
+from fmu_export.modelling.model import Model, Solver
 from fmu_export.modelling.names import check_text
 from fmu_export.modelling.variables import Array, Layout
 from fmu_export.package.archive import write_archive
 from fmu_export.package.description_common import to_bytes
-from fmu_export.package.evaluation import functions_of
-from fmu_export.package.interface import Interface, text_of
+from fmu_export.package.evaluation import Functions, functions_of
+from fmu_export.package.interface import ADAPTIVE_OR_FIXED, Interface, text_of
 
 FOLDER = "extra/org.fmi-standard.fmi-ls-ref"
 
@@ -36,6 +37,9 @@ _SSV = "http://ssp-standard.org/SSP1/SystemStructureParameterValues"
 
 #: A run that nobody has asked for is kept short: communication steps, and integration steps of a fixed length.
 _MOST_ROWS, _MOST_STEPS = 50, 100
+
+#: Solvers whose steps are made here.
+_BY_EQUATIONS: tuple[Solver, ...] = ("rk4", "rk43")
 
 #: Relative tolerance of an importer's solver that comes as near as the steps of the FMU.
 _TOLERANCE = "1e-09"
@@ -108,7 +112,7 @@ def reference_members(
         None for `FROM_START_VALUES`, and for no members at all where the model does not run from there.
     archive : mapping, optional
         The members that there are so far, with a library for this machine: they are run for models with events and
-        for other solvers than "rk4", whose results are not computed here.
+        for other solvers than "rk4" and "rk43", whose results are not computed here.
     unchecked : bool, optional
         Whether the traced equations were not compared with what numpy computes.
 
@@ -189,7 +193,7 @@ def _grid(
 def _internal_steps(model: Model, interface: Interface, step: float) -> int:
     """Number of steps of the Runge-Kutta method in a communication step, as the FMU has it."""
     longest = next((v.start for v in interface.variables if v.name == "max_step"), None)
-    if longest is None or model.solver != "rk4":
+    if longest is None or model.solver not in _BY_EQUATIONS:
         return 1
     return max(1, math.ceil(step / longest - 1e-6))
 
@@ -206,9 +210,9 @@ def _run(
     unchecked: bool,
 ) -> _Run | None:
     """The run; None where it can't be made here."""
-    if model.is_continuous and model.solver == "rk4":
+    if model.is_continuous and model.solver in _BY_EQUATIONS:
         internal = _internal_steps(model, interface, grid[1])
-        run = _by_equations(model, tuple(u.tolist()), tuple(p.tolist()), grid, internal, unchecked)
+        run = _by_equations(model, tuple(u.tolist()), tuple(p.tolist()), grid, internal, interface.nominals, unchecked)
     elif archive is None:
         return None
     else:
@@ -225,6 +229,7 @@ def _by_equations(
     p: tuple[float, ...],
     grid: tuple[float, float, int],
     internal: int,
+    nominals: tuple[float, ...],
     unchecked: bool,
 ) -> _Run:
     """The run without the FMU, with the steps that the FMU makes."""
@@ -237,19 +242,56 @@ def _by_equations(
             if requirement.at == at and not requirement.margin(time, x, inputs, parameters) > 0.0:
                 raise DocumentationError(f"{model.name}: reference: t = {time:.9g} s: {requirement.message}")
 
+    with_estimate = _steps_with_estimate(model, functions, inputs, parameters, step, nominals)
     with np.errstate(all="ignore"):
         holds(start, np.empty(0), "start")
         x = functions.initial_state(parameters)
         times, outputs = [start], [functions.outputs(start, x, inputs, parameters)]
         h = step / internal
         for row in range(1, rows + 1):
-            for i in range(internal if model.states else 0):
+            if model.solver == "rk43":
+                holds(times[-1], x, "step")
+                x = with_estimate(times[-1], x)
+            for i in range(internal if model.states and model.solver == "rk4" else 0):
                 time = times[-1] + i * h
                 holds(time, x, "step")
                 x = rk4_step(functions.derivatives, time, x, inputs, parameters, h)
             times.append(start + row * step)
             outputs.append(functions.outputs(times[-1], x, inputs, parameters))
     return _Run(np.array(times), np.array(outputs, dtype=float).reshape(rows + 1, len(model.outputs)))
+
+
+def _steps_with_estimate(
+    model: Model, functions: Functions, u: Array, p: Array, step: float, nominals: tuple[float, ...]
+) -> Callable[[float, Array], Array]:
+    """A function (t, x) -> states a communication step later, in the internal steps of rk43."""
+    steps = InternalSteps()
+    rtol, max_step = (v.start for v in ADAPTIVE_OR_FIXED)
+
+    def tried(t: float, x: list[float], h: float) -> list[float]:
+        stages: list[Array] = []
+
+        def derivatives(*arguments: Any) -> Array:
+            stages.append(functions.derivatives(*arguments))
+            return stages[-1]
+
+        end = rk4_step(derivatives, t, np.array(x), u, p, h)
+        found: list[float] = np.concatenate([end, *stages]).tolist()
+        return found
+
+    def rates(t: float, x: list[float]) -> list[float]:
+        if not all(r.margin(t, np.array(x), u, p) > 0.0 for r in model.requirements if r.at == "step"):
+            raise ValueError
+        found: list[float] = functions.derivatives(t, np.array(x), u, p).tolist()
+        return found
+
+    def advanced(t: float, x: Array) -> Array:
+        try:
+            return np.array(steps.advance(tried, rates, x.tolist(), (t, step), (rtol, max_step), nominals))
+        except TooManySteps as error:
+            raise DocumentationError(f"{model.name}: reference: {error}") from None
+
+    return advanced
 
 
 def _by_fmu(
@@ -324,7 +366,7 @@ def _members(
     start, stop, step = times
     experiments = ET.Element("Experiments", name=f"Smoke tests of {model.name}")
     experiment = ET.SubElement(experiments, "Experiment", name=reference.name, description=reference.description)
-    if model.states and model.is_continuous and model.solver == "rk4":  # for solvers of importers, in model exchange
+    if model.states and model.is_continuous and model.solver in _BY_EQUATIONS:  # for importers' solvers
         experiment.set("tolerance", _TOLERANCE)
     ET.SubElement(experiment, "TransientSimulation", startTime=repr(start), stopTime=repr(stop), stepSize=repr(step))
     related = [("application/x-ma-hs-experiments", "experiments.exp", "experiment/smoke-test", reference.description)]

@@ -11,11 +11,13 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping
 from importlib.metadata import version
+from importlib.resources import files
 from os import PathLike
 from pathlib import Path
 
+from fmu_export import modelling
 from fmu_export.errors import ArgumentError
-from fmu_export.modelling.model import Model
+from fmu_export.modelling.model import Model, Solver
 from fmu_export.modelling.model_class import AnyModel, flat_model
 from fmu_export.package.archive import write_archive
 from fmu_export.package.bill_of_materials import bill_of_materials
@@ -41,7 +43,7 @@ _ENTRY = '''"""Entry of the FMU {name}; generated, do not edit."""
 
 import ctypes
 
-from {package} import equations, interface
+from {package} import {modules}
 from {package}.slave import Fmi2Slave
 
 # pythonfmu 0.7.0 runs this file at every instantiation and then drops a reference to this dictionary that it does not
@@ -50,9 +52,9 @@ ctypes.pythonapi.Py_IncRef(ctypes.py_object(globals()))
 
 
 class {name}(Fmi2Slave):
-    equations = equations
-    interface = interface
 '''
+
+_SOLVERS = ("rk4", "rk43")
 
 #: The traced functions that the slave calls, with their arguments.
 _ARGUMENTS = {
@@ -62,6 +64,12 @@ _ARGUMENTS = {
     "start_margins": ("p",),
     "step_margins": ("t", "x", "u", "p"),
 }
+
+#: Those that a solver calls besides.
+_ARGUMENTS_OF: dict[Solver, dict[str, tuple[str, ...]]] = {"rk43": {"derivatives": ("t", "x", "u", "p")}}
+
+#: Modules that the class of a solver has besides `equations` and `interface`.
+_MODULES_OF: dict[Solver, tuple[str, ...]] = {"rk43": ("internal_steps",)}
 
 
 def build_pythonfmu(
@@ -98,7 +106,7 @@ def build_pythonfmu(
         A figure of the page is missing, an equation can't be typeset, or the reference run can't be made or is not
         finite.
     ArgumentError
-        The model has discrete states, events or variables that are no reals, or another solver than "rk4".
+        The model has discrete states, events or variables that are no reals, or another solver than "rk4" and "rk43".
     TraceError
         The model can't be traced, or its trace computes something else than numpy.
     OSError
@@ -112,10 +120,10 @@ def build_pythonfmu(
             f"{model.name}: the pythonfmu flavour takes continuous models, without discrete states and events; build "
             "an FMU with build_native"
         )
-    if model.solver != "rk4":
+    if model.solver not in _SOLVERS:
         raise ArgumentError(
-            f"{model.name}: the pythonfmu flavour has no solver {model.solver!r}, only 'rk4'; build an FMU with "
-            "build_native"
+            f"{model.name}: the pythonfmu flavour has no solver {model.solver!r}, only 'rk4' and 'rk43'; build "
+            "an FMU with build_native"
         )
     layouts = (model.parameters, model.inputs, model.outputs, model.locals)
     if typed := [v for layout in layouts for v in layout.variables if v.type != "real"]:
@@ -128,7 +136,8 @@ def build_pythonfmu(
     # without its guid the description holds nothing that depends on the fingerprint
     unstamped = _description(model, interface, "", unchecked, metadata)
     modules = _modules(traced, interface)
-    digest = hashlib.sha256(unstamped + _ENTRY.encode())
+    entry_source = _entry_source(model.solver)
+    digest = hashlib.sha256(unstamped + entry_source.encode())
     for name in sorted(modules):
         digest.update(name.encode() + modules[name])
     fingerprint = digest.hexdigest()
@@ -139,7 +148,7 @@ def build_pythonfmu(
     members = {
         "modelDescription.xml": _description(model, interface, _guid(fingerprint), unchecked, metadata),
         "resources/slavemodule.txt": entry.encode(),
-        f"resources/{entry}.py": _ENTRY.format(name=model.name, package=package).encode(),
+        f"resources/{entry}.py": entry_source.format(name=model.name, package=package).encode(),
         **{f"resources/{package}/{name}": source for name, source in modules.items()},
         MEMBER: start_values_text(interface),
         **binaries(model.name),
@@ -168,14 +177,22 @@ def _guid(fingerprint: str) -> str:
 
 
 def _modules(traced: TracedModel, interface: Interface) -> dict[str, bytes]:
-    functions = [(getattr(traced, name), arguments) for name, arguments in _ARGUMENTS.items()]
-    slave = Path(__file__).with_name("slave.py").read_text(encoding="utf-8")
+    solver = traced.model.solver
+    arguments_of = _ARGUMENTS | _ARGUMENTS_OF.get(solver, {})
+    functions = [(getattr(traced, name), arguments) for name, arguments in arguments_of.items()]
     return {
         "__init__.py": b"",
         "equations.py": python_source(functions, traced.tables).encode(),
         "interface.py": _interface_source(traced.model, interface).encode(),
-        "slave.py": slave.encode(),
+        "slave.py": Path(__file__).with_name("slave.py").read_text(encoding="utf-8").encode(),
+        **{f"{name}.py": files(modelling).joinpath(f"{name}.py").read_bytes() for name in _MODULES_OF.get(solver, ())},
     }
+
+
+def _entry_source(solver: Solver) -> str:
+    """The entry module, but for names."""
+    modules = ("equations", "interface", *_MODULES_OF.get(solver, ()))
+    return _ENTRY.replace("{modules}", ", ".join(modules)) + "".join(f"    {name} = {name}\n" for name in modules)
 
 
 def _interface_source(model: Model, interface: Interface) -> str:
@@ -192,5 +209,6 @@ def _interface_source(model: Model, interface: Interface) -> str:
         f"LIMITS = {limits!r}\n"
         f"TUNABLE = {tuple(i for i, v in enumerate(parameters) if v.variability == 'tunable')!r}\n"
         f"START_REQUIREMENTS = {tuple(r.message for r in model.requirements if r.at == 'start')!r}\n"
+        f"NOMINALS = {interface.nominals!r}\n"
         f"STEP_REQUIREMENTS = {tuple(r.message for r in model.requirements if r.at == 'step')!r}\n"
     )

@@ -96,12 +96,14 @@ def _allowed(phases: Phase) -> Callable[[Any], Any]:
 class Fmi2Slave:
     """A model behind pythonfmu's binary, which looks for a class of just this name among the bases.
 
-    A subclass sets `equations` and `interface`, the two modules generated from the model. The values of all variables
+    A subclass sets `equations` and `interface`, the two modules generated from the model, and for a solver that chooses
+    its internal steps `internal_steps`, the module that does. The values of all variables
     stand in one list, parameters first, then inputs, then outputs; a value reference is a position in it.
     """
 
     equations: Any
     interface: Any
+    internal_steps: Any = None
 
     def __init__(self, **arguments: Any) -> None:
         self.log_queue: list[LogMessage] = []
@@ -121,6 +123,8 @@ class Fmi2Slave:
         self._outputs_valid = False
         self._tuned = False  # parameters were set since they were checked
         self._arrived = False  # nothing was set since the last step
+        self._steps = self.internal_steps.InternalSteps() if self.internal_steps else None
+        self._tolerance = 0.0  # of the importer, 0 if it gives none
         self._refusal: str | None = None
         self._getters: dict[tuple[int, ...], tuple[Any, bool]] = {}
         try:
@@ -149,12 +153,16 @@ class Fmi2Slave:
     # Life cycle
 
     @_allowed(Phase.INSTANTIATED)
-    def setup_experiment(self, start_time: float, stop_time: float | None, tolerance: float | None) -> None:  # noqa: ARG002
-        """Take the start time, and the stop time if there is one (s)."""
+    def setup_experiment(self, start_time: float, stop_time: float | None, tolerance: float | None) -> None:
+        """Take the start time, and if there are these the stop time (s) and the relative tolerance."""
         if not isfinite(start_time):
             raise SlaveError(f"start time {start_time} is not a finite number")
         if stop_time is not None and isnan(stop_time):
             raise SlaveError(f"stop time {stop_time} is not a number")
+        if self._steps and tolerance is not None:
+            if not tolerance > 0.0:
+                raise SlaveError(f"the relative tolerance {tolerance!r} is not positive; leave it undefined")
+            self._tolerance = min(tolerance, self.interface.LIMITS[-2][1])
         self._time = start_time
         self._stop = inf if stop_time is None else stop_time
         self._outputs_valid = False
@@ -211,11 +219,8 @@ class Fmi2Slave:
     def _integrate(self, time: float, h: float) -> None:
         self._check_step(time)
         x, u, p = self._x, self._inputs, self._parameters
-        n = self._internal_steps(h)
-        step = self.equations.step
         if x:
-            for i in range(n):
-                x = step(time + i * (h / n), x, u, p, h / n)
+            x = self._stepped(time, h, x, u, p)
             if not all(map(isfinite, x)):
                 raise SlaveError(
                     "the state is no longer finite; reduce the step, max_step or the inputs, or build a stiff model by "
@@ -224,9 +229,36 @@ class Fmi2Slave:
         self._x, self._time = x, time + h
         self._outputs_valid, self._arrived = False, True
 
+    def _stepped(self, time: float, h: float, x: list[float], u: list[float], p: list[float]) -> list[float]:
+        """States after a communication step."""
+        n, step = len(x), self.equations.step
+        if not self._steps or not p[-2]:
+            parts = self._internal_steps(h)
+            for i in range(parts):
+                x = step(time + i * (h / parts), x, u, p, h / parts)[:n]
+            return x
+
+        def rates(at: float, states: list[float]) -> list[float]:
+            margins = self.equations.step_margins(at, states, u, p)
+            if not all(margin > 0.0 for margin in margins):
+                raise ValueError
+            found: list[float] = self.equations.derivatives(at, states, u, p)
+            return found
+
+        try:
+            after: list[float] = self._steps.advance(
+                lambda at, states, length: step(at, states, u, p, length),
+                rates,
+                x,
+                (time, h),
+                (self._tolerance or p[-2], p[-1]),
+                self.interface.NOMINALS,
+            )
+            return after
+        except self.internal_steps.TooManySteps as error:
+            raise SlaveError(f"{error}; reduce the step, max_step or the inputs, or set rtol higher") from None
+
     def _internal_steps(self, h: float) -> int:
-        if not self._x:
-            return 1
         max_step: float = self._values[self._n_p - 1]
         n = h / max_step
         if n > MOST_INTERNAL_STEPS:
@@ -388,6 +420,8 @@ class Fmi2Slave:
             "tuned": self._tuned,
             "arrived": self._arrived,
             "refusal": self._refusal,
+            "tolerance": self._tolerance,
+            "steps": dict(vars(self._steps)) if self._steps else {},
         }
 
     @_allowed(_ANY)
@@ -402,6 +436,9 @@ class Fmi2Slave:
         self._tuned = state["tuned"]
         self._arrived = state["arrived"]
         self._refusal = state["refusal"]
+        self._tolerance = state["tolerance"]
+        if self._steps:
+            vars(self._steps).update(state["steps"])
 
     @staticmethod
     def _fmu_state_to_bytes(state: dict[str, Any]) -> bytes:

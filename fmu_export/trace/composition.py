@@ -51,7 +51,7 @@ def compose(
         inputs of the whole.
     default_experiment : DefaultExperiment
         Of the whole.
-    solver : {"rk4", "dopri5", "rodas4"}, optional
+    solver : {"rk4", "rk43", "dopri5", "rodas4"}, optional
         What integrates the whole; by default what integrates all of its components that have states.
 
     Returns

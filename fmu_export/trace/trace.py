@@ -91,15 +91,19 @@ class TracedModel:
 
     @cached_property
     def step(self) -> ca.Function:
-        """A Runge-Kutta step with constant inputs; all stages in one graph."""
+        """A Runge-Kutta step with constant inputs, all stages in one graph; for "rk43" also their derivatives."""
+        stages = []
 
         def derivatives(*arguments: Any) -> Any:
             with as_written():
-                return self.derivatives(*arguments)
+                stages.append(self.derivatives(*arguments))
+            return stages[-1]
 
         arguments = [*self.derivatives.sx_in(), ca.SX.sym("h")]
         with as_written():
-            return ca.Function("step", arguments, [ca.densify(ca.cse(rk4_step(derivatives, *arguments)))])
+            end = rk4_step(derivatives, *arguments)
+            results = ca.vertcat(end, *stages) if self.model.solver == "rk43" else end
+            return ca.Function("step", arguments, [ca.densify(ca.cse(results))])
 
     @property
     def rates_depend_on_time(self) -> bool:

@@ -80,7 +80,7 @@ def test_model_page_gives_every_variable_with_its_unit_and_start(component: str)
     model, compared = MODELS[component], 0
     variables = [v for layout in (model.inputs, model.outputs, model.parameters) for v in layout.variables]
     names = {v.name if v.size is None else f"{v.name}[1..{v.size}]": v for v in variables}
-    assert set(page) == {*names, *(["max_step"] if model.states else [])}
+    assert set(page) == {*names, *(["rtol", "max_step"] if model.states else [])}
     for name, v in names.items():
         unit, start = page[name]
         assert unit == v.unit, name

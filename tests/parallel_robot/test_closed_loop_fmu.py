@@ -51,7 +51,7 @@ def path() -> np.ndarray:
 def whole(folder: Path, flavour: str = "fmi2", step: float = 1e-3, **start: float) -> Results:
     system = System()
     system.add("loop", fmu_path(folder, flavour, CLOSED_LOOP), {"plant.tau_d": TAU_D, "plant.dm": DM, **start})
-    return simulate(system, STOP_TIME, step)
+    return simulate(system, STOP_TIME, step, tolerance=1e-9)
 
 
 def ends(results: Results, prefix: str = "", every: float = 24e-3) -> np.ndarray:

@@ -94,7 +94,7 @@ def test_rk4_has_order_4(robot_fmus: Path) -> None:
 
     def end(step: float) -> np.ndarray:
         system = System()
-        start = {"tau_a": [0.5, -0.3, 0.4], "tau_d": 0.0, "dm": 0.0, "max_step": step}
+        start = {"tau_a": [0.5, -0.3, 0.4], "tau_d": 0.0, "dm": 0.0, "rtol": 0.0, "max_step": step}
         system.add("plant", robot_fmus / DEFAULT_FLAVOUR / "RobotPlant.fmu", start=start)
         results = simulate(system, 0.64, 0.64, record=["plant.x_E", "plant.y_E"], extrapolation="hold")
         return results.values[-1]

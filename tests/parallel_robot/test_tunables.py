@@ -147,6 +147,7 @@ def folder(robot_fmus: Path, native_fmus: Path) -> dict[str, Path]:
 def system_of(folder: Mapping[str, Path], flavour: str, max_step: float = 1e-3) -> System:
     scenario = load_scenario("tracking-undisturbed")
     for component in ("plant", "controller"):
+        scenario = scenario.with_start_value(component, "rtol", 0.0)
         scenario = scenario.with_start_value(component, "max_step", max_step)
     return scenario.system(folder[flavour], flavour)
 

@@ -199,11 +199,11 @@ CASES = [
     Misuse("nan step", lambda h: h.run_up().step(0.0, NAN), "communication step -?nan"),
     Misuse("infinite step", lambda h: h.run_up().step(0.0, INF), "communication step inf"),
     Misuse("nan time", lambda h: h.run_up().step(NAN, 1e-3), "-?nan"),
-    Misuse("huge step", lambda h: h.run_up().step(0.0, 1e9), "1e.12 internal steps.*max_step", DISCARD),
+    Misuse("huge step", lambda h: h.run_up().step(0.0, 1e9), "more than 1000000 internal steps.*max_step", DISCARD),
     Misuse(
         "huge torque",
         lambda h: h.run_up().set({"tau_a[1]": 1e300}) or h.step(0.0, 1.0),
-        "no longer finite.*reduce",
+        "the loop closure is lost|the derivatives are not finite",
         DISCARD,
     ),
     Misuse(

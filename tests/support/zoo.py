@@ -127,12 +127,13 @@ def _steps(traced: TracedModel, prefix: str, u: np.ndarray, p: np.ndarray) -> st
     """A second of steps of 1 ms under constant inputs."""
     n, n_rates = traced.rates.numel_in(1), traced.rates.numel_out(0)
     return f"""    {{
-        static double p[] = {_array(p)}, u[] = {_array(u)}, rate[{max(len(u), 1)}], x[{n}], next[{n}], k[{n_rates}];
+        static double p[] = {_array(p)}, u[] = {_array(u)}, x[{n}], next[{n}];
+        static double k[{n_rates}], stages[{3 * n_rates}];
         uint64_t hash = 14695981039346656037u;
         {prefix}_initial_state(p, x);
         for (int i = 0; i < 1000; i++) {{
             {prefix}_rates(i * 1e-3, x, u, p, k);
-            {prefix}_linear_step(i * 1e-3, x, u, p, 1e-3, rate, k, next);
+            {prefix}_step(i * 1e-3, 1e-3, x, u, u, p, k, next, stages);
             memcpy(x, next, sizeof x);
             hash = digest(hash, x, {n});
         }}

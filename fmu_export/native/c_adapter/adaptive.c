@@ -14,8 +14,13 @@
 #define LEAST_STEP 1e-15
 
 /* Of the tolerance, what one step may use: errors of many steps add up, and grow where solutions part. With this share
- * the sum stays below the tolerance for models that forget, as most stiff ones. */
+ * the sum stays below the tolerance for models that forget, as most stiff ones. What rk43 estimates is of a lower order than
+ * the error of its step, which is a small share of it. */
+#ifdef SOLVER_RK43
+#define SHARE 0.25
+#else
 #define SHARE 0.02
+#endif
 
 /* Errors below this are no reason for longer steps. */
 #define LEAST_ERROR 1e-4
@@ -49,14 +54,18 @@ int core_usable_rates(Core *core, double time, const double x[], const double u[
     return core->violated < 0 && core_all_finite(rates, N_X);
 }
 
+#ifdef SOLVER_RK43
+#define first_size(core, x, rates, longest) (longest) /* which is tried: most communication steps are short enough */
+#else
 /* A first step so short that an explicit Euler step would change the states by a hundredth. */
 static double first_size(const Core *core, const double x[], const double rates[], double longest) {
     double size = core_scaled(core, x, x, x), speed = core_scaled(core, rates, x, x);
     double h = 0.01 * (size > 1.0 ? size : 1.0) / speed;
     return h < longest ? h : longest;
 }
+#endif
 
-#ifndef SOLVER_DOPRI5 /* whose stages have the inputs of their times */
+#ifdef SOLVER_RODAS4 /* the stages of other methods have the inputs of their times */
 /* Add what the inputs inside a step change that are not linear between its ends, by Simpson's rule; its size. */
 static double correct_for_inputs(Core *core, double time, double h, const double x[], double next[], const double u[],
                                  const double u_rate[], const double u_middle[]) {
@@ -80,7 +89,7 @@ static CoreStatus try_step(Core *core, double time, double h, const double x[], 
     CoreStatus status = method_step(core, time, h, x, u, u_rate, rates, next, error);
     if (status != CORE_OK) return status;
     if (!(*error > 1.0) && !core_all_finite(next, N_X)) *error = NAN;
-#ifndef SOLVER_DOPRI5
+#ifdef SOLVER_RODAS4
     if (core->curved && *error <= 1.0) {
         double of_inputs = correct_for_inputs(core, time, h, x, next, u, u_rate, core->u_at[0]);
         if (!(of_inputs <= *error)) *error = of_inputs;
@@ -181,7 +190,7 @@ static CoreStatus integrate(Core *core, double time, double *length, double next
     return CORE_OK;
 }
 
-CoreStatus core_integrate(Core *core, double time, double *length, double next[]) {
+CoreStatus core_integrate_adaptive(Core *core, double time, double *length, double next[]) {
     CoreState *s = &core->state;
     double before = s->time, u[N_U + 1], u_rate[N_U + 1];
     memcpy(u, INPUTS(core), N_U * sizeof *u);

@@ -302,7 +302,8 @@ static CoreStatus compute(Core *core, int which) {
         if (status != CORE_OK) return status;
         return core_fail(core, CORE_ERROR, "outputs at t = %.9g s are not finite; check the inputs", s->time);
     }
-    if (s->arrived && which == OUTPUTS_VALID) { /* where a step ends that broke a requirement, as the next one would find */
+    if (s->arrived &&
+        which == OUTPUTS_VALID) { /* where a step ends that broke a requirement, as the next one would find */
         status = core_check_margins(core, s->time, RATES(core) + N_X, CORE_ERROR);
         if (status != CORE_OK) return status;
     }

@@ -59,6 +59,9 @@ typedef struct {
     double proposed; /* length of the next step, 0 before the first one */
     double size;     /* of the last step, 0 if that is no guide */
     double error;    /* of the last step */
+#ifdef SOLVER_RK43
+    double passed_over; /* steps since the last one with an estimate */
+#endif
 } StepControl;
 #endif
 
@@ -124,7 +127,11 @@ typedef struct {
 #endif
 #if ADAPTIVE /* of the step that is being tried */
     int violated; /* requirement that forbids the end of the step, -1 for none */
+#ifndef SOLVER_RK43
     double stages[7][N_X]; /* of the method; on the stack of a small thread there may be no room */
+#else
+    double stages[3][N_X + N_STEP_REQUIREMENTS];
+#endif
 #endif
 #ifdef SOLVER_DOPRI5
     double arrival[N_X + N_STEP_REQUIREMENTS + 1]; /* derivatives and margins at its end */
@@ -275,15 +282,15 @@ static inline void core_arrive_with_inputs(Core *core, double time, double to_ev
 }
 
 /* One step of length h of the integration method, from `x` at `time`, where the inputs are `u` and change at `u_rate`, or as
- * core_ask_over found, and the state derivatives are `rates`, to `next`. `error` gets the estimated error, at most 1 for a step that may be
- * accepted; 0 for a method without estimate. */
+ * core_ask_over found, and the state derivatives are `rates`, to `next`. `error`, unless it is NULL, gets the estimated error, at most 1 for a
+ * step that may be accepted. */
 CoreStatus method_step(Core *core, double time, double h, const double x[], const double u[], const double u_rate[],
                        const double rates[], double next[], double *error);
 
 #if ADAPTIVE
 /* From the states at `time` to `next`, in internal steps that the tolerance allows; *length becomes shorter where an event
  * happens. */
-CoreStatus core_integrate(Core *core, double time, double *length, double next[]);
+CoreStatus core_integrate_adaptive(Core *core, double time, double *length, double next[]);
 
 /* The largest of v, where that is 1 which the tolerance allows for a step from `x` to `next`. */
 double core_scaled(const Core *core, const double v[], const double x[], const double next[]);
@@ -296,11 +303,18 @@ int core_usable_rates(Core *core, double time, const double x[], const double u[
 void method_prepare(Core *core, double time, const double x[], const double u[]);
 void method_arrive(Core *core, double time, const double x[], const double u[], double rates[]);
 
+#ifdef SOLVER_RODAS4
 /* Of a change in the last step of length h, keep what a stiff model does not damp within it. */
 void method_damp(const Core *core, double h, double change[]);
+#endif
 
 /* By what the length h of a step with this estimate should be multiplied; `last` is the step before, NULL for none. */
 double method_factor(const StepControl *last, double h, double error);
+#endif
+
+#ifdef SOLVER_RK43
+/* Whether the user wants steps of fixed length. */
+static inline int method_is_fixed(const Core *core) { return PARAMETERS(core)[RTOL] == 0.0; }
 #endif
 
 #if HYBRID

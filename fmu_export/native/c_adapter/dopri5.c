@@ -38,8 +38,6 @@ CoreStatus method_step(Core *core, double time, double h, const double x[], cons
     return CORE_OK;
 }
 
-void method_damp(const Core *core, double h, double change[]) { (void)core, (void)h, (void)change; }
-
 /* The controller of section IV.2 there (volume II), proportional to error^(-3/16) and integral by error^(1/32), which
  * square roots give with equal bits everywhere. */
 double method_factor(const StepControl *last, double h, double error) {

@@ -1,25 +1,69 @@
-/* The classical Runge-Kutta method of order 4 with a fixed step; the export writes its formula with the model. */
+/* The classical Runge-Kutta method of order 4; the export writes its formula with the model. For the solver rk43 also what
+ * is wrong with a step. */
 #include "core.h"
 
+#include <math.h>
+#include <string.h>
+
 #if N_X > 0
-/* The step with the inputs in its middle and at its end, which are not on a line with those at its beginning. */
-static void curved_step(Core *core, double t, double h, const double x[], const double k1[], double next[]) {
-    const double *p = PARAMETERS(core), *middle = core->u_at[0], *end = core->u_at[1];
-    double at[N_X], k2[N_X + N_STEP_REQUIREMENTS], k3[N_X + N_STEP_REQUIREMENTS], k4[N_X + N_STEP_REQUIREMENTS];
-    for (int i = 0; i < N_X; i++) at[i] = x[i] + h / 2.0 * k1[i];
-    model_rates(t + h / 2.0, at, middle, p, k2);
-    for (int i = 0; i < N_X; i++) at[i] = x[i] + h / 2.0 * k2[i];
-    model_rates(t + h / 2.0, at, middle, p, k3);
-    for (int i = 0; i < N_X; i++) at[i] = x[i] + h * k3[i];
-    model_rates(t + h, at, end, p, k4);
-    for (int i = 0; i < N_X; i++) next[i] = x[i] + h / 6.0 * (k1[i] + 2.0 * k2[i] + 2.0 * k3[i] + k4[i]);
+#ifdef SOLVER_RK43
+/* By how much the derivatives after a quarter of a step differ from those of the polynomial of degree 3 that the stages
+ * give. At the middle and at the ends it would not see what depends on time only. */
+static double defect(Core *core, double time, double h, const double x[], const double k1[], const double u[],
+                     const double u_rate[], const double next[]) {
+    const double *k2 = core->stages[0], *k3 = core->stages[1], *k4 = core->stages[2];
+    double at_u[N_U + 1], at[N_X], rates[N_X + N_STEP_REQUIREMENTS + 1];
+    for (int stage = 2; stage >= 0; stage--)
+        for (int i = N_STEP_REQUIREMENTS - 1; i >= 0; i--)
+            if (!(core->stages[stage][N_X + i] > 0.0)) return core->violated = i, NAN;
+    if (core->curved) {
+        core_ask_for_inputs(core, time + 0.25 * h);
+        memcpy(at_u, INPUTS(core), N_U * sizeof *at_u);
+        memcpy(INPUTS(core), core->u_at[1], N_U * sizeof *at_u);
+    } else
+        for (int j = 0; j < N_U; j++) at_u[j] = u[j] + 0.25 * h * u_rate[j];
+    for (int i = 0; i < N_X; i++) at[i] = x[i] + h / 96.0 * (16.0 * k1[i] + 5.0 * (k2[i] + k3[i]) - 2.0 * k4[i]);
+    if (!core_usable_rates(core, time + 0.25 * h, at, at_u, rates)) return NAN;
+    for (int i = 0; i < N_X; i++) at[i] = h * (rates[i] - 0.125 * (3.0 * (k1[i] + k2[i] + k3[i]) - k4[i]));
+    return core_scaled(core, at, x, next);
 }
+#endif
 
 CoreStatus method_step(Core *core, double time, double h, const double x[], const double u[], const double u_rate[],
                        const double rates[], double next[], double *error) {
-    *error = 0.0;
-    if (core->curved) curved_step(core, time, h, x, rates, next);
-    else model_linear_step(time, x, u, PARAMETERS(core), h, u_rate, rates, next);
+#ifdef SOLVER_RK43
+    double (*stages)[N_X + N_STEP_REQUIREMENTS] = core->stages;
+#else
+    double stages[3][N_X + N_STEP_REQUIREMENTS];
+#endif
+    double line[2][N_U + 1];
+    const double *middle = core->u_at[0], *end = core->u_at[1];
+    if (!core->curved) {
+        for (int j = 0; j < N_U; j++) line[0][j] = u[j] + h / 2.0 * u_rate[j];
+        for (int j = 0; j < N_U; j++) line[1][j] = u[j] + h * u_rate[j];
+        middle = line[0], end = line[1];
+    }
+    model_step(time, h, x, middle, end, PARAMETERS(core), rates, next, stages[0]);
+#ifdef SOLVER_RK43
+    if (error) *error = method_is_fixed(core) ? 0.0 : defect(core, time, h, x, rates, u, u_rate, next);
+#else
+    (void)error;
+#endif
     return CORE_OK;
+}
+#endif
+
+#ifdef SOLVER_RK43
+void method_prepare(Core *core, double time, const double x[], const double u[]) {
+    (void)core, (void)time, (void)x, (void)u;
+}
+
+void method_arrive(Core *core, double time, const double x[], const double u[], double rates[]) {
+    model_rates(time, x, u, PARAMETERS(core), rates);
+}
+
+double method_factor(const StepControl *last, double h, double error) {
+    (void)last, (void)h;
+    return 0.9 / sqrt(sqrt(error));
 }
 #endif

@@ -43,15 +43,24 @@ def c_step(model: Model, folder: Path):
     source += '__attribute__((visibility("default")))\n#endif\n' + runge_kutta_source(traced.rates)
     path = folder / f"step{host_target().suffix}"
     path.write_bytes(compile_library({"step.c": source.encode(), **elementary_sources(source.encode())}, "step"))
-    function = ctypes.CDLL(str(path)).model_linear_step
+    function = ctypes.CDLL(str(path)).model_step
 
     def call(t, x, u, p, h, u_rate, k1):
-        arrays = {name: np.ascontiguousarray(v, dtype=float) for name, v in (("x", x), ("u", u), ("p", p))}
-        others = [np.ascontiguousarray(v, dtype=float) for v in (u_rate, k1)]
-        y = np.full(len(x), np.nan)
-        pointers = [v.ctypes.data_as(ctypes.c_void_p) for v in (*arrays.values(), *others, y)]
-        function(ctypes.c_double(t), *pointers[:3], ctypes.c_double(h), *pointers[3:])
-        return y
+        given = [np.ascontiguousarray(v, dtype=float) for v in (x, u + h / 2.0 * u_rate, u + h * u_rate, p, k1)]
+        y, stages = np.full(len(x), np.nan), np.full((3, traced.rates.numel_out(0)), np.nan)
+        pointers = [v.ctypes.data_as(ctypes.c_void_p) for v in (*given, y, stages)]
+        function(ctypes.c_double(t), ctypes.c_double(h), *pointers)
+        return y, stages[:, : len(x)]
+
+    return call
+
+
+def kept(derivatives, stages: list[np.ndarray]):
+    """Derivatives that go to a list, too."""
+
+    def call(*arguments):
+        stages.append(np.asarray(derivatives(*arguments), dtype=float))
+        return stages[-1]
 
     return call
 
@@ -66,8 +75,10 @@ def test_step_is_that_of_numpy(model: Model, tmp_path: Path) -> None:
         u, u_rate = rng.uniform(-0.5, 0.5, (2, len(model.inputs)))
         at = x + rng.uniform(-0.01, 0.01, len(x))
         k1 = model.derivatives(t, at, u, p)
-        found = step(t, at, u, p, h, u_rate, k1)
-        expected = rk4_step(model.derivatives, t, at, u, p, h, u_rate, k1)
+        stages: list[np.ndarray] = []
+        found, found_stages = step(t, at, u, p, h, u_rate, k1)
+        expected = rk4_step(kept(model.derivatives, stages), t, at, u, p, h, u_rate, k1)
+        np.testing.assert_allclose(found_stages, stages, rtol=1e-10, atol=1e-10)
         assert np.abs(expected - at).max() > 1e-6
         if model is POLYNOMIAL:
             np.testing.assert_array_equal(found, expected)
@@ -78,5 +89,5 @@ def test_inputs_move_within_a_step(tmp_path: Path) -> None:
     """The integral of an input that rises linearly is exact, which a held input's is not."""
     step = c_step(POLYNOMIAL, tmp_path)
     zero, p = np.zeros(3), np.array([0.0, 0.0])
-    y = step(0.0, zero, np.array([0.0, 2.0]), p, 0.5, np.array([0.0, 8.0]), np.array([0.0, 0.0, 2.0]))
+    y, _ = step(0.0, zero, np.array([0.0, 2.0]), p, 0.5, np.array([0.0, 8.0]), np.array([0.0, 0.0, 2.0]))
     assert y[2] == 2.0 * 0.5 + 8.0 * 0.5**2 / 2.0

@@ -42,14 +42,15 @@ CONTRACT = {
     (
         "RobotPlant",
         "parameter",
-    ): "X Y Z kg.m2; m_a m_b kg; l r_a x_E_start y_E_start m; v_x_start v_y_start m/s; baumgarte s-1; max_step s",
+    ): "X Y Z kg.m2; m_a m_b kg; l r_a x_E_start y_E_start m; v_x_start v_y_start m/s; baumgarte s-1; rtol 1; "
+    "max_step s",
     ("RobotController", "input"): "theta_a[3] theta_ref[3] rad; omega_a[3] omega_ref[3] rad/s; tau_ref[3] N.m",
     ("RobotController", "output"): "tau_a[3] N.m; psi[2] 1",
     (
         "RobotController",
         "parameter",
     ): "alpha k bound_angles bound_constant psi_start[2] feedforward 1; "
-    "beta N.m.s/rad; S[3] leakage s-1; tau_max[3] N.m; max_step s",
+    "beta N.m.s/rad; S[3] leakage s-1; tau_max[3] N.m; rtol 1; max_step s",
     ("RobotTrajectory", "input"): "",
     ("RobotTrajectory", "output"): "theta_ref[3] rad; omega_ref[3] rad/s; x_ref y_ref m; tau_ref[3] N.m",
     ("RobotTrajectory", "parameter"): "x_c y_c b m; phase rad; w rad/s; n R a 1; X Y Z kg.m2",
@@ -203,7 +204,7 @@ def test_start_values_are_the_same_everywhere(fmus, tmp_path, name):
     described = {n: v.find("Real").get("start") for n, v in variables(fmu).items() if v.get("causality") != "output"}
     declared = dict(zip(model.parameters.names, model.parameters.starts, strict=True))
     if model.states:
-        declared["max_step"] = 1e-3
+        declared |= {"rtol": 1e-5, "max_step": 1e300}
     declared |= dict(zip(model.inputs.names, model.inputs.starts, strict=True))
     assert described == {n: repr(float(s)) for n, s in declared.items()}
     assert text_starts(fmu) == described
@@ -240,7 +241,7 @@ def test_minima_maxima_are_those_of_the_model_and_hold_for_the_start_values(fmus
     declared = [v for layout in (model.parameters, model.inputs, model.outputs) for v in layout.variables]
     expected = {n: tuple(None if b is None else repr(b) for b in (v.min, v.max)) for v in declared for n in v.names}
     if model.states:
-        expected["max_step"] = ("1e-09", None)
+        expected |= {"rtol": ("0.0", "0.1"), "max_step": ("1e-09", None)}
     assert found == expected
     for n, text in some(text_starts(fmus / f"{name}.fmu").items()):
         lower, upper = found[n]
