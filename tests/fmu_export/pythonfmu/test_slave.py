@@ -22,6 +22,7 @@ from fmu_export.trace.trace import trace
 from plant_fmu.model import MODEL as PLANT
 from tests.support import some
 from tests.support.bare_host import close, fresh, oracle, plant_torques
+from tests.support.pythonfmu_calls import SCRIPT as PYTHONFMU_CALLS
 from trajectory_fmu.model import MODEL as TRAJECTORY
 
 #: An importer on fmpy's low-level FMU2Slave, with the interface of the plain host.
@@ -781,6 +782,13 @@ assert host.initialize() == OK
 assert host.call("FreeFMUstate", ctypes.byref(ctypes.c_void_p())) == OK
 host.free()
 """)
+
+
+@pytest.mark.parametrize("name", ["RobotPlant", "RobotController", "RobotTrajectory"])
+def test_random_calls_get_what_the_state_machine_says(fmus, tmp_path, name):
+    statuses = fresh(tmp_path, PYTHONFMU_CALLS, fmu=fmus / f"{name}.fmu", calls=1500, seed=3)
+    assert statuses["0"] > 300
+    assert statuses["4"] > 100
 
 
 # Reset
