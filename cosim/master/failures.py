@@ -51,6 +51,15 @@ class InterruptedInCall(KeyboardInterrupt):
         self.time = time
 
 
+#: What to do where an FMU refuses what its inputs do during a step.
+HOLD_INSTEAD = ", though it says that it interpolates inputs; use extrapolation='hold' (option --extrapolation hold)"
+
+
+def reason_of(error: CallFailed) -> str:
+    """A failed call in words, with the remedy if it was that for derivatives of inputs, alone or with a step."""
+    return f"{error}{HOLD_INSTEAD if 'InputDerivatives' in error.function else ''}"
+
+
 class Failing:
     """Context that turns a failed call into the error of a component at a time; a class, for it is entered often."""
 
@@ -66,4 +75,4 @@ class Failing:
         if isinstance(error, CallInterrupted):
             raise InterruptedInCall(self.time) from error
         if isinstance(error, CallFailed):
-            raise SimulationError(self.component, self.time, str(error), self.instance.log()) from error
+            raise SimulationError(self.component, self.time, reason_of(error), self.instance.log()) from error

@@ -41,7 +41,14 @@ from cosim.loop.team import Team, Threads
 from cosim.master import chunks
 from cosim.master.chunks import ChunkLength
 from cosim.master.component_times import ComponentTimes
-from cosim.master.failures import Failing, InterruptedInCall, SimulationError, SimulationInterrupted
+from cosim.master.failures import (
+    HOLD_INSTEAD,
+    Failing,
+    InterruptedInCall,
+    SimulationError,
+    SimulationInterrupted,
+    reason_of,
+)
 from cosim.master.function_instance import FunctionInstance, in_one_line
 from cosim.master.interrupts import DeferredInterrupt
 from cosim.master.model_exchange import ModelExchangeGroup
@@ -707,11 +714,9 @@ class Run:
         if status == DOES_NOT_FIT:
             return self._misfit(row)
         failure = instance.failure(row.function, status)
-        if row.operation.kind == OperationKind.EXTRAPOLATE or "InputDerivatives" in failure.function:
-            return f"{failure}" + (
-                ", though it says that it interpolates inputs; use extrapolation='hold' (option --extrapolation hold)"
-            )
-        return failure
+        if row.operation.kind == OperationKind.EXTRAPOLATE:
+            return f"{failure}{HOLD_INSTEAD}"
+        return failure if isinstance(failure, CallInterrupted) else reason_of(failure)
 
     def _misfit(self, row: NamedOperation) -> str:
         """The value of a link between different types that does not fit its target, in words."""

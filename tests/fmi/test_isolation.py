@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import os
 import re
@@ -11,6 +12,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +28,9 @@ from cosim.ssp import Experiment, read_ssp, write_ssp
 from tests.support.c_fmus import ender, talker, tank
 from tests.support.fmi1_fmu import build_fmi1_tank
 from tests.support.fmi3_events import clocks, state_space
+from tests.support.hybrid_models import THERMOSTAT
 from tests.support.patience import PATIENCE, wait_for
+from tests.support.quirks import Quirk, quirky
 from tests.support.small_fmus import build, compiled
 from tests.support.tiny_models import INTEGRATOR
 
@@ -108,6 +112,77 @@ def test_inputs_that_an_fmu_asks_for_during_a_step(tmp_path: Path) -> None:
     system.connect("m.x", "next.u")
     results = both(system, extrapolation="linear")
     assert results.info["extrapolation"]["linear"] == ["m.u", "next.u"]
+
+
+def test_derivatives_of_inputs_that_an_fmu_refuses_are_said_with_the_remedy(tmp_path: Path) -> None:
+    """They reach it together with the step."""
+    system = one(quirky(tmp_path, Quirk.REFUSES_DERIVATIVES), u=lambda t: t)
+    said = []
+    for isolate in (False, True):
+        with pytest.raises(SimulationError) as failed:
+            simulate(system, 1.0, 0.1, extrapolation="linear", isolate=isolate)
+        said.append(str(failed.value))
+        assert simulate(system, 1.0, 0.1, isolate=isolate).info["derivatives_refused"].keys() == {"m"}
+    assert said[0] == said[1]
+    assert "fmi2SetRealInputDerivatives returned error, though it says" in said[0]
+    assert "use extrapolation='hold'" in said[0]
+
+
+# Model exchange
+
+
+@pytest.fixture(scope="module")
+def exchanging(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], System]:
+    """A thermostat, which has events, with an integrator of its temperature, in model exchange; by flavour."""
+
+    @functools.cache
+    def fmus(flavour: Any) -> tuple[Path, Path]:
+        folder = tmp_path_factory.mktemp(flavour)
+        return tuple(build(folder, flavour, of) / f"{of.name}.fmu" for of in (THERMOSTAT, INTEGRATOR))  # type: ignore
+
+    def system(flavour: str) -> System:
+        thermostat, integrator = fmus(flavour)
+        made = System()
+        made.add("m", thermostat, {"tau": 0.5, "rate": 60.0}, interface="model-exchange")
+        made.add("sum", integrator, interface="model-exchange")
+        made.connect("m.T", "sum.u", units="ignore")
+        made.drive("m.ambient", lambda t: 10.0 + t)
+        return made
+
+    return system
+
+
+@pytest.mark.parametrize("flavour", ["fmi2", pytest.param("fmi3", marks=pytest.mark.slow)])
+def test_model_exchange(exchanging: Callable[[str], System], flavour: str) -> None:
+    """Stages, event indicators and resets: the same numbers as in this process, with each solver."""
+    system = exchanging(flavour)
+    for solver in ("rk4", "dopri5", "cvode"):
+        results = both(system, solver=solver)
+        assert results.info["model_exchange"]["solver"] == solver
+        assert set(results["m.on"]) == {0.0, 1.0}
+    system.components["sum"] = replace(system.components["sum"], isolate=True)  # the other one in this process
+    assert facts(simulate(system, 1.0, 0.1)) == facts(simulate(exchanging(flavour), 1.0, 0.1))
+
+
+def test_a_process_that_ends_in_model_exchange_ends_the_run_with_its_name(
+    exchanging: Callable[[str], System],
+) -> None:
+    system, before = exchanging("fmi2"), children()
+
+    def kill(t: float) -> float:
+        if t > 0.45:
+            for process in children() - before:
+                with suppress(ProcessLookupError):
+                    os.kill(process, signal.SIGKILL)
+        return 0.0
+
+    system.components["m"] = replace(system.components["m"], isolate=True)
+    system.add_function("killer", kill, outputs=["y"])
+    with pytest.raises(SimulationError, match=r"SIGKILL|signal 9|[Kk]illed") as failed:
+        simulate(system, 1.0, 0.1)
+    assert failed.value.component == "m"
+    assert failed.value.results is not None
+    assert len(failed.value.results.time) >= 4
 
 
 def test_clocks_and_events(tmp_path: Path) -> None:
