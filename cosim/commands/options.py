@@ -138,7 +138,7 @@ def add_overwrite_option(parser: argparse._ActionsContainer) -> None:
     parser.add_argument(
         "--overwrite",
         action="store_true",
-        help="replace files of the names of results that belong to no run, and remove what runs left that were killed",
+        help="replace files that have the names of results but belong to no run, and remove what killed runs left",
     )
 
 
@@ -229,7 +229,7 @@ def add_limit_options(parser: argparse._ActionsContainer) -> None:
     parser.add_argument(
         "--memory-limit",
         metavar="BYTES",
-        help="memory that each isolated FMU may take, as 500M or 2G (default: as much as there is)",
+        help="memory that each isolated FMU may take, as 500M or 2G (default: no limit)",
     )
 
 

@@ -94,12 +94,12 @@ def register(subparsers: Any) -> None:
     parser.add_argument(
         "--threads",
         metavar="N",
-        help="threads that step components at the same time, or 'auto': as many as pay (default 1), with equal results",
+        help="threads that step components at the same time; auto: as many as save time (default 1); equal results",
     )
     add_isolation_options(parser)
     add_place_options(parser)
     parser.add_argument(
-        "--profile", action="store_true", help="say how long the steps and the exchange of each component took"
+        "--profile", action="store_true", help="report how long the steps and the exchange of each component took"
     )
     parser.add_argument("--record", action="append", metavar="NAME", help="record this variable only; may be repeated")
     parser.add_argument("--record-every", type=int, metavar="N", help="record at every N-th communication point")
@@ -121,7 +121,7 @@ def register(subparsers: Any) -> None:
     parser.add_argument(
         "--live",
         action="store_true",
-        help="show the run as it goes on, in a page at an address of this machine, where it can be steered",
+        help="show the run live in a page that this machine serves, from which it can be steered",
     )
     parser.add_argument(
         "--checkpoint",

@@ -23,7 +23,7 @@ def register(subparsers: Any) -> None:
     """Add the parser of `cosim scenarios`."""
     parser = subparsers.add_parser(
         "scenarios",
-        help="list the scenarios that are there, or copy one to start from",
+        help="list the available scenarios, or copy one to start from",
         epilog=_EXAMPLES,
         description="List the scenarios that come with installed packages, with what each is; or copy the TOML file of "
         "one, to change it and run it by its path.",

@@ -127,7 +127,11 @@ def register(subparsers: Any) -> None:
         "--live", action="store_true", help="show the runs in the browser as they come: a scatter plot and a table"
     )
     run_.add_argument("--workers", type=int, metavar="N", help="processes on this machine (default: one for each core)")
-    run_.add_argument("--scheduler", metavar="ADDRESS", help="run on the Dask cluster there, as tcp://head:8786")
+    run_.add_argument(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="address of a Dask scheduler whose cluster makes the runs, as tcp://head:8786",
+    )
     options = {}
     for name, family in known.items():
         group = parser.add_argument_group(f"scenarios of {name}", family.system)

@@ -318,7 +318,8 @@ class SteppedRun:
         """
         self._check_running()
         if differs := state.differences(self._made_with()):
-            raise SetupError(f"the state is that of another run (other {'; other '.join(differs)}); start it as it was")
+            other = "; other ".join(differs)
+            raise SetupError(f"the state is that of another run (other {other}); start the run as that one was started")
         if state.point > self._grid.last_point:
             raise SetupError(f"the state lies at t = {self._grid.time(state.point):.9g} s, beyond the stop time")
         for component, instance in self._instances.items():

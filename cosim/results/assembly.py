@@ -89,7 +89,7 @@ def check_once(where: object, names: Sequence[str]) -> None:
     known: set[str] = set()
     for name in names:
         if name in known:
-            raise ResultsError(f"{where}: column '{name}' stands there twice; give each a name of its own")
+            raise ResultsError(f"{where}: column '{name}' is there twice; give each column its own name")
         known.add(name)
 
 

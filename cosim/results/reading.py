@@ -72,7 +72,7 @@ def _read_parquet(path: Path) -> Contents:
     columns, units = {}, {}
     for field, column in zip(table.schema, table.columns, strict=True):
         if field.name in columns:
-            raise ResultsError(f"{path}: column '{field.name}' stands there twice")
+            raise ResultsError(f"{path}: column '{field.name}' is there twice")
         if re.fullmatch(r"__index_level_\d+__", field.name):  # the numbers of the rows of a data frame
             continue
         columns[field.name] = _from_arrow(path, field.name, column)

@@ -38,7 +38,7 @@ class _Body(dict[str, Any]):
     def __setitem__(self, name: str, value: Any) -> None:
         before = self.get(name)
         if isinstance(before, Declaration) or hasattr(before, MARK):
-            raise ArgumentError(f"{self.owner}: '{name}' stands in the class twice; give one another name")
+            raise ArgumentError(f"{self.owner}: '{name}' is defined twice in the class; rename one")
         super().__setitem__(name, value)
 
 

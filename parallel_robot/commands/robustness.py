@@ -63,7 +63,11 @@ def register(subparsers: Any) -> None:
     parser.add_argument(
         "--workers", type=int, metavar="N", help="processes on this machine (default: one for each core)"
     )
-    parser.add_argument("--scheduler", metavar="ADDRESS", help="run on the Dask cluster there, as tcp://head:8786")
+    parser.add_argument(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="address of a Dask scheduler whose cluster makes the runs, as tcp://head:8786",
+    )
     add_overwrite_option(parser)
     parser.set_defaults(run=run)
 

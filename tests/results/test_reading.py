@@ -75,8 +75,8 @@ def test_unicode_text_of_spreadsheets(tmp_path: Path, encoding: str) -> None:
         ("time,x\n0,true\n1,0\n", "line 2: a cell 'true' is not a number"),
         ("time,x\n0,1\n1, \n", "line 3: a cell is empty"),
         ("time,x\n\n0,1\n1,one\n", "line 4: a cell 'one' is not a number"),
-        ("time,x,y,x\n0,1,2,3\n", "line 1: column 'x' stands there twice"),
-        ("time,x,Time,time\n0,1,2,3\n", "column 'time' stands there twice"),
+        ("time,x,y,x\n0,1,2,3\n", "line 1: column 'x' is there twice"),
+        ("time,x,Time,time\n0,1,2,3\n", "column 'time' is there twice"),
         ("time,,x\n0,1,2\n", "line 1: column 2 has no name"),
         ("time,x\n0,inf\n1,1e400\n", "line 3: '1e400' is larger than any number that can be kept"),
         ('time,"x\n0,1\n1,2\n', "line 3: can't be read as CSV: unexpected end of data"),
@@ -279,5 +279,5 @@ def test_a_name_must_not_stand_twice_in_any_format(tmp_path: Path) -> None:
     parquet.write_table(pa.table([[0.0], [1.0], [2.0]], names=["time", "x", "x"]), tmp_path / "a.parquet")
     np.savez(tmp_path / "b.npz", **{"time": np.zeros(1), "v": np.zeros((1, 1)), "v[1]": np.zeros(1)})
     for name in ("a.parquet", "b.npz"):
-        with pytest.raises(CosimError, match="stands there twice"):
+        with pytest.raises(CosimError, match="is there twice"):
             Results.read(tmp_path / name)

@@ -387,7 +387,7 @@ def test_names_stand_in_a_class_once() -> None:
         "k = parameter(1.0)\n    def k(m): ...",
         "@when(lambda m: m.t)\n    def k(m): ...\n    @when(lambda m: -m.t)\n    def k(m): ...",
     ):
-        with pytest.raises(ArgumentError, match="Twice: 'k' stands in the class twice"):
+        with pytest.raises(ArgumentError, match="Twice: 'k' is defined twice in the class"):
             exec(f"class Twice(ModelClass):\n    {body}")
 
     class Fine(ModelClass):
