@@ -41,7 +41,7 @@ class Samples:
         Whether it needs values inside the steps, too.
     texts : Texts, optional
         Texts of the system.
-    most : int
+    most : int, optional
         Samples (values) that are kept at once.
 
     Attributes
@@ -71,7 +71,7 @@ class Samples:
         ahead: bool = True,
         inside: bool = False,
         texts: Texts | None = None,
-        most: int = _MOST_SAMPLES,
+        most: int | None = None,
     ) -> None:
         self.drives = tuple(drives)
         self._start_time, self._step_size = start_time, step_size
@@ -82,7 +82,9 @@ class Samples:
         ends = np.cumsum([0, *widths])
         self.columns = [np.arange(a, a + n, dtype=np.int32) for a, n in zip(ends, widths, strict=False)]
         self._breakpoints = np.unique([b for d in drives for b in d.breakpoints])
-        self._rows = max(most // max(1, (3 if inside else 1) * int(ends[-1])), 4 * reach + 1)
+        self._rows = max(
+            (_MOST_SAMPLES if most is None else most) // max(1, (3 if inside else 1) * int(ends[-1])), 4 * reach + 1
+        )
         self.values = np.empty((min(self._rows, last_point + 1), int(ends[-1])))
         self.inside = np.full((*self.values.shape, 2), np.nan) if inside else None
         self.jumps = np.zeros(len(self.values), dtype=np.uint8)

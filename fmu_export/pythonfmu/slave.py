@@ -66,18 +66,24 @@ _WHEN = dict.fromkeys(Phase, "in this state; see the state machine of the FMI st
 }
 
 
+def _all_finite(values: list[float]) -> bool:
+    """Whether all are; a finite sum says so at once."""
+    return isfinite(sum(values)) or all(map(isfinite, values))
+
+
 def _allowed(phases: Phase) -> Callable[[Any], Any]:
     """Refuse a method in other phases, and let it raise without harm to the host; see the head of this file.
 
     The binary logs what is raised. It would also flush the queued messages while the exception is still set, which the
     logger of a Python host does not survive, so these go into what is raised.
     """
+    each = tuple(phase for phase in Phase if phase in phases)  # a flag takes ten times as long to look into
 
     def decorate(method: Any) -> Any:
         @wraps(method)
         def guarded(self: Any, *arguments: Any) -> Any:
             try:
-                if self._phase not in phases:
+                if self._phase not in each:
                     raise SlaveError(f"{method.__name__} can't be called {_WHEN[self._phase]}")
                 return method(self, *arguments)
             except BaseException as error:  # also Ctrl-C, which a Python host delivers here
@@ -127,6 +133,7 @@ class Fmi2Slave:
         self._tolerance = 0.0  # of the importer, 0 if it gives none
         self._refusal: str | None = None
         self._getters: dict[tuple[int, ...], tuple[Any, bool]] = {}
+        self._setters: dict[tuple[bool, tuple[int, ...]], tuple[slice | None, bool]] = {}
         try:
             self._values[: self._n_pu] = self._read_start_values(Path(resources) / "start_values.txt")
         except Exception as error:  # a raise here would crash the host at a later reset
@@ -221,7 +228,7 @@ class Fmi2Slave:
         x, u, p = self._x, self._inputs, self._parameters
         if x:
             x = self._stepped(time, h, x, u, p)
-            if not all(map(isfinite, x)):
+            if not _all_finite(x):
                 raise SlaveError(
                     "the state is no longer finite; reduce the step, max_step or the inputs, or build a stiff model by "
                     "build_native with another solver"
@@ -298,7 +305,7 @@ class Fmi2Slave:
         if self._tuned:
             self._check_tuned()
         inputs = self._inputs
-        if not all(map(isfinite, inputs)):
+        if not _all_finite(inputs):
             names = self.interface.NAMES[self._n_p : self._n_pu]
             wrong = ", ".join(f"'{n}' is {v}" for n, v in zip(names, inputs, strict=True) if not isfinite(v))
             raise SlaveError(f"input {wrong}; set a finite number")
@@ -347,7 +354,7 @@ class Fmi2Slave:
             if self._arrived:  # else a step that broke a requirement would be noticed by the next one only
                 self._check_step(self._time)
             outputs = self.equations.outputs(self._time, self._x, self._inputs, self._parameters)
-            if not all(map(isfinite, outputs)):
+            if not _all_finite(outputs):
                 raise SlaveError("they are not finite; check the inputs")
         except Exception as error:
             raise SlaveError(f"outputs at t = {self._time!r} s: {self._reason(error)}") from error
@@ -370,16 +377,29 @@ class Fmi2Slave:
 
         The values are checked where they are used.
         """
-        running = self._phase is Phase.STEP
+        key = (self._phase is Phase.STEP, tuple(references))
+        if key not in self._setters:
+            self._setters[key] = self._setter(*key)
+        places, tunes = self._setters[key]
+        if places is not None and len(values) == len(references):
+            self._values[places] = values
+        else:
+            for reference, value in zip(references, values, strict=True):
+                self._values[reference] = value
+        self._tuned = self._tuned or tunes
+        self._outputs_valid = self._arrived = False
+
+    def _setter(self, running: bool, references: tuple[int, ...]) -> tuple[slice | None, bool]:
+        """Where values stand, if that is one after the other, and whether there are parameters, to be checked."""
         settable = range(self._n_p if running else 0, self._n_pu)
-        self._check_references(tuple(references))
+        self._check_references(references)
         for reference in references:
             if reference not in settable and reference not in self.interface.TUNABLE:
                 raise SlaveError(self._why_not_set(reference))
-        for reference, value in zip(references, values, strict=True):
-            self._values[reference] = value
-            self._tuned |= running and reference < self._n_p
-        self._outputs_valid = self._arrived = False
+        first = references[0] if references else 0
+        is_in_a_row = references == tuple(range(first, first + len(references)))
+        tunes = running and any(reference < self._n_p for reference in references)
+        return (slice(first, first + len(references)) if is_in_a_row else None), tunes
 
     def _why_not_set(self, reference: int) -> str:
         name = self.interface.NAMES[reference]

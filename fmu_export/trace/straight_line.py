@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from fmu_export.errors import needs
@@ -18,6 +20,14 @@ HEADER = (
     "sin, sinh, sqrt, tan, tanh\n"
 )
 
+
+#: A value that is assigned, in an expression; a number; what needs no brackets in an expression.
+_WORK = re.compile(r"\b(w\d+)\b")
+_NUMBER = re.compile(r"[\d.e+]+(?:e-\d+)?")
+_ATOM = re.compile(r"[\w.]+(?:\[\d+\])?|[a-z_0-9]+\([^()]*\)")
+
+#: Expressions are nested no deeper.
+_DEEPEST = 30
 
 #: What calls of tables become; derivatives are not written as Python.
 _LOOKUP = """from bisect import bisect_right
@@ -79,9 +89,81 @@ def _data(table: Table) -> tuple[Any, ...]:
 
 def _function_source(f: ca.Function, argument_names: Sequence[str]) -> str:
     lines = [f"def {f.name()}({', '.join(argument_names)}):"]
-    lines += [f"    {target} = {expression}" for target, expression in statements(f, argument_names, repr)]
+    assignments = _nested(statements(f, argument_names, repr))
+    lines += [f"    {target} = {expression}" for target, expression in assignments]
     lines.append(f"    return [{', '.join(f'y{i}' for i in range(f.numel_out(0)))}]")
     return "\n".join(lines) + "\n"
+
+
+@dataclass
+class _Value:
+    """An assignment of a value: of its expression, the text between the values that it is made of."""
+
+    target: str
+    texts: list[str]
+    operands: list[_Value]
+    uses: int = 0
+    depth: int = 1
+
+    @property
+    def is_constant(self) -> bool:
+        return not self.operands and _NUMBER.fullmatch(self.texts[0]) is not None
+
+    @property
+    def is_written_where_used(self) -> bool:
+        return self.is_constant or (self.uses == 1 and self.depth <= _DEEPEST and self.target[0] != "y")
+
+    def read(self) -> list[_Value]:
+        """The assigned values that the expression reads."""
+        found = []
+        for operand in self.operands:
+            found += operand.read() if operand.is_written_where_used else [operand]
+        return found
+
+    def expression(self) -> str:
+        """The expression, with those in place that are used here only."""
+        parts = [self.texts[0]]
+        for operand, text in zip(self.operands, self.texts[1:], strict=True):
+            if not operand.is_written_where_used:
+                parts.append(operand.target)
+            else:
+                inner = operand.expression()
+                parts.append(inner if _ATOM.fullmatch(inner) else f"({inner})")
+            parts.append(text)
+        return "".join(parts)
+
+
+def _nested(assignments: Sequence[tuple[str, str]]) -> list[tuple[str, str]]:
+    """The same assignments, with values that are used once written where they are used: Python stores and loads less.
+
+    What is computed, and so each bit, stays the same.
+    """
+    current: dict[str, _Value] = {}
+    values: list[_Value] = []
+    for target, expression in assignments:
+        operands = [current[name] for name in _WORK.findall(expression)]
+        for operand in operands:
+            operand.uses += 1
+        value = _Value(target, _WORK.split(expression)[::2], operands)
+        current[target] = value
+        values.append(value)
+    for value in values:  # when it is known how often each is used
+        value.depth = 1 + max((o.depth for o in value.operands if o.is_written_where_used), default=0)
+    assigned = [value for value in values if not value.is_written_where_used]
+    last_use = {id(read): i for i, value in enumerate(assigned) for read in value.read()}
+    free: list[str] = []  # few names: Python takes longer from the 257th on
+    n_names = 0
+    found = []
+    for i, value in enumerate(assigned):
+        expression = value.expression()
+        free += [read.target for read in {id(r): r for r in value.read()}.values() if last_use[id(read)] == i]
+        if value.target[0] == "w":
+            if not free:
+                free.append(f"w{n_names}")
+                n_names += 1
+            value.target = free.pop()
+        found.append((value.target, expression))
+    return found
 
 
 def statements(f: ca.Function, argument_names: Sequence[str], literal: Callable[[float], str]) -> list[tuple[str, str]]:

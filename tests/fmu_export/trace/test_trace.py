@@ -14,7 +14,7 @@ from fmu_export.modelling.functions import rk4_step
 from fmu_export.modelling.model import DefaultExperiment, Model, Requirement
 from fmu_export.modelling.variables import Layout, Variable
 from fmu_export.package.interface import interface_of
-from fmu_export.trace.straight_line import python_source
+from fmu_export.trace.straight_line import HEADER, python_source, statements
 from fmu_export.trace.trace import feedthrough, trace
 from plant_fmu.kinematics import inverse_kinematics, velocity_jacobians
 from plant_fmu.model import MODEL as PLANT
@@ -124,6 +124,27 @@ def test_straight_line_python_agrees_with_numpy(traced, name):
         assert isinstance(value, list)
         assert all(type(v) is float for v in value)
         agree(value, numpy_value(traced.model, name, point))
+
+
+@pytest.mark.parametrize("name", ARGUMENTS)
+def test_nested_expressions_compute_the_bits_of_single_operations(traced, name):
+    """One operation a line, as they were traced, against what is written: few names, and fewer lines."""
+    function = getattr(traced, name)
+    lines = [f"    {target} = {text}" for target, text in statements(function, ARGUMENTS[name], repr)]
+    returned = f"    return [{', '.join(f'y{i}' for i in range(function.numel_out(0)))}]"
+    single = "\n".join([HEADER, f"def single({', '.join(ARGUMENTS[name])}):", *lines, returned, ""])
+    nested = python_source([(function, ARGUMENTS[name])])
+    namespace = {}
+    exec(single, namespace)
+    exec(nested, namespace)
+    for point in some(random_points(traced.model)):
+        arguments = [np.asarray(point[a]).tolist() for a in ARGUMENTS[name]]
+        assert namespace[name](*arguments) == namespace["single"](*arguments)
+    assert nested.count("\n    ") <= len(lines) + 1
+    if len(lines) > 100:
+        assert nested.count("\n    ") < 0.7 * len(lines)
+        written = {node.id for node in ast.walk(ast.parse(nested)) if isinstance(node, ast.Name)}
+        assert len(written) < 256  # beyond that Python takes longer for each
 
 
 def test_straight_line_python_needs_math_only(traced):
