@@ -99,8 +99,8 @@ def measure_threads(folder: Path) -> Section:
     return Section(
         "Several cores",
         "Components stepped at the same time, and one after the other, with equal bits: two and four FMUs whose steps "
-        f"take milliseconds, and the robot's three, whose take microseconds. Medians of {ROUNDS} interleaved runs. Others "
-        "step the same FMUs by as many threads as there are cores; theirs is the time of all steps and of recording.",
+        f"take milliseconds, and the robot's three, whose take microseconds. Medians of {ROUNDS} interleaved runs. "
+        "Others step the same FMUs by as many threads as there are cores; theirs is the time of steps and recording.",
         ("what", "ms a run", "times as fast as one thread"),
         [(n, f"{statistics.median(v) * 1e3:.1f}", f"{gains.get(n, 1.0):.2f}") for n, v in seconds.items()],
         {"seconds": seconds, "gains": gains},
