@@ -47,8 +47,49 @@ static void assume(const AlgebraicLoop *a, double *values, const double *from, d
     for (int32_t i = 0; i < a->n; i++) values[a->positions[i]] = from[i] + (part == 0.0 ? 0.0 : part * a->step[i]);
 }
 
+typedef int Directional2(void *, const uint32_t *, size_t, const uint32_t *, size_t, const double *, double *);
+typedef int Directional3(void *, const uint32_t *, size_t, const uint32_t *, size_t, const double *, size_t, double *,
+                         size_t);
+
+/* How a change that is in a->changes goes on; false where an FMU does not say. */
+static bool carry_change(const AlgebraicLoop *a, const Loop *loop, const Direction *d) {
+    if (!d->function) {
+        a->changes[d->to[0]] = d->factor * a->changes[d->from[0]];
+        return true;
+    }
+    size_t n = (size_t)d->n_to, m = (size_t)d->n_from;
+    for (size_t i = 0; i < m; i++) d->seed[i] = a->changes[d->from[i]];
+    loop->call->code = d->code;
+    int status =
+        d->version < 3
+            ? ((Directional2 *)d->function)(d->instance, d->unknowns, n, d->knowns, m, d->seed, d->change)
+            : ((Directional3 *)d->function)(d->instance, d->unknowns, n, d->knowns, m, d->seed, m, d->change, n);
+    for (size_t i = 0; i < n; i++) {
+        if (status > 1 || !isfinite(d->change[i])) return false;
+        a->changes[d->to[i]] = d->change[i];
+    }
+    return true;
+}
+
+/* The Jacobian by the chain rule through the exchange, once that has been performed with what is assumed; false where that
+ * can't be had. */
+static bool differentiate_directly(AlgebraicLoop *a, const Loop *loop, int64_t point) {
+    assume(a, loop->values, a->assumed, 0.0);
+    if (evaluate(a, loop, point, a->tried)) return false;
+    for (int32_t j = 0; j < a->n; j++) {
+        memset(a->changes, 0, (size_t)a->n_values * sizeof *a->changes);
+        a->changes[a->positions[j]] = 1.0;
+        for (int32_t k = 0; k < a->n_directions; k++)
+            if (!carry_change(a, loop, &a->directions[k])) return a->is_directed = false;
+        for (int32_t i = 0; i < a->n; i++)
+            a->jacobian[i * a->n + j] = a->changes[a->positions[a->n + i]] - (i == j ? 1.0 : 0.0);
+    }
+    return a->has_jacobian = true;
+}
+
 /* The Jacobian by differences: one exchange for each torn value. */
 static int differentiate(AlgebraicLoop *a, const Loop *loop, int64_t point) {
+    if (a->is_directed && differentiate_directly(a, loop, point)) return 0;
     double *values = loop->values, largest = 0.0;
     for (int32_t i = 0; i < a->n; i++) largest = fmax(largest, fabs(a->assumed[i]));
     for (int32_t j = 0; j < a->n; j++) {
@@ -269,6 +310,20 @@ int solve_algebraic_loop(const Loop *loop, const Operation *op, int64_t point, d
 #define FIELD(type, field) {#type "." #field, offsetof(type, field), sizeof(((type *)0)->field)}
 
 static const Field layout[] = {
+    STRUCT(Direction),
+    FIELD(Direction, function),
+    FIELD(Direction, instance),
+    FIELD(Direction, unknowns),
+    FIELD(Direction, knowns),
+    FIELD(Direction, to),
+    FIELD(Direction, from),
+    FIELD(Direction, seed),
+    FIELD(Direction, change),
+    FIELD(Direction, factor),
+    FIELD(Direction, n_to),
+    FIELD(Direction, n_from),
+    FIELD(Direction, version),
+    FIELD(Direction, code),
     STRUCT(AlgebraicLoop),
     FIELD(AlgebraicLoop, operations),
     FIELD(AlgebraicLoop, codes),
@@ -283,7 +338,12 @@ static const Field layout[] = {
     FIELD(AlgebraicLoop, outputs),
     FIELD(AlgebraicLoop, origin),
     FIELD(AlgebraicLoop, way),
+    FIELD(AlgebraicLoop, directions),
+    FIELD(AlgebraicLoop, changes),
     FIELD(AlgebraicLoop, tolerance),
+    FIELD(AlgebraicLoop, n_values),
+    FIELD(AlgebraicLoop, n_directions),
+    FIELD(AlgebraicLoop, is_directed),
     FIELD(AlgebraicLoop, n),
     FIELD(AlgebraicLoop, most),
     FIELD(AlgebraicLoop, has_jacobian),

@@ -3,13 +3,33 @@
 from __future__ import annotations
 
 import ctypes
-from ctypes import POINTER, c_double, c_int32, c_int64, c_uint32
+from ctypes import POINTER, c_double, c_int32, c_int64, c_uint32, c_void_p
 from functools import cache
 
 from cosim.loop.binding import Operation, check_layout, loop_library
 
 #: Status beyond those of the loop.
 NO_SOLUTION = 130
+
+
+class Direction(ctypes.Structure):
+    """A part of how a change goes through an exchange."""
+
+    _fields_ = (
+        ("function", c_void_p),
+        ("instance", c_void_p),
+        ("unknowns", POINTER(c_uint32)),
+        ("knowns", POINTER(c_uint32)),
+        ("to", POINTER(c_int32)),
+        ("from", POINTER(c_int32)),
+        ("seed", POINTER(c_double)),
+        ("change", POINTER(c_double)),
+        ("factor", c_double),
+        ("n_to", c_int32),
+        ("n_from", c_int32),
+        ("version", c_int32),
+        ("code", c_uint32),
+    )
 
 
 class AlgebraicLoop(ctypes.Structure):
@@ -24,7 +44,12 @@ class AlgebraicLoop(ctypes.Structure):
             (name, POINTER(c_double))
             for name in ("jacobian", "factors", "residuals", "tried", "step", "assumed", "outputs", "origin", "way")
         ),
+        ("directions", POINTER(Direction)),
+        ("changes", POINTER(c_double)),
         ("tolerance", c_double),
+        ("n_values", c_int64),
+        ("n_directions", c_int32),
+        ("is_directed", c_int32),
         ("n", c_int32),
         ("most", c_int32),
         ("has_jacobian", c_int32),
@@ -45,5 +70,5 @@ def algebraic_loop_library() -> ctypes.CDLL:
         It is missing, or lays the struct out otherwise.
     """
     library = loop_library()
-    check_layout(library.algebraic_loop_layout, (AlgebraicLoop,))
+    check_layout(library.algebraic_loop_layout, (Direction, AlgebraicLoop))
     return library

@@ -3,9 +3,10 @@
 Around such a loop outputs depend on themselves at the same instant, so that no order of exchange can compute them. Some
 of its connections are torn: what they carry is assumed, the exchange is performed in order, and the assumption is
 mended until the torn outputs are what was assumed. Newton's method does that, with damped steps; its Jacobian comes
-from differences, is learned on by Broyden's updates, and serves the next points as long as it does well. Where that
-finds nothing, solutions are followed from what was assumed first, while the outputs gain influence bit by bit. The
-compiled loop does the work, see cosim/loop/algebraic_loop.c.
+from directional derivatives where all FMUs of the loop give them, and else from differences. It is learned on by
+Broyden's updates, and serves the next points as long as it does well. Where that finds nothing, solutions are followed
+from what was assumed first, while the outputs gain influence bit by bit. The compiled loop does the work, see
+cosim/loop/algebraic_loop.c.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from cosim.loop.algebraic_loop import NO_SOLUTION, AlgebraicLoop, algebraic_loop_library
+from cosim.loop.algebraic_loop import NO_SOLUTION, AlgebraicLoop, Direction, algebraic_loop_library
 from cosim.loop.arena import Arena
 from cosim.loop.binding import Operation, OperationKind
 from cosim.master.algorithm import MOST_ITERATIONS
@@ -88,9 +89,19 @@ class TornExchange:
         )
         self._loop.n_operations = n
 
+    def direct(self, directions: Sequence[Direction], arena: Arena) -> None:
+        """Have the Jacobian come from directional derivatives, by the chain rule through the exchange."""
+        loop = self._loop
+        loop.directions = arena.structure(Direction * len(directions))
+        for i, direction in enumerate(directions):
+            loop.directions[i] = direction
+        loop.n_directions, loop.n_values = len(directions), len(self._values)
+        loop.changes = arena.zeros(len(self._values))
+
     def begin(self) -> None:
         """Begin a run."""
         loop = self._loop
+        loop.is_directed = loop.n_directions > 0
         loop.has_jacobian = loop.n_points = loop.n_iterations = loop.n_exchanges = 0
         loop.largest_residual = loop.residual = 0.0
 
@@ -120,11 +131,16 @@ class TornExchange:
     def numbers(self) -> list[float]:
         """What of it belongs to the state of a run."""
         jacobian = (self._loop.jacobian[i] for i in range(self._loop.n**2))
-        return [float(self._loop.has_jacobian), *jacobian, *self._values[list(self._assumed)].tolist()]
+        return [
+            float(self._loop.has_jacobian),
+            float(self._loop.is_directed),
+            *jacobian,
+            *self._values[list(self._assumed)].tolist(),
+        ]
 
     def restore(self, numbers: list[float]) -> None:
         """Take what `numbers` gave, and more, from the front of a list."""
-        self._loop.has_jacobian = int(numbers.pop(0))
+        self._loop.has_jacobian, self._loop.is_directed = int(numbers.pop(0)), int(numbers.pop(0))
         for i in range(self._loop.n**2):
             self._loop.jacobian[i] = numbers.pop(0)
         for position in self._assumed:
@@ -141,6 +157,7 @@ class TornExchange:
             "iterations": loop.n_iterations,
             "exchanges": loop.n_exchanges,
             "largest_residual": loop.largest_residual,
+            "jacobian": "directional derivatives" if loop.is_directed else "differences",
         }
 
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 import ctypes
 import dataclasses
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from operator import attrgetter
 from typing import Any, Protocol, TypeVar
@@ -23,6 +23,7 @@ from cosim.fmi.instance import Instance
 from cosim.fmi.model_exchange import ModelExchangeInstance
 from cosim.fmi.types import FmiType, type_code
 from cosim.fmi.variable_buffer import VariableBuffer
+from cosim.loop.algebraic_loop import Direction
 from cosim.loop.arena import Arena
 from cosim.loop.binding import EXTRAPOLATED, NONE, Conversion, Extrapolated, Operation, OperationKind, Rates
 from cosim.loop.current_calls import codes
@@ -221,6 +222,8 @@ class Exchange:
             strict=False,
         ):
             torn.attach(table.operations, table.codes, first_row, n)
+            if directions := self._directions(table.rows[first_row : first_row + n]):
+                torn.direct(directions, self._arena)
         sets_of = _grouped(layout.sets, attrgetter("component"))
         steps = {c: self._extrapolate_and_step(c, sets_of.get(c, ())) for c in system.components}
         alone = [row for c, rows in steps.items() if not self._is_in_group(c) for row in rows]
@@ -345,6 +348,80 @@ class Exchange:
         torn, assumed = [links[key] for key in keys], [self._layout.torn[key] for key in keys]
         sources = [self._layout.positions[key] for key in keys]
         return [TornExchange(torn, assumed, sources, self.values, most, self._arena) for _ in range(2)]
+
+    def _directions(self, rows: Sequence[NamedOperation]) -> list[Direction]:
+        """How changes of what is assumed go through an exchange; nothing where a component does not say."""
+        moved = set(self._layout.torn.values())
+        found: list[Direction] = []
+        for row in rows:
+            operation, component = row.operation, row.component
+            if operation.kind == OperationKind.SET:
+                links = self._links_to.get(component, ())
+                ends = zip(links, self._targets(links), self._origins(links), strict=True)
+                for link, to, origin in ends:
+                    if origin in moved and operation.first <= to < operation.first + operation.n:
+                        found.append(self._through_link(link.factor, to, origin))
+                        moved.add(to)
+            elif operation.kind == OperationKind.GET and row.transfer is not None:
+                inputs = self._moved_inputs(component, moved)
+                outputs = self._moved_outputs(row.transfer, inputs)
+                if outputs and not self._gives_directions(component, [e for e, _ in (*inputs, *outputs)]):
+                    return []
+                found += [self._through_fmu(component, inputs, outputs)] if outputs else []
+                moved.update(position for _, position in outputs)
+        return found
+
+    def _moved_inputs(self, component: str, moved: Container[int]) -> list[tuple[Element, int]]:
+        positions = self._layout.positions
+        own = [(k.target, positions[component, k.target.name]) for k in self._links_to.get(component, ())]
+        return [(element, position) for element, position in own if position in moved]
+
+    def _moved_outputs(self, transfer: Transfer, inputs: Sequence[tuple[Element, int]]) -> list[tuple[Element, int]]:
+        """Outputs that feed others and depend directly on inputs, with their positions."""
+        through = self._system.feedthrough[transfer.component]
+        names = {element.variable.name for element, _ in inputs}
+        feeding = {k.source.name for k in self._links_from.get(transfer.component, ())}
+        return [
+            (element, transfer.first + i)
+            for i, element in enumerate(transfer.elements)
+            if element.name in feeding and names & set(through.get(element.variable.name, ()))
+        ]
+
+    def _gives_directions(self, component: str, elements: Iterable[Element]) -> bool:
+        instance = self._instances[component]
+        if isinstance(instance, FunctionInstance | ModelExchangeInstance) or instance.version < 2:
+            return False
+        kind = self._system.ports[component].description.coSimulation
+        says = getattr(kind, "providesDirectionalDerivative", False)
+        scalars = all(not e.variable.shape and e.variable.type in ("Real", "Float64") for e in elements)
+        return bool(says) and scalars and not instance.lacks(f"fmi{instance.version}GetDirectionalDerivative")
+
+    def _through_link(self, factor: float, to: int, origin: int) -> Direction:
+        ends = {"to": self._arena.integers([to]), "from": self._arena.integers([origin])}
+        return Direction(factor=factor, n_to=1, n_from=1, **ends)
+
+    def _through_fmu(
+        self, component: str, inputs: Sequence[tuple[Element, int]], outputs: Sequence[tuple[Element, int]]
+    ) -> Direction:
+        instance = self._instances[component]
+        function = f"fmi{instance.version}GetDirectionalDerivative"
+        ends = {
+            "to": self._arena.integers([position for _, position in outputs]),
+            "from": self._arena.integers([position for _, position in inputs]),
+        }
+        return Direction(
+            function=instance.function_address(function),
+            instance=instance.address,
+            unknowns=self._arena.references([e.variable.valueReference for e, _ in outputs]),
+            knowns=self._arena.references([e.variable.valueReference for e, _ in inputs]),
+            seed=self._arena.zeros(len(inputs)),
+            change=self._arena.zeros(len(outputs)),
+            n_to=len(outputs),
+            n_from=len(inputs),
+            version=instance.version,
+            code=instance.code_of_call(function),
+            **ends,
+        )
 
     def _solving(self, torn: Iterable[TornExchange]) -> list[NamedOperation]:
         return [NamedOperation(t.operation(), "", torn=t) for t in torn]

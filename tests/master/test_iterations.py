@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim import SetupError, Simulation, SimulationError, System, simulate
+from cosim import Results, SetupError, Simulation, SimulationError, System, simulate
 from fmu_export.modelling.model import Model
 from fmu_export.modelling.variables import Variable
 from fmu_export.native.backend import build_native
 from tests.support.compilation import shared_compilation
 from tests.support.native_fmus import require_compiler
+from tests.support.small_fmus import redescribed
 
 
 def loop(first: Callable[..., Any], second: Callable[..., Any], size: int | None = None) -> System:
@@ -132,6 +133,38 @@ def leaky(tmp_path_factory: pytest.TempPathFactory) -> Path:
     require_compiler()
     with shared_compilation():
         return build_native(LEAKY, tmp_path_factory.mktemp("leaky"), "fmi2")
+
+
+def test_directional_derivatives_give_the_jacobian_where_all_fmus_have_them(leaky: Path, tmp_path: Path) -> None:
+    """Steep connections: u_1 = -30 y_2 and u_2 = 20 y_1; with a function between them there are differences only."""
+
+    def run(first: Path, *, with_function: bool = False) -> Results:
+        system = System()
+        system.add("a", first, {"x_start": 1.0})
+        system.add("b", leaky, {"x_start": 0.5})
+        system.connect("a.y", "b.u", factor=20.0, offset=1.0)
+        if with_function:
+            system.add_function("f", lambda t, u: -30.0 * u, inputs=["u"], outputs=["y"])
+            system.connect("b.y", "f.u")
+            system.connect("f.y", "a.u")
+        else:
+            system.connect("b.y", "a.u", factor=-30.0)
+        return simulate(system, 0.02, 0.01, iterations="loops", record=["a.y", "b.y", "a.x", "b.x"])
+
+    directed, differences = run(leaky), run(leaky, with_function=True)
+    text = 'providesDirectionalDerivative="true"'
+    silent = run(redescribed(leaky, tmp_path / "silent.fmu", {text: ""}))
+    found = [results.info["iterations"] for results in (directed, differences, silent)]
+    assert [each["jacobian"] for each in found] == ["directional derivatives", "differences", "differences"]
+    # y = x + u / 2, so y_1 + 15 y_2 = x_1 and y_2 - 10 y_1 = x_2 + 1 / 2
+    x, y = (np.array([directed[f"a.{n}"], directed[f"b.{n}"]]) for n in "xy")
+    exact = np.linalg.solve(np.array([[1.0, 15.0], [-10.0, 1.0]]), x + np.array([[0.0], [0.5]]))
+    np.testing.assert_allclose(y, exact, rtol=1e-9)
+    np.testing.assert_allclose(directed.values, silent.values, rtol=1e-8)
+    np.testing.assert_allclose(directed.values, differences.values, rtol=1e-8)
+    assert found[0]["largest_residual"] < 1e-10
+    assert found[0]["iterations"] <= 2 * found[0]["points"]  # it is linear
+    assert found[0]["exchanges"] <= found[2]["exchanges"]
 
 
 @pytest.mark.parametrize("interface", ["model-exchange", "co-simulation"])
