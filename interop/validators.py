@@ -11,8 +11,10 @@ from pathlib import Path
 
 from fmpy.validation import validate_fmu
 
+from cosim.pack import pack
 from fmu_export.package.archive import replace_members
 from interop.tools import maven
+from parallel_robot.scenario import load_scenario
 
 #: The Maven package.
 VDMCHECK = "org.into-cps.vdmcheck.fmi2:vdmcheck2:1.1.3"
@@ -57,7 +59,7 @@ def validate(fmus: Path, folder: Path) -> Iterator[Validation]:
     folder : Path
         Empty, for files.
     """
-    files = sorted(fmus.glob("*/*.fmu"))
+    files = [*sorted(fmus.glob("*/*.fmu")), *_packed(fmus, folder)]
     broken = _broken(fmus / "fmi2" / "RobotController.fmu", folder)
     yield _validation("FMPy", _fmpy, files, broken)
     if reason := maven.unavailable("vdmcheck2"):
@@ -66,6 +68,17 @@ def validate(fmus: Path, folder: Path) -> Iterator[Validation]:
     jars = _unpack_vdmcheck(folder)
     fmi2 = [file for file in files if file.parent.name != "fmi3"]
     yield _validation("VDMCheck2", lambda file: _vdmcheck(file, jars), fmi2, broken)
+
+
+def _packed(fmus: Path, folder: Path) -> list[Path]:
+    """The robot's system as one FMU of each version."""
+    packed = []
+    for version in (2, 3):
+        path = folder / "packed" / f"fmi{version}" / "RobotSystem.fmu"
+        path.parent.mkdir(parents=True)
+        system = load_scenario("tracking").system(fmus, "fmi2")
+        packed.append(pack(system, path, 1e-3, stop_time=1.0, fmi=version).path)
+    return packed
 
 
 def _validation(name: str, check: Callable[[Path], list[str]], files: list[Path], broken: Path) -> Validation:
