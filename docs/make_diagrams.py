@@ -1,6 +1,7 @@
-"""Draw the diagrams of the documentation: the robot's geometry, the desired path, and the rooms of the project.
+"""Draw the diagrams of the documentation: the robot's geometry, the desired path, the rooms of the project, the design procedure.
 
-python docs/make_diagrams.py      # writes plant_fmu/geometry.svg, trajectory_fmu/path.svg, docs/architecture.svg
+python docs/make_diagrams.py      # writes plant_fmu/geometry.svg, trajectory_fmu/path.svg, docs/architecture.svg,
+                                  # docs/procedure.svg
 
 Geometry and path are computed from the models, so that angles and lengths are those of the equations.
 """
@@ -317,11 +318,78 @@ def architecture() -> str:
     return drawing.svg()
 
 
+def procedure() -> str:
+    """The seven steps of the paper's design procedure (Fig. 3), and the loop that they lead to."""
+    drawing = Drawing(760, 620, "Steps 1 to 3 lead to the model, 4 and 5 to the control, 6 and 7 to its gains")
+    width, height = 222, 70
+    columns = {"active": (20, "Model"), "passive": (269, "Control"), "accent": (518, "Optimal gains")}
+    for colour, (x, name) in columns.items():
+        drawing.words(x, 34, name, "plain bold", colour)
+
+    def step(colour: str, y: int, *lines: str) -> None:
+        x = columns[colour][0]
+        drawing.panel(x, y, width, height, colour)
+        for row, line in enumerate(lines):
+            drawing.words(x + 12, y + 22 + 20 * row, line, "plain bold" if row == 0 else "plain small")
+
+    def arrow(*points: tuple[float, float], colour: str = "ink") -> None:
+        line = np.array(points)
+        drawing.path(line, colour, 1.8)
+        drawing.head(line[-1], line[-1] - line[-2], colour)
+
+    step("active", 50, "1  Open chains", "their masses and forces: (14)", "plant_fmu.dynamics")
+    step("active", 150, "2  Constraint force", "Udwadia-Kalaba: (8)-(10)", "udwadia_kalaba(M, Q, A, b)")
+    step("active", 250, "3  Complete model", "in all joints (20)", "in the active joints (27)")
+    step("passive", 50, "4  Bound of uncertainty", "Π, k, adaptive law: (37)", "bound_angles, bound_constant")
+    step("passive", 150, "5  Robust part", "τ₁ = −s Π²: (38)", "S gives s")
+    step("passive", 250, "5  PD part", "τ₂ = −s: (38)", "S gives s")
+    step("accent", 50, "6  Performance index", "J by D-operation: (78)-(81)", "PerformanceIndex")
+    step("accent", 150, "7  Its parameters", "ρ₀ ... ρ₇: (81)", "V₀ and the fuzzy set")
+    step("accent", 250, "7  Optimum", "∂J/∂α = ∂J/∂β = 0: (86)", "optimal_gains; cosim tune")
+    for x in (131, 629):
+        for y in (120, 220):
+            arrow((x, y), (x, y + 28))
+    arrow((380, 120), (380, 148))
+    arrow((242, 275), (255, 275), (255, 85), (267, 85))
+    arrow((491, 85), (516, 85))
+
+    drawing.panel(269, 380, width, height, "passive", 2.2)
+    drawing.words(281, 402, "Control input", "plain bold")
+    drawing.words(281, 424, "τₐ = α τ₁ + β τ₂: (38)", "plain small")
+    drawing.words(281, 443, "RobotController", "plain small")
+    arrow((380, 320), (380, 378))
+    arrow((491, 200), (505, 200), (505, 400), (493, 400))
+    arrow((629, 320), (629, 425), (493, 425), colour="accent")
+    drawing.words(525, 418, "α, β", "plain small", "accent")
+    drawing.panel(20, 380, width, height, "active", 2.2)
+    drawing.words(32, 402, "Robot", "plain bold")
+    drawing.words(32, 424, "angles and their velocities", "plain small")
+    drawing.words(32, 443, "RobotPlant", "plain small")
+    arrow((131, 320), (131, 378))
+    arrow((269, 415), (244, 415))
+    drawing.panel(20, 500, width, height, "active", 2.2)
+    drawing.words(32, 522, "Forward kinematics", "plain bold")
+    drawing.words(32, 544, "and Jacobian: place and", "plain small")
+    drawing.words(32, 563, "velocity of the end effector", "plain small")
+    arrow((131, 450), (131, 498))
+    drawing.panel(269, 500, width, height, "passive", 2.2)
+    drawing.words(281, 522, "Desired motion", "plain bold")
+    drawing.words(281, 544, "path (93) in joint angles", "plain small")
+    drawing.words(281, 563, "RobotTrajectory", "plain small")
+    arrow((380, 500), (380, 452))
+    arrow((242, 440), (255, 440), (255, 475), (325, 475), (325, 452))
+    drawing.words(
+        20, 602, "Thick frames: the closed loop. Numbers in parentheses: equations of the paper.", "plain small"
+    )
+    return drawing.svg()
+
+
 #: File -> what draws it.
 FIGURES = {
     ROOT / "plant_fmu/geometry.svg": geometry,
     ROOT / "trajectory_fmu/path.svg": path,
     ROOT / "docs/architecture.svg": architecture,
+    ROOT / "docs/procedure.svg": procedure,
 }
 
 if __name__ == "__main__":
