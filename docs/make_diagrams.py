@@ -1,4 +1,4 @@
-"""Draw the diagrams of the documentation: the robot's geometry, the desired path, the rooms of the project, the design procedure.
+"""Draw the diagrams of the documentation: robot, desired path, rooms of the project, design procedure.
 
 python docs/make_diagrams.py      # writes plant_fmu/geometry.svg, trajectory_fmu/path.svg, docs/architecture.svg,
                                   # docs/procedure.svg
