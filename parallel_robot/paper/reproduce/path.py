@@ -16,12 +16,14 @@ from trajectory_fmu.model import PARAMETERS as TRAJECTORY
 from trajectory_fmu.model import desired_path
 
 
-def path_not_printed(material: Material) -> Erratum:  # noqa: ARG001
+def path_not_printed(material: Material) -> Erratum:
     """Centre and phase of (93), which the paper leaves out.
 
-    Three pieces of evidence: the start at which the errors of Figs. 8-12 begin, the axes of Fig. 7, and its inset at
-    the disturbance. A number that is fitted has to meet a piece beside the one it is fitted to; the phase that enters
-    the inset does not, so that the default stays: the start at the lowest point, a phase that needs no number.
+    All that is printed about the path: the start at which the errors of Figs. 8-12 begin, the axes of Fig. 7, its
+    inset at the disturbance, and the main axes and insets of Figs. 8-12, which runs on it should keep to. A number
+    that is fitted has to meet a piece beside the one it is fitted to. The phase that enters the inset does not: runs on
+    both paths leave the main axes by as much, and the insets too. So the default stays: the start at the lowest point,
+    a phase that needs no number.
     """
     default = TRAJECTORY.unpack(TRAJECTORY.starts)
     own, other = path_evidence(float(default.phase)), path_evidence(PHASE_OF_INSET)
@@ -31,19 +33,34 @@ def path_not_printed(material: Material) -> Erratum:  # noqa: ARG001
         "(93), Fig. 7",
         "neither centre nor phase",
         "open: ours, (0.225, 0.355) m and -pi/2 rad, meet start and axes; a phase of -1.4585 to -1.3585 rad, with "
-        f"the centre at ({x_c:.4f}, {y_c:.4f}) m for its middle, meets the inset too, to which it is fitted. A fitted "
-        "number has to meet one piece of evidence more than the one it is fitted to, so the default stays",
-        "The desired path is computed with both; the inset is that of Fig. 7 where the disturbance sets in.",
+        f"the centre at ({x_c:.4f}, {y_c:.4f}) m for its middle, meets the inset too, to which it is fitted, and "
+        "leaves the main axes and the insets of Figs. 8-12 by as much. A fitted number has to meet one piece of evidence more "
+        "than the one it is fitted to, so the default stays",
+        "The desired path is computed with both; the inset is that of Fig. 7 where the disturbance sets in. The "
+        "runs are readings.",
         {
             "distance of ours from the inset after 4 s (m)": own[0],
             "distance of the other (m)": other[0],
             "the other enters it at (s)": other[1],
             "axes of Fig. 7 hold ours (1)": float(own[2]),
             "axes of Fig. 7 hold the other (1)": float(other[2]),
+            **_beyond_axes(material),
         },
         own[0] > 0.005 and other[0] == 0.0,
     )
 
+
+def _beyond_axes(material: Material) -> dict[str, float]:
+    """By how much runs on both paths leave the main axes of Figs. 8-12, where both have been run."""
+    found = {r.assumption.partition(":")[0]: r.beyond_axes for r in material.runs.readings}
+    labels = {"ours": "as printed", "the other": THROUGH_INSET}
+    if not all(label in found for label in labels.values()):
+        return {}
+    return {f"{name} leaves a main axis by (share of it)": found[label] for name, label in labels.items()}
+
+
+#: What the reading with the other path is called, up to its numbers.
+THROUGH_INSET = "path through the inset of Fig. 7"
 
 #: The middle of the phases (rad) with which the path enters the inset of Fig. 7 at the disturbance.
 PHASE_OF_INSET = -1.4085

@@ -24,7 +24,7 @@ from parallel_robot.fmus import build_continuous
 from parallel_robot.metrics import tracking_errors
 from parallel_robot.paper.reproduce.acting import MASS_CHANGE, MASS_RATE, signals
 from parallel_robot.paper.reproduce.content import Condition, Controller, Reading
-from parallel_robot.paper.reproduce.path import PHASE_OF_INSET, centre_for
+from parallel_robot.paper.reproduce.path import PHASE_OF_INSET, THROUGH_INSET, centre_for
 from parallel_robot.paper.reproduce.theorem import needed_bound
 from parallel_robot.scenario import RobotScenario
 from trajectory_fmu.model import PARAMETERS as TRAJECTORY
@@ -176,7 +176,7 @@ CONTINUOUS = tuple(
         Assumption("psi(0) = (0.25, 0.25), and k = 0.001", start={"controller.psi_start": 0.25, "controller.k": 1e-3}),
         Assumption("mass arrives at rest", mass_at_rest=True),
         Assumption(
-            f"path through the inset of Fig. 7: centre ({_X_C:.4f}, {_Y_C:.4f}) m, phase {PHASE_OF_INSET} rad",
+            f"{THROUGH_INSET}: centre ({_X_C:.4f}, {_Y_C:.4f}) m, phase {PHASE_OF_INSET} rad",
             start={"trajectory.x_c": _X_C, "trajectory.y_c": _Y_C, "trajectory.phase": PHASE_OF_INSET},
         ),
         Assumption("start with the desired velocity", start=_MOVING),
