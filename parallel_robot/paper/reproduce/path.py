@@ -34,8 +34,8 @@ def path_not_printed(material: Material) -> Erratum:
         "neither centre nor phase",
         "open: ours, (0.225, 0.355) m and -pi/2 rad, meet start and axes; a phase of -1.4585 to -1.3585 rad, with "
         f"the centre at ({x_c:.4f}, {y_c:.4f}) m for its middle, meets the inset too, to which it is fitted, and "
-        "leaves the main axes and the insets of Figs. 8-12 by as much. A fitted number has to meet one piece of evidence "
-        "more than the one it is fitted to, so the default stays",
+        "leaves the main axes and the insets of Figs. 8-12 by as much. A fitted number has to meet one piece of "
+        "evidence more than the one it is fitted to, so the default stays",
         "The desired path is computed with both; the inset is that of Fig. 7 where the disturbance sets in. The "
         "runs are readings.",
         {
