@@ -19,6 +19,7 @@ _MODULES = {
     "PlannedRun": "cosim.sweep.study",
     "Points": "cosim.sweep.points",
     "Range": "cosim.sweep.points",
+    "Rows": "cosim.sweep.batch",
     "ScenarioStudy": "cosim.sweep.scenarios",
     "Study": "cosim.sweep.study",
     "SweepError": "cosim.sweep.errors",
@@ -35,6 +36,7 @@ __all__ = [
     "PlannedRun",
     "Points",
     "Range",
+    "Rows",
     "ScenarioStudy",
     "Study",
     "SweepError",
@@ -47,6 +49,7 @@ __all__ = [
 ]
 
 if TYPE_CHECKING:
+    from cosim.sweep.batch import Rows
     from cosim.sweep.engine import sweep
     from cosim.sweep.errors import SweepError
     from cosim.sweep.points import Levels, Points, Range, design

@@ -74,6 +74,12 @@ class Rows:
 
     Attributes
     ----------
+    indices : list of int
+        Numbers of the points.
+    metrics : dict
+        Name -> a number, or a curve as an array (n,), a run; None of runs that failed.
+    errors : list of str or None
+        Why runs failed.
     seconds : float
         What the runs took (s), without opening simulations.
     """
