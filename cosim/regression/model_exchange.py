@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cosim.errors import SetupError
 from cosim.fmi.fmu_file import LoadedFMU
 from cosim.fmi.isolation.library import IsolatedLibrary
 from cosim.fmi.isolation.limits import Limits
@@ -21,6 +22,7 @@ from cosim.loop.current_calls import watched_calls
 from cosim.regression.case import Between, Case, CaseError, Method, RunError
 from cosim.regression.experiment import Experiment
 from cosim.regression.inputs import input_elements
+from cosim.system.resolution import resolve_start_value
 from cosim.system.variables import Element, Ports
 
 if TYPE_CHECKING:
@@ -150,12 +152,12 @@ def _start_values(case: Case, ports: Ports) -> dict[str, Any]:
     """Start values in fmpy's form: one a variable."""
     start: dict[str, Any] = {}
     for name, value in case.start.items():
-        elements = ports.find(name)
-        if elements[0].variable.shape:
-            start[elements[0].variable.name] = np.ravel(value).tolist()
+        try:
+            given = resolve_start_value(ports, name, value)
+        except SetupError as error:
+            raise CaseError(f"{case.tolerances_path}: {error}") from error
+        if given.elements[0].variable.shape:
+            start[given.elements[0].variable.name] = list(given.values)
             continue
-        values = value if isinstance(value, list) else [value] * len(elements)
-        if len(values) != len(elements):
-            raise CaseError(f"{case.tolerances_path}: start: '{name}' has {len(elements)} elements, not {len(values)}")
-        start |= {element.name: one for element, one in zip(elements, values, strict=True)}
+        start |= {element.name: one for element, one in zip(given.elements, given.values, strict=True)}
     return start

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from cosim.errors import nearest
 from cosim.files.whole import write_whole
@@ -42,7 +42,7 @@ class ParameterSet:
 
     file: str
     component: str
-    values: Mapping[str, float]
+    values: Mapping[str, Any]
     description: str = ""
     bound: bool = False
 

@@ -23,6 +23,7 @@ from cosim import CosimError, Results, System, simulate
 from cosim.__main__ import main
 from cosim.ssp.format.diagram import Box, arrange
 from cosim.ssp.writer import Experiment, ParameterSet, write_ssp
+from cosim.system.system import AsWritten
 from parallel_robot.paper.reproduce.table import table1
 from parallel_robot.scenario import load_scenario
 from parallel_robot.ssp import write_robot_ssp
@@ -423,3 +424,21 @@ def test_errors_name_the_archive_and_not_where_it_was_unpacked(
         "cosim: component 'plant': B.ssp: resources/RobotPlant.fmu: is a text, not an FMU (not a zip archive); "
     )
     assert shown.count("\n") == 1
+
+
+def test_start_values_are_written_whatever_way_they_are_given(tmp_path: Path) -> None:
+    """As words and as numbers of an enumeration and a Boolean, and as a person has typed them."""
+    found = []
+    probe = compiled(tmp_path, "fmi2_probe")
+    for i, given in enumerate(({"e": "on", "b": "true", "n": 3}, {"e": 2, "b": True, "n": AsWritten("3")})):
+        system = System()
+        system.add("p", probe, start=given)
+        path = tmp_path / f"{i}.ssp"
+        write_ssp(
+            str(path), system, "words", Experiment(1.0, 0.5), [ParameterSet("off", "p", {"e": "off", "b": "false"})]
+        )
+        with zipfile.ZipFile(path) as written:
+            found.append((written.read("resources/p.ssv"), written.read("resources/off.ssv")))
+        start = read(path).system.components["p"].start
+        assert {name: start[name] for name in given} == {"e": 2, "b": True, "n": 3}
+    assert found[0] == found[1]

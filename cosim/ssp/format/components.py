@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -10,7 +9,7 @@ from cosim.fmi.fmu_file import LoadedFMU, load
 from cosim.fmi.interfaces import AUTO_INTERFACE
 from cosim.ssp.errors import SSPError
 from cosim.ssp.format.diagram import Wire
-from cosim.system.resolution import resolve, split
+from cosim.system.resolution import resolve, resolve_start_value, split
 from cosim.system.system import Connection, System
 from cosim.system.variables import Element, Ports
 
@@ -80,9 +79,10 @@ def content_of(system: System) -> SystemContent:
     for name, packaged in content.components.items():
         packaged.inputs = [e for e in packaged.ports.of_causality("input") if (name, e.name) in fed]
         for variable, value in system.components[name].start.items():
-            elements = list(packaged.ports.find(variable))
-            values = list(value) if isinstance(value, Iterable) and not isinstance(value, str) else [value]
-            for element, v in zip(elements, values * len(elements) if len(values) == 1 else values, strict=True):
+            start = resolve_start_value(packaged.ports, variable, value)
+            if start.is_interval:
+                raise SSPError(f"'{name}.{variable}' has the interval of a clock; an SSP can't describe that")
+            for element, v in zip(start.elements, start.values, strict=True):
                 if (name, element.name) not in fed:
                     packaged.start[element.name] = (element, v)
     return content

@@ -13,6 +13,7 @@ from cosim.ssp.errors import SSPError
 from cosim.ssp.format.components import PackagedComponent, SystemContent
 from cosim.ssp.format.diagram import Arrangement, Box, arrange
 from cosim.ssp.format.schema import NAMESPACES
+from cosim.system.resolution import resolve_start_value
 from cosim.system.variables import Element, Ports
 from cosim.versions import versions
 
@@ -85,7 +86,7 @@ def parameter_file(name: str, description: str, values: Mapping[str, Any], ports
     ----------
     name, description : str
     values : mapping
-        Name of a scalar variable -> value.
+        Name of a variable -> value, as start values of a system.
     ports : Ports
         Of the component that they are for.
     version : {"1.0", "2.0"}
@@ -94,10 +95,11 @@ def parameter_file(name: str, description: str, values: Mapping[str, Any], ports
     root = _root("ssv:ParameterSet", name, description, version)
     parameters = _sub(root, "ssv:Parameters")
     for label, value in values.items():
-        (element,) = ports.find(label)
-        kind, attributes = _type(element, ports, definitions, version)
-        text = _value(element, value)
-        _sub(_sub(parameters, "ssv:Parameter", name=label), f"ssv:{kind}", value=text, **attributes)
+        start = resolve_start_value(ports, label, value)
+        for element, own in zip(start.elements, start.values, strict=True):
+            kind, attributes = _type(element, ports, definitions, version)
+            parameter = _sub(parameters, "ssv:Parameter", name=element.name)
+            _sub(parameter, f"ssv:{kind}", value=_value(element, own), **attributes)
     definitions.write(root, "ssv")
     return _text(root)
 
