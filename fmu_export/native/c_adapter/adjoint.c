@@ -15,7 +15,8 @@ CoreStatus core_adjoint(Core *core, const unsigned unknowns[], size_t n, const d
     int initial = (s->phase & INITIALIZATION) != 0;
     for (size_t i = 0; i < n; i++) {
         if (unknowns[i] < N_PU || unknowns[i] >= N_VALUES)
-            return core_fail(core, CORE_ERROR, "value reference %lu is not an unknown: give outputs or state derivatives",
+            return core_fail(core, CORE_ERROR,
+                             "value reference %lu is not an unknown: give outputs or state derivatives",
                              (unsigned long)unknowns[i]);
         if (!isfinite(seed[i])) return core_fail(core, CORE_ERROR, "the seed has entries that are not finite");
         weights[unknowns[i] - N_PU] += seed[i];

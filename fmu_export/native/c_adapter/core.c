@@ -466,7 +466,8 @@ CoreStatus core_direction(Core *core, const unsigned unknowns[], size_t n, const
     model_direction(s->time, STATES(core), INPUTS(core), PARAMETERS(core), dx, du, dp, changes);
     for (size_t i = 0; i < n; i++) {
         if (unknowns[i] < N_PU || unknowns[i] >= N_VALUES)
-            return core_fail(core, CORE_ERROR, "value reference %lu is not an unknown: give outputs or state derivatives",
+            return core_fail(core, CORE_ERROR,
+                             "value reference %lu is not an unknown: give outputs or state derivatives",
                              (unsigned long)unknowns[i]);
         result[i] = changes[unknowns[i] - N_PU];
         if (!isfinite(result[i]))

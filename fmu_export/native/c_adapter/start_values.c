@@ -51,8 +51,8 @@ CoreStatus core_read_start_values(Core *core, double values[]) {
         if (!reads) {
             for (char *c = line; *c; c++)
                 if (*c < ' ' || *c > '~') *c = '?'; /* messages are text, whatever the file is */
-            status = core_fail(core, CORE_ERROR, "start values can't be read: '%s' in %s is not 'name = %s'", line, path,
-                               i == N_PU || IS_REAL(i) ? "number" : "value");
+            status = core_fail(core, CORE_ERROR, "start values can't be read: '%s' in %s is not 'name = %s'", line,
+                               path, i == N_PU || IS_REAL(i) ? "number" : "value");
         } else if (i < N_PU) {
             values[i] = value;
             found[i] = 1;

@@ -109,8 +109,8 @@ static CoreStatus parse(const Source *source, char *text, int variables, Table *
             size_t bad = read_cells(line, row, columns, !first ? 0 : variables == 1 ? 2 : 1);
             int headings = first && variables == 1 && isnan(row[0]) && isnan(row[1]);
             if (bad || (variables == 1 && !headings && (isnan(row[0]) || isnan(row[1]))))
-                status =
-                    fail(source, number, "a cell is not a finite number; write numbers with points, separated by commas");
+                status = fail(source, number,
+                              "a cell is not a finite number; write numbers with points, separated by commas");
             rows += !headings;
         }
     }
