@@ -26,6 +26,7 @@ CHANGING = {
     "cosim.fmi.archive.findings.FileFindings",
     "cosim.system.read.Findings",
     "cosim.system.system.System",
+    "fmu_export.trace.straight_line._Value",
 }
 
 

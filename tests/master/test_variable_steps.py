@@ -42,13 +42,14 @@ def error(results: Results) -> float:
 
 @pytest.mark.parametrize("extrapolation", ["hold", "linear", "hermite", "quadratic-least-squares"])
 def test_the_tolerance_is_kept_by_steps_of_many_lengths(fmus: Path, extrapolation: str) -> None:
+    tolerance = 0.1 if extrapolation == "hold" else 1e-2
     with Simulation(decaying(fmus), extrapolation=extrapolation) as simulation:
-        results = simulation.run(4.0, "variable", coupling_tolerance=1e-2)
-        again = simulation.run(4.0, "variable", coupling_tolerance=1e-2)
+        results = simulation.run(4.0, "variable", coupling_tolerance=tolerance)
+        again = simulation.run(4.0, "variable", coupling_tolerance=tolerance)
         found = results.info["variable_steps"]
-        assert error(results) < 1e-2
+        assert error(results) < tolerance
         assert found["longest"] > 3.0 * found["shortest"]
-        assert found["tolerance"] == 1e-2
+        assert found["tolerance"] == tolerance
         assert results.info["step_size"] == "variable"
         assert results.time[0] == 0.0
         assert results.time[-1] == pytest.approx(4.0, abs=1e-12)
@@ -60,10 +61,10 @@ def test_the_tolerance_is_kept_by_steps_of_many_lengths(fmus: Path, extrapolatio
 
 
 def test_a_smaller_tolerance_takes_more_steps_and_gives_a_smaller_error(fmus: Path) -> None:
-    coarse, fine = (simulate(decaying(fmus), 2.0, "variable", coupling_tolerance=tol) for tol in (1e-2, 1e-4))
+    coarse, fine = (simulate(decaying(fmus), 0.5, "variable", coupling_tolerance=tol) for tol in (1e-2, 1e-4))
     assert error(fine) < 0.1 * error(coarse)
     assert fine.info["variable_steps"]["steps"] > 2 * coarse.info["variable_steps"]["steps"]
-    default = simulate(decaying(fmus), 2.0, "variable")
+    default = simulate(decaying(fmus), 0.5, "variable")
     np.testing.assert_array_equal(default.time, fine.time)
 
 
@@ -98,10 +99,10 @@ def test_points_are_recorded_now_and_then_and_go_to_a_sink(fmus: Path) -> None:
 
 def test_iterated_steps_are_longer(fmus: Path) -> None:
     plain, iterated = (
-        simulate(decaying(fmus), 1.0, "variable", coupling_tolerance=1e-3, extrapolation="hold", iterations=iterations)
+        simulate(decaying(fmus), 0.5, "variable", coupling_tolerance=1e-2, extrapolation="hold", iterations=iterations)
         for iterations in (None, "auto")
     )
-    assert error(iterated) < 1e-3
+    assert error(iterated) < 1e-2
     steps = [r.info["variable_steps"]["steps"] for r in (plain, iterated)]
     assert steps[1] < 0.5 * steps[0]
 
