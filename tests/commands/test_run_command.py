@@ -438,10 +438,11 @@ def test_a_failure_in_the_middle_keeps_what_was_recorded(here, capsys):
     results = Results.from_csv("results/mine/results.csv")
     assert 0.01 < failed_at < 0.5
     assert results.time.tolist() == [i * 1e-3 for i in range(round(failed_at * 1e3) + 1)]
-    # X Y = Z^2 by hand, with r_b = Z / (m_b l): the last row recorded is the first beyond it
+    # X Y = Z^2 by hand, with r_b = Z / (m_b l): the step from the last row recorded goes beyond it
     X, Y, Z, m_b, length, r_a = 0.0932, 0.0381, 0.0426, 1.0771, 0.244, 0.122
     r_b = Z / (m_b * length)
     dm = results["plant.dm"]
+    dm = np.append(dm, 2.0 * dm[-1] - dm[-2])
     margin = (X + dm * (r_a**2 + length**2)) * (Y + dm * r_b**2) - (Z + dm * length * r_b) ** 2
     assert (margin[:-1] > 0.0).all()
     assert margin[-1] <= 0.0
