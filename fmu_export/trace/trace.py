@@ -100,8 +100,6 @@ class TracedModel:
             return stages[-1]
 
         arguments = [*self.derivatives.sx_in(), ca.SX.sym("h")]
-        if not self.model.states:
-            return ca.Function("step", arguments, [arguments[1]])
         with as_written():
             end = rk4_step(derivatives, *arguments)
             results = ca.vertcat(end, *stages) if self.model.solver == "rk43" else end
@@ -246,10 +244,10 @@ def _traced(model: Model, unchecked: bool) -> TracedModel:
         values = {name: ca.cse(value) for name, value in values.items() if name not in ("derivatives", "outputs")}
         n_y, n_rates = y.numel(), y.numel() + n_x
         values |= {
-            "outputs": everything[:n_y],
-            "derivatives": everything[n_y:n_rates],
-            "step_margins": everything[n_rates:],
-            "rates": everything[n_y:],
+            "outputs": everything[:n_y, 0],
+            "derivatives": everything[n_y:n_rates, 0],
+            "step_margins": everything[n_rates:, 0],
+            "rates": everything[n_y:, 0],
             "everything": everything,
         }
         functions = {
