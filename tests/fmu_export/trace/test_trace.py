@@ -49,11 +49,22 @@ def numpy_value(model, name, point):
     def rates():
         return np.concatenate([model.derivatives(t, x, u, p), margins(model, "step")(t, x, u, p)])
 
+    def step():
+        """For rk43 the derivatives of the stages follow the new states."""
+        stages = []
+
+        def derivatives(*at):
+            stages.append(model.derivatives(*at))
+            return stages[-1]
+
+        end = rk4_step(derivatives, t, x, u, p, h)
+        return np.concatenate([end, *stages]) if model.solver == "rk43" else end
+
     return {
         "initial_state": lambda: model.initial_state(p),
         "derivatives": lambda: model.derivatives(t, x, u, p),
         "outputs": lambda: model.output_values(t, x, u, p),
-        "step": lambda: rk4_step(model.derivatives, t, x, u, p, h),
+        "step": step,
         "start_margins": lambda: margins(model, "start")(t, x, u, p),
         "step_margins": lambda: margins(model, "step")(t, x, u, p),
         "rates": rates,
@@ -233,8 +244,8 @@ def test_initial_dependencies_are_those_that_perturbing_shows(traced):
 def test_interface_counts_positions_of_all_variables(traced):
     interface, model = interface_of(traced), traced.model
     names = [v.name for v in interface.variables]
-    max_step = ["max_step"] if model.states else []
-    assert names == [*model.parameters.names, *max_step, *model.inputs.names, *model.outputs.names]
+    of_solver = [*(["rtol"] if model.solver == "rk43" else []), "max_step"] if model.states else []
+    assert names == [*model.parameters.names, *of_solver, *model.inputs.names, *model.outputs.names]
     assert interface.n_outputs == len(model.outputs)
     for rows, causalities in (
         (interface.dependencies, {"input"}),
@@ -244,7 +255,7 @@ def test_interface_counts_positions_of_all_variables(traced):
         for row in rows:
             assert list(row) == sorted(set(row))
             assert {interface.variables[i].causality for i in row} <= causalities
-            assert "max_step" not in {names[i] for i in row}
+            assert not {"rtol", "max_step"} & {names[i] for i in row}
 
 
 # A small model for what the robot does not show
