@@ -6,7 +6,7 @@ import dataclasses
 import re
 from collections.abc import Collection
 
-from cosim.results.names import elements, grouped
+from cosim.results.names import grouped, vectors
 from cosim.results.results import Results
 
 
@@ -17,10 +17,10 @@ def with_names_of(table: Results, known: Collection[str]) -> Results:
     elements keep their names.
     """
     names = [name for name in known if re.search(r"\[\d+,", name)]
-    renamed: dict[str, str] = {}
+    known_vectors, renamed = vectors(names), dict[str, str]()
     for stem, positions in grouped(table.names).items() if names else ():
         flat = [f"{stem}[{i + 1}]" for i in range(len(positions))]
-        found = elements(stem, names)
+        found = known_vectors.get(stem, [])
         if [table.names[i] for i in positions] == flat and len(found) == len(flat):
             renamed |= zip(flat, (names[i] for i in found), strict=True)
     if not renamed:

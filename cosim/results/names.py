@@ -5,6 +5,9 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
+#: At the end of the name of an element.
+_INDICES = re.compile(r"\[\d+(,\d+)*\]$")
+
 
 def grouped(names: Sequence[str]) -> dict[str, list[int]]:
     """Scalars and vectors -> positions of their elements, in the order of their first ones.
@@ -13,9 +16,10 @@ def grouped(names: Sequence[str]) -> dict[str, list[int]]:
     {'a.x': [0], 'a.v': [1, 2], 'b.y': [3]}
     """
     groups: dict[str, list[int]] = {}
+    known = set(names)
     for i, name in enumerate(names):
-        stem = re.sub(r"\[\d+(,\d+)*\]$", "", name)
-        groups.setdefault(name if stem in names else stem, []).append(i)
+        stem = _INDICES.sub("", name)
+        groups.setdefault(name if stem in known else stem, []).append(i)
     return groups
 
 
@@ -33,8 +37,16 @@ def labels(names: Sequence[str]) -> dict[str, list[int]]:
     return found
 
 
-def elements(name: str, names: Sequence[str]) -> list[int]:
-    """Positions of the elements of a vector, in the order of their indices."""
-    element = re.compile(re.escape(name) + r"\[\d+(,\d+)*\]")
-    found = [i for i, n in enumerate(names) if element.fullmatch(n)]
-    return sorted(found, key=lambda i: [int(k) for k in re.findall(r"\d+", names[i][len(name) :])])
+def vectors(names: Sequence[str]) -> dict[str, list[int]]:
+    """Vectors -> positions of their elements, in the order of their indices.
+
+    >>> vectors(["a.x", "a.v[2]", "a.v[1]"])
+    {'a.v': [2, 1]}
+    """
+    found: dict[str, list[int]] = {}
+    for i, name in enumerate(names):
+        if indices := _INDICES.search(name):
+            found.setdefault(name[: indices.start()], []).append(i)
+    for stem, positions in found.items():
+        positions.sort(key=lambda i: [int(k) for k in re.findall(r"\d+", names[i][len(stem) :])])
+    return found

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
+from functools import cached_property
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,7 +14,7 @@ import numpy as np
 from cosim.errors import ResultsError, nearest
 from cosim.results.display import as_html, as_text, headline
 from cosim.results.formats import TIME, schema, with_endings
-from cosim.results.names import elements, grouped
+from cosim.results.names import grouped, vectors
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -88,7 +89,15 @@ class Recorded(ABC):
         return self.time if name == TIME else self._values(self._find(name))
 
     def __contains__(self, name: str) -> bool:
-        return name == TIME or name in self.names or bool(elements(name, self.names))
+        return name == TIME or name in self._positions or name in self._vectors
+
+    @cached_property
+    def _positions(self) -> dict[str, int]:
+        return {name: i for i, name in reversed([*enumerate(self.names)])}
+
+    @cached_property
+    def _vectors(self) -> dict[str, list[int]]:
+        return vectors(self.names)
 
     def _find(self, name: str) -> int | list[int]:
         """Position of a scalar in `names`, or those of the elements of a vector.
@@ -98,10 +107,10 @@ class Recorded(ABC):
         ResultsError
             Nothing of this name was recorded; the message offers the nearest name.
         """
-        if name in self.names:
-            return self.names.index(name)
-        if found := elements(name, self.names):
-            return found
+        if name in self._positions:
+            return self._positions[name]
+        if name in self._vectors:
+            return self._vectors[name]
         raise ResultsError(f"nothing was recorded as '{name}'; {nearest(name, self.names)}")
 
     def to_arrow(self) -> pa.Table:
