@@ -152,16 +152,16 @@ CONTINUOUS = tuple(
         Assumption("k = 0.0001", start={"controller.k": 1e-4}),
         Assumption("k = 12 multiplies in (37): k in place of 1/k", start={"controller.k": 1.0 / _K}, other_law="(37)"),
         Assumption("angles in degrees in (89) and (90)", start={"controller.k": _K / _DEGREES**4}, other_law="(89)"),
-        Assumption("Pi = psi_1 + psi_2 |theta_a'|^2", start=_CONSTANT, other_law="another Pi"),
+        Assumption("Pi = psi_1 + psi_2 |theta_a'|^2", start=_CONSTANT, other_law="Pi of (89)"),
         Assumption(
             "Pi = psi_1 (1 + |theta_a|^2) + psi_2 |theta_a'|^2",
             start=_BESIDE,
-            other_law="another Pi",
+            other_law="Pi of (89)",
         ),
         Assumption(
             "Pi = psi_1 + psi_2 |theta_a'|^2, and k = 0.001",
             start={**_CONSTANT, "controller.k": 1e-3},
-            other_law="another Pi",
+            other_law="Pi of (89)",
         ),
         Assumption("no leakage in (37)", start={"controller.leakage": 0.0}, other_law="(37)"),
         Assumption(
