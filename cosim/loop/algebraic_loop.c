@@ -80,11 +80,15 @@ static bool differentiate_directly(AlgebraicLoop *a, const Loop *loop, int64_t p
         memset(a->changes, 0, (size_t)a->n_values * sizeof *a->changes);
         a->changes[a->positions[j]] = 1.0;
         for (int32_t k = 0; k < a->n_directions; k++)
-            if (!carry_change(a, loop, &a->directions[k])) return a->is_directed = false;
+            if (!carry_change(a, loop, &a->directions[k])) {
+                a->is_directed = false;
+                return false;
+            }
         for (int32_t i = 0; i < a->n; i++)
             a->jacobian[i * a->n + j] = a->changes[a->positions[a->n + i]] - (i == j ? 1.0 : 0.0);
     }
-    return a->has_jacobian = true;
+    a->has_jacobian = true;
+    return true;
 }
 
 /* The Jacobian by differences: one exchange for each torn value. */
