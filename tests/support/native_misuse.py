@@ -236,7 +236,7 @@ CASES = [
     Misuse("set integer", lambda h: typed(h, f"Set{h.integer}"), "no variable of this FMU is of this type"),
     Misuse("set boolean", lambda h: typed(h, "SetBoolean"), "no variable of this FMU is of this type"),
     Misuse("get string", lambda h: h.enter() or typed(h, "GetString"), "no variable of this FMU is of this type"),
-    Misuse("direction of an input", lambda h: h.run_up().direction(["dm"], {"dm": 1.0})[0], "no unknown"),
+    Misuse("direction of an input", lambda h: h.run_up().direction(["dm"], {"dm": 1.0})[0], "not an unknown"),
     Misuse(
         "direction of an unknown reference", lambda h: h.run_up().direction([9999], {"dm": 1.0})[0], "reference 9999"
     ),
@@ -250,8 +250,8 @@ CASES = [
         "rates of order 4", lambda h: h.run_up().set_rates({"dm": 1.0}, order=4), "order 4.*only of orders 1", **ONLY_2
     ),
     Misuse("rates of order 0", lambda h: h.run_up().set_rates({"dm": 1.0}, order=0), "order 0", **ONLY_2),
-    Misuse("rate of a parameter", lambda h: h.run_up().set_rates({"X": 1.0}), "no input", **ONLY_2),
-    Misuse("rate of an output", lambda h: h.run_up().set_rates({"x_E": 1.0}), "no input", **ONLY_2),
+    Misuse("rate of a parameter", lambda h: h.run_up().set_rates({"X": 1.0}), "not an input", **ONLY_2),
+    Misuse("rate of an output", lambda h: h.run_up().set_rates({"x_E": 1.0}), "not an input", **ONLY_2),
     Misuse("rate of an unknown reference", lambda h: h.run_up().set_rates({9999: 1.0}), "9999", **ONLY_2),
     Misuse("nan rate", lambda h: h.run_up().set_rates({"dm": NAN}), "derivative of 'dm' can't be -?nan", **ONLY_2),
     Misuse("cancel step", lambda h: h.run_up().call("CancelStep"), "none to cancel", **ONLY_2),
@@ -260,7 +260,7 @@ CASES = [
         lambda h: h.run_up().output_rates(["x_E"], order=2)[0],
         "order 2.*maxOutputDerivativeOrder is 1",
     ),
-    Misuse("output derivative of an input", lambda h: h.run_up().output_rates(["dm"])[0], "no output"),
+    Misuse("output derivative of an input", lambda h: h.run_up().output_rates(["dm"])[0], "not an output"),
     Misuse(
         "adjoint derivative of an input",
         lambda h: h.run_up().adjoint(["dm"], {"dm": 1.0})[0],
