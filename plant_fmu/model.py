@@ -181,6 +181,7 @@ MODEL = Model(
             "the loop closure is lost, closure_error is above l / 250: the internal step does not resolve the motion; "
             "make the torques or max_step smaller",
             _closure_margin,
+            of_integration=True,
         ),
     ),
 )

@@ -49,11 +49,15 @@ class Requirement:
         "start": depends on parameters only, checked before the initial state is computed;
         "step": checked at the start and before every integration step. A model without states has none of these; its
         outputs must not be finite where a requirement is violated, which is then the reason given.
+    of_integration : bool, optional
+        It says that the FMU's own integration is good enough. In model exchange, where the importer integrates and may
+        ask for derivatives anywhere, it does not count.
     """
 
     message: str
     margin: ModelFunction
     at: Literal["start", "step"] = "step"
+    of_integration: bool = False
 
     def __post_init__(self) -> None:
         check_text("the message of a requirement", self.message)

@@ -168,6 +168,7 @@ def _header(traced: TracedModel, interface: Interface, guid: str, equations: _Eq
         + "extern const double model_guesses[N_X + 1]; /* of the states at the start, in the model description */\n"
         + "extern const char *const model_start_requirements[N_START_REQUIREMENTS + 1];\n"
         + "extern const char *const model_step_requirements[N_STEP_REQUIREMENTS + 1];\n"
+        + "extern const int model_of_integration[N_STEP_REQUIREMENTS + 1]; /* requirements for co-simulation only */\n"
         + type_tables.declarations(interface)
         + "".join(f"extern const {table};\n" for table in _solver_table_values(equations.implicit))
         + "".join(f"extern const {table};\n" for table in hybrid_tables(traced, c_string))
@@ -207,6 +208,8 @@ def _tables(traced: TracedModel, interface: Interface) -> str:
     def messages(at: str) -> str:
         return ", ".join(c_string(r.message) for r in traced.model.requirements if r.at == at) or "0"
 
+    of_step = [r for r in traced.model.requirements if r.at == "step"]
+    of_integration = ", ".join(str(int(r.of_integration)) for r in of_step) or "0"
     return (
         f"const char *const model_names[N_P + N_U + N_Y + N_X + 1] = {{{', '.join(map(c_string, names))}}};\n"
         f"const double model_limits[N_P + 1][2] = {{{limits}{{0.0, 0.0}}}};\n"
@@ -217,7 +220,8 @@ def _tables(traced: TracedModel, interface: Interface) -> str:
         f"const int model_state_parameters[N_X + 1] = {{{starts}-1}};\n"
         f"const double model_guesses[N_X + 1] = {{{guesses}0.0}};\n"
         f"const char *const model_start_requirements[N_START_REQUIREMENTS + 1] = {{{messages('start')}}};\n"
-        f"const char *const model_step_requirements[N_STEP_REQUIREMENTS + 1] = {{{messages('step')}}};\n\n"
+        f"const char *const model_step_requirements[N_STEP_REQUIREMENTS + 1] = {{{messages('step')}}};\n"
+        f"const int model_of_integration[N_STEP_REQUIREMENTS + 1] = {{{of_integration}}};\n\n"
     )
 
 

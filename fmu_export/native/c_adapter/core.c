@@ -77,7 +77,8 @@ static CoreStatus check_parameters(Core *core) {
 
 CoreStatus core_check_margins(Core *core, double time, const double margins[], CoreStatus status) {
     for (int i = 0; i < N_STEP_REQUIREMENTS; i++)
-        if (!(margins[i] > 0.0)) return core_fail(core, status, "t = %.9g s: %s", time, model_step_requirements[i]);
+        if (!(margins[i] > 0.0) && !(core->model_exchange && model_of_integration[i]))
+            return core_fail(core, status, "t = %.9g s: %s", time, model_step_requirements[i]);
     return CORE_OK;
 }
 
