@@ -242,13 +242,27 @@ def test_a_start_out_of_reach_of_one_chain_is_said() -> None:
 def test_a_mass_matrix_that_is_not_positive_definite_is_said() -> None:
     """X, Y and X Y - Z^2 by the definitions, with the mass change dm in both links."""
     l, r_a, r_b = 0.244, 0.122, 0.0426 / (1.0771 * 0.244)
-    assert all(m > 0 for m in margins(PLANT, "step", plant_parameters(), PLANT.inputs.starts))
+    assert all(m > 0 for m in margins(PLANT, "step", plant_parameters(), PLANT.inputs.starts)[:3])
     for dm in (-0.5, 0.0, 0.7, -1.5):
         u = PLANT.inputs.pack(tau_a=np.zeros(3), tau_d=np.zeros(3), dm=dm, dm_rate=0.0)
         X, Y, Z = 0.0932 + dm * (r_a**2 + l**2), 0.0381 + dm * r_b**2, 0.0426 + dm * l * r_b
-        assert margins(PLANT, "step", plant_parameters(), u) == pytest.approx([X, Y, X * Y - Z * Z], rel=1e-12)
-    messages = [r.message for r in PLANT.requirements if r.at == "step"]
+        assert margins(PLANT, "step", plant_parameters(), u)[:3] == pytest.approx([X, Y, X * Y - Z * Z], rel=1e-12)
+    messages = [r.message for r in PLANT.requirements if r.at == "step"][:3]
     assert [m.split(": ")[1].split(" must")[0] for m in messages] == ["X", "Y", "X Y - Z^2"]
+
+
+def test_an_open_loop_is_said_where_the_fmu_integrates() -> None:
+    """A chain end that is off by d, and so both rows of (16) that it is in, has room until sqrt(2) d is l / 250."""
+    p, l = plant_parameters(), 0.244
+    (closure,) = [r for r in PLANT.requirements if r.of_integration]
+    x = PLANT.initial_state(p)
+    for off, positive in ((0.0, True), (0.0028, True), (0.0029, False)):
+        moved = x.copy()
+        moved[3] += off  # the passive link of the first chain: its end moves by l off
+        found = closure.margin(0.0, moved, PLANT.inputs.starts, p)
+        assert found == pytest.approx((l / 250.0) ** 2 - 2.0 * (2.0 * l * np.sin(off / 2.0)) ** 2, rel=1e-9, abs=1e-18)
+        assert (found > 0) == positive
+    assert "the loop closure is lost" in closure.message
 
 
 # The trajectory
