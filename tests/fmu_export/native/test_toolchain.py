@@ -15,7 +15,15 @@ from pathlib import Path
 import pytest
 
 from fmu_export.native import toolchain
-from fmu_export.native.toolchain import TARGETS, Target, ToolchainError, compile_library, find_compiler, host_target
+from fmu_export.native.toolchain import (
+    TARGETS,
+    Target,
+    ToolchainError,
+    Unit,
+    compile_library,
+    find_compiler,
+    host_target,
+)
 from tests.support.binaries import kind_and_exports, macho_commands, text_at
 from tests.support.compilation import OPTIMISATION_OF_USERS
 
@@ -109,6 +117,21 @@ def test_optimisation_is_that_of_the_moment(host_library: bytes, monkeypatch: py
     """Tests of models compile without, which takes a third of the time."""
     monkeypatch.setattr(toolchain, "OPTIMISATION", OPTIMISATION_OF_USERS)
     assert compile_library(SOURCES, "gain") != host_library
+
+
+@pytest.mark.parametrize("seldom", [False, True])
+def test_files_of_a_unit_are_compiled_as_one(host_library: bytes, seldom: bool, tmp_path: Path) -> None:
+    """What one of them keeps to itself the next one sees, beside files that are compiled for themselves."""
+    second = b'#include "gain.h"\ndouble gain(double x) { return five() * inner(x); }\n'
+    sources = SOURCES | {"first.c": b"static double five(void) { return 5.0; }\n", "gain.c": second}
+    units = [Unit(("first.c", "gain.c"), seldom=seldom)]
+    library = compile_library(sources, "gain", units=units)
+    assert load(library, tmp_path).gain(2.0) == 20.0
+    assert compile_library(sources, "gain", units=units) == library
+    with pytest.raises(ToolchainError, match=r"gain\.c:2.*five"):
+        compile_library(sources, "gain", strict=True)
+    with pytest.raises(ToolchainError, match=r"^gain\.\w+: .*gain\.c:2:.*error"):
+        compile_library(sources | {"gain.c": second.replace(b"five()", b"five(")}, "gain", units=units)
 
 
 def test_sources_may_lie_in_folders(host_library: bytes, tmp_path: Path) -> None:
