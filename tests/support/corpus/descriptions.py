@@ -288,7 +288,7 @@ DESCRIPTIONS: tuple[Case, ...] = (
     Case("FMI 3.0: the FMU as it is", lambda folder, m: zipped(folder / "x.fmu", *members_3(m)), RUNS),
     _3("no token", ' instantiationToken="3"', "", "it has no instantiationToken"),
     _3("a type of FMI 2.0", "<Float64 name=\"b\"", "<Real name=\"b\"", ""),
-    _3("no value reference", 'name="time" valueReference="0"', 'name="time"', "no whole number below 2^32"),
+    _3("no value reference", 'name="time" valueReference="0"', 'name="time"', "not a whole number below 2^32"),
     _3("a value reference of 2^32 + 2", 'name="b" valueReference="3"', 'name="b" valueReference="4294967299"', "2^32"),
     _3("a value reference twice", 'name="time" valueReference="0"', 'name="time" valueReference="2"', expected=RUNS),
     _3("a size by two variables", 'name="time" valueReference="0"', 'name="time" valueReference="1"', "2 variables have"),
