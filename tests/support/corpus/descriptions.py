@@ -162,7 +162,7 @@ DESCRIPTIONS: tuple[Case, ...] = (
     _xml(
         "20,000 variables, each of them wrong",
         lambda: _variables(20_000).replace('" valueReference="', '" valueReference="-9'),
-        "no whole number below 2^32",
+        "not a whole number below 2^32",
     ),
     _xml(
         "20,000 variables of one name",
@@ -217,10 +217,10 @@ DESCRIPTIONS: tuple[Case, ...] = (
     _2("a value reference of 2^32 + 1", '"2"', '"4294967297"', "which is not a whole number below 2^32"),
     _2("a value reference of 2^33 + 4", '"2"', '"8589934596"', "which is not a whole number below 2^32"),
     _2("a value reference of 2^64 + 2", '"2"', '"18446744073709551618"', "which is not a whole number below 2^32"),
-    _2("a negative value reference", 'valueReference="2"', 'valueReference="-2"', "no whole number below 2^32"),
-    _2("a value reference that is not a number", 'valueReference="2"', 'valueReference="two"', "no whole number"),
-    _2("a value reference of 2.0", 'valueReference="2"', 'valueReference="2.0"', "no whole number"),
-    _2("a value reference with a digit of another script", 'valueReference="2"', 'valueReference="٢"', "no whole number"),
+    _2("a negative value reference", 'valueReference="2"', 'valueReference="-2"', "not a whole number below 2^32"),
+    _2("a value reference that is not a number", 'valueReference="2"', 'valueReference="two"', "not a whole number"),
+    _2("a value reference of 2.0", 'valueReference="2"', 'valueReference="2.0"', "not a whole number"),
+    _2("a value reference with a digit of another script", 'valueReference="2"', 'valueReference="٢"', "not a whole number"),
     _2("the greatest value reference", 'valueReference="1"', 'valueReference="4294967295"', expected=RUNS, is_valid=True),
     _2("a variable twice", _U, _U + _U, expected=RUNS),
     _2("two variables of one name", _Y, _Y + _Y.replace('"2"', '"3"'), "there are two variables named 'y'"),
