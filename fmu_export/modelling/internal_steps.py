@@ -22,8 +22,12 @@ LEAST_STEP, LEAST_ERROR = 1e-15, 1e-4
 #: tried(time, states, h) -> the states a step later, then the derivatives of its four stages.
 Tried = Callable[[float, list[float], float], list[float]]
 
-#: rates(time, states) -> derivatives; raises an ArithmeticError or a ValueError where there are none.
+#: rates(time, states) -> derivatives; raises an ArithmeticError (`NoRates`) or a ValueError where there are none.
 Rates = Callable[[float, list[float]], list[float]]
+
+
+class NoRates(ArithmeticError):
+    """A model requires what these states do not meet."""
 
 
 class TooManySteps(Exception):

@@ -21,7 +21,7 @@ import numpy as np
 
 from fmu_export.errors import ArgumentError, DocumentationError
 from fmu_export.modelling.functions import rk4_step
-from fmu_export.modelling.internal_steps import InternalSteps, TooManySteps
+from fmu_export.modelling.internal_steps import InternalSteps, NoRates, TooManySteps
 from fmu_export.modelling.model import Model, Solver
 from fmu_export.modelling.names import check_text
 from fmu_export.modelling.variables import Array, Layout
@@ -281,7 +281,7 @@ def _steps_with_estimate(
 
     def rates(t: float, x: list[float]) -> list[float]:
         if not all(r.margin(t, np.array(x), u, p) > 0.0 for r in model.requirements if r.at == "step"):
-            raise ValueError
+            raise NoRates
         found: list[float] = functions.derivatives(t, np.array(x), u, p).tolist()
         return found
 

@@ -248,7 +248,7 @@ class Fmi2Slave:
         def rates(at: float, states: list[float]) -> list[float]:
             margins = self.equations.step_margins(at, states, u, p)
             if not all(margin > 0.0 for margin in margins):
-                raise ValueError
+                raise self.internal_steps.NoRates
             found: list[float] = self.equations.derivatives(at, states, u, p)
             return found
 

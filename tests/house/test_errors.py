@@ -21,6 +21,8 @@ APART = {
     "cosim.master.failures.InterruptedInCall",
     "fmu_export.pythonfmu.slave.SlaveError",
     "fmu_export.pythonfmu.script_slave.ScriptError",
+    "fmu_export.modelling.internal_steps.NoRates",
+    "fmu_export.modelling.internal_steps.TooManySteps",
 }
 
 #: Built-in errors that are Python's own answer to wrong code or to Ctrl-C, not to wrong input.
