@@ -217,9 +217,9 @@ slave = FMU2Slave(guid=description.guid, unzipDirectory=str(fmpy.extract(A.fmu, 
 slave.instantiate()
 known = [v for v in description.modelVariables if v.causality != "output"]
 references = [v.valueReference for v in known]
-early = slave.getReal(references)
 slave.setupExperiment()
 slave.enterInitializationMode()
+early = slave.getReal(references)
 slave.exitInitializationMode()
 assert slave.getReal(references) == early
 slave.doStep(0.0, 0.001)
