@@ -178,6 +178,7 @@ register(
         "outputs reach the inputs that they feed at the same communication point, also through direct feedthrough",
         _sequential,
         needs_levels=True,
+        auto="adaptive",
     )
 )
 register(
@@ -332,7 +333,8 @@ def algorithm(order: str = "sequential", extrapolation: str = AUTO) -> Algorithm
     order : str
         One of `ORDERS`: "sequential" (Gauss-Seidel) or "parallel" (Jacobi).
     extrapolation : str
-        One of `EXTRAPOLATIONS`; "auto" is linear where the FMU can, and else holds.
+        One of `EXTRAPOLATIONS`; "auto" is "adaptive" in sequential order where the FMUs can, else linear, and else
+        holds.
 
     Raises
     ------

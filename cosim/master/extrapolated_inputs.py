@@ -66,7 +66,10 @@ class ExtrapolatedInputs:
     def summary(self) -> dict[str, object]:
         """For people: what was asked for, and the names of what is extrapolated, and how, and of what is held."""
         extrapolation = self.algorithm.extrapolation
-        names: dict[str, list[str]] = {extrapolation.name: []} if extrapolation.degree else {}
+        asked_for = extrapolation.name if self.algorithm.demanded else "linear"
+        names: dict[str, list[str]] = {}
+        if extrapolation.degree and (self.algorithm.demanded or not self.moving):
+            names[asked_for] = []
         for key in sorted(self.moving):
             names.setdefault(self.moving[key].name, []).append(".".join(key))
         if self.exact:
@@ -83,6 +86,9 @@ def extrapolated_inputs(
     orders: Mapping[str, int] | None = None,
 ) -> ExtrapolatedInputs:
     """Decide for every fed input.
+
+    What a component is fed by signals is followed by lines unless an extrapolation is demanded, or its connections are
+    followed by polynomials of higher degree.
 
     Parameters
     ----------
@@ -101,6 +107,7 @@ def extrapolated_inputs(
     """
     moving: dict[Key, Extrapolation] = {}
     held: list[str] = []
+    curved: set[str] = set()
     added = {(d.component, e.name) for d in system.drives if d.added for e in d.targets}
     rated = _Rated(system)
     for component, element, every, link in _fed(system):
@@ -114,6 +121,8 @@ def extrapolated_inputs(
             continue
         if not demanded and extrapolation.degree > _order_of(system, component, orders or {}):
             extrapolation = EXTRAPOLATIONS["linear"]
+        if link is None and not demanded and component not in curved:  # connections come first
+            extrapolation = min(extrapolation, EXTRAPOLATIONS["linear"], key=lambda e: e.degree)
         if obstacle:
             raise SetupError(
                 f"extrapolation '{extrapolation.name}': input '{name}' can only be held, for {obstacle}; use '{AUTO}'"
@@ -127,6 +136,8 @@ def extrapolated_inputs(
                 "'cubic' or one of lower degree"
             )
         moving[key] = extrapolation
+        if extrapolation.degree > 1:
+            curved.add(component)
     by_variable: dict[Key, Extrapolation] = {}
     for component, element, *_ in _fed(system):
         if (component, element.name) in moving:

@@ -136,8 +136,8 @@ class Simulation:
         (Jacobi); see `cosim.master.algorithm`.
     extrapolation : str
         What connected inputs do between communication points: "hold" (zero-order hold), "linear" (first-order hold,
-        linear extrapolation), or another one of `cosim.master.algorithm`; "auto" is linear where the FMU can, and else
-        holds.
+        linear extrapolation), or another one of `cosim.master.algorithm`; "auto" is "adaptive" in sequential order
+        where the FMUs can, else linear, and else holds.
     record : sequence of str, optional
         Names `component.variable`, scalars or vectors; all inputs and outputs by default.
     build : bool

@@ -69,8 +69,8 @@ class Scenario:
         In s.
     order : {"sequential", "parallel"}
         Gauss-Seidel or Jacobi.
-    extrapolation : {"auto", "hold", "linear"}
-        What inputs do between communication points.
+    extrapolation : str
+        What inputs do between communication points: "auto", "hold", "linear" and others, see `cosim.master.algorithm`.
     interface : {"auto", "co-simulation", "model-exchange"}, optional
         Interface of the FMUs of components that choose none; "auto" by default.
     solver : {"auto", "rk4", "dopri5"}

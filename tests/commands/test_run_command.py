@@ -798,7 +798,7 @@ def test_real_time_is_kept_and_reported(here, no_figures, capsys):
 def test_the_coupling_is_said_and_can_be_demanded(here, no_figures, capsys):
     if DEFAULT_FLAVOUR == "pythonfmu":
         pytest.skip("there is no C compiler: no FMU here takes linear inputs")
-    for coupling, words in (("auto", "second-order"), ("linear", "second-order"), ("hold", "first-order")):
+    for coupling, words in (("auto", "fourth-order"), ("linear", "second-order"), ("hold", "first-order")):
         assert main(["run", "--stop", "0.01", "--coupling", coupling]) == 0
         assert words in capsys.readouterr().out
         assert summary_of()["extrapolation"]["mode"] == coupling

@@ -57,10 +57,11 @@ def test_what_starts_an_extrapolation_is_registered_and_needs_fewer_values(start
         register(Extrapolation("wrong", "", "", PARABOLA, start=start))
 
 
-def test_the_default_is_linear_where_an_fmu_can() -> None:
+def test_the_default_is_adaptive_in_sequential_order_and_linear_in_parallel_order() -> None:
     assert next(iter(ORDERS)) == "sequential"
     chosen = algorithm()
-    assert (chosen.order, chosen.extrapolation) == (ORDERS["sequential"], EXTRAPOLATIONS["linear"])
+    assert (chosen.order, chosen.extrapolation) == (ORDERS["sequential"], EXTRAPOLATIONS["adaptive"])
+    assert algorithm("parallel").extrapolation is EXTRAPOLATIONS["linear"]
     assert not chosen.demanded
 
 

@@ -329,7 +329,7 @@ def test_a_connection_has_an_extrapolation_of_its_own(fmus: Path) -> None:
     for name, flavour in (("t", "fmi2"), ("s", "fmi3")):
         system.add(name, fmus / flavour / "Tank.fmu")
         system.connect("a.x", f"{name}.a", extrapolation="cubic")
-        system.connect("b.x", f"{name}.b", extrapolation="hold" if name == "s" else None)
+        system.connect("b.x", f"{name}.b", extrapolation="hold" if name == "s" else "linear")
     r = simulate(system, 2.0, 0.1)
     assert r.info["extrapolation"] == {
         "mode": "auto",

@@ -174,7 +174,11 @@ def test_the_derivative_of_the_torque_is_finite_at_the_kink_and_zero_beyond() ->
 @pytest.fixture(scope="module")
 def loop(robot_fmus: Path) -> Iterator[Simulation]:
     scenario = load_scenario("tracking-undisturbed")
-    with Simulation(scenario.system(robot_fmus, DEFAULT_FLAVOUR), order=scenario.order) as simulation:
+    system, linear = (
+        scenario.system(robot_fmus, DEFAULT_FLAVOUR),
+        "auto" if DEFAULT_FLAVOUR == "pythonfmu" else "linear",
+    )
+    with Simulation(system, order=scenario.order, extrapolation=linear) as simulation:
         yield simulation
 
 
