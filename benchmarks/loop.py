@@ -28,9 +28,9 @@ def measure_loop(folder: Path) -> Section:
     """Native FMUs against the monolith."""
     scenario, monolith, shared, n = disturbed(), Monolith(), Monolith("shared"), round(STOP_TIME / STEP)
     with (
-        Simulation(scenario.system(folder, "fmi2")) as linear,
+        Simulation(scenario.system(folder, "fmi2"), extrapolation="linear") as linear,
         Simulation(scenario.system(folder, "fmi2"), extrapolation="hold") as held,
-        Simulation(scenario.system(folder, "fmi3")) as version_3,
+        Simulation(scenario.system(folder, "fmi3"), extrapolation="linear") as version_3,
     ):
         results = linear.run(STOP_TIME, STEP)
         signals = np.column_stack([results["plant.tau_d"], results["plant.dm"]])

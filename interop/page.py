@@ -53,7 +53,7 @@ def _head(references: References) -> Iterable[str]:
         "",
         f"Our own runs are {_number(distance(references.sequential, references.continuous))} m (sequential) and "
         f"{_number(references.first_order_error)} m (parallel) away from the continuous loop, both of first order in "
-        "the step. With inputs that change linearly, which `cosim run` takes by default and no tool here does, it is "
+        "the step. With inputs that change linearly (`--extrapolation linear`), which no tool here does, it is "
         "second order and a hundred times less.",
         "",
     )
