@@ -108,6 +108,7 @@ def extrapolated_inputs(
     moving: dict[Key, Extrapolation] = {}
     held: list[str] = []
     curved: set[str] = set()
+    chosen: list[tuple[Key, Key]] = []  # elements and their variables whose extrapolation nobody has demanded
     added = {(d.component, e.name) for d in system.drives if d.added for e in d.targets}
     rated = _Rated(system)
     for component, element, every, link in _fed(system):
@@ -138,6 +139,9 @@ def extrapolated_inputs(
         moving[key] = extrapolation
         if extrapolation.degree > 1:
             curved.add(component)
+        if not demanded:
+            chosen.append((key, (component, element.variable.name)))
+    _agree(moving, chosen)
     by_variable: dict[Key, Extrapolation] = {}
     for component, element, *_ in _fed(system):
         if (component, element.name) in moving:
@@ -168,6 +172,16 @@ def extrapolated_inputs(
         outputs,
         tuple(sorted({c for (c, _), each in moving.items() if each.degree > _order_of(system, c, orders or {})})),
     )
+
+
+def _agree(moving: dict[Key, Extrapolation], chosen: Iterable[tuple[Key, Key]]) -> None:
+    """Let elements go straight whose variable has others that don't follow the same polynomial: they are set as one."""
+    by_variable: dict[Key, set[str]] = {}
+    for key, variable in chosen:
+        by_variable.setdefault(variable, set()).add(moving[key].name)
+    for key, variable in chosen:
+        if len(by_variable[variable]) > 1:
+            moving[key] = EXTRAPOLATIONS["linear"]
 
 
 def _wanted(algorithm: Algorithm, link: Link | None) -> tuple[Extrapolation, bool]:

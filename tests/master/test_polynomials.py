@@ -13,6 +13,7 @@ from numpy.polynomial import Polynomial
 from cosim import SetupError, Simulation, System, simulate
 from cosim.analysis import LinearComponent, LinearSystem, largest_stable_step, spectral_radius
 from cosim.master.algorithm import EXTRAPOLATIONS
+from fmu_export import build_native
 from tests.support.small_fmus import TANK, build, redescribed
 from tests.support.tiny_models import CLOCK, GAIN, INTEGRATOR
 
@@ -319,6 +320,24 @@ def test_runs_grow_and_decay_as_the_transition_matrix_says(fmus: Path, name: str
 
 
 # Of single connections
+
+
+def test_elements_that_are_set_together_agree(fmus: Path, tmp_path: Path) -> None:
+    """The rate of what a function gives is not known: all of the array go straight, unless one is told otherwise."""
+    array = build_native(GAIN, tmp_path, "fmi3", arrays=True)
+    system = System()
+    system.add("i", fmus / "fmi3" / "Integrator.fmu")
+    system.drive("i.u", np.cos, vectorized=True)
+    system.add("g", array)
+    system.add_function("f", lambda t: [t], inputs={}, outputs={"y": 1})
+    system.connect("i.x", "g.u[1]")
+    with Simulation(system) as simulation:
+        alone = simulation.run(0.5, 0.1).info["extrapolation"]
+    system.connect("f.y[1]", "g.u[2]")
+    with Simulation(system) as simulation:
+        both = simulation.run(0.5, 0.1).info["extrapolation"]
+    assert alone == {"mode": "auto", "adaptive": ["g.u[1]"], "linear": ["i.u"], "hold": []}
+    assert both == {"mode": "auto", "linear": ["g.u[1]", "g.u[2]", "i.u"], "hold": []}
 
 
 def test_a_connection_has_an_extrapolation_of_its_own(fmus: Path) -> None:
