@@ -27,7 +27,7 @@ def register(subparsers: Any) -> None:
     parser.add_argument(
         "model",
         metavar="MODEL",
-        help="Python file of a model, as `cosim new` writes it; FILE:NAME for one of several in it; or MODULE:NAME",
+        help="Python file of a model, as `cosim new` writes it; followed by :NAME for one of several; or MODULE:NAME",
     )
     parser.add_argument("--out", type=Path, metavar="FILE", help="the page (default: <name of the model>.html)")
     parser.set_defaults(run=run)
