@@ -134,7 +134,7 @@ def _text(path: Path, text: str) -> FileKind:
     first = text.lstrip().partition("\n")[0].strip()
     if re.match(r'"?(time|t)\s*([\[(].*?[\])])?"?\s*([,;\t]|$)', first, re.IGNORECASE):
         return CSV
-    if text.lstrip()[0] in "{[" and ending == ".json":
+    if text.lstrip().startswith(("{", "[")) and ending == ".json":
         return JSON
     if ending == ".csv":
         return CSV

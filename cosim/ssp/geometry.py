@@ -44,5 +44,8 @@ def _corners(part: Part, name: str) -> Corners | None:
     geometry = child(part.element, name)
     if geometry is None:
         return None
-    x1, y1, x2, y2 = (float(geometry.attrib[key]) for key in ("x1", "y1", "x2", "y2"))
+    try:
+        x1, y1, x2, y2 = (float(geometry.attrib[key]) for key in ("x1", "y1", "x2", "y2"))
+    except (KeyError, ValueError):  # a place that is none is said by the schema, and does not matter for a run
+        return None
     return x1, y1, x2, y2

@@ -128,3 +128,11 @@ def test_validate_says_what_is_no_fmu(capsys: pytest.CaptureFixture[str]) -> Non
         "a.parquet: is a table in Parquet",
         "a.npz: is an archive of NumPy arrays",
     ]
+
+
+@pytest.mark.parametrize("content", [b"\n \n", b"\xf8\xf6\xd8\xd4", b" "])
+@pytest.mark.parametrize("ending", ["fmu", "json", "toml"])
+def test_a_file_of_blanks_and_of_bytes_that_are_no_text_has_a_kind(tmp_path: Path, content: bytes, ending: str) -> None:
+    path = tmp_path / f"file.{ending}"
+    path.write_bytes(content)
+    assert kind_of(path)
