@@ -19,7 +19,7 @@ from benchmarks.system import STOP_TIME, disturbed
 from cosim import Results, Simulation, SimulationError, System
 from cosim import analysis as cosim_analysis
 from cosim.errors import ArgumentError
-from cosim.master.algorithm import EXTRAPOLATIONS, ORDERS
+from cosim.master.coupling.algorithm import EXTRAPOLATIONS, ORDERS
 from fmu_export import build_native
 from parallel_robot.stability import largest_stable_step
 from tests.support.continuous_loop import end_effector, solve

@@ -21,12 +21,12 @@ _MODULES = {
     "Component": "cosim.system.system",
     "Connection": "cosim.system.system",
     "CosimError": "cosim.errors",
-    "Extrapolation": "cosim.master.algorithm",
+    "Extrapolation": "cosim.master.coupling.algorithm",
     "FormatError": "cosim.results.formats",
     "Limits": "cosim.fmi.isolation.limits",
     "Log": "cosim.fmi.message_log",
     "MissingExtra": "cosim.errors",
-    "Order": "cosim.master.algorithm",
+    "Order": "cosim.master.coupling.algorithm",
     "OutputError": "cosim.results.output",
     "Results": "cosim.results.results",
     "ResultsError": "cosim.errors",
@@ -87,8 +87,8 @@ if TYPE_CHECKING:
     from cosim.errors import ArgumentError, CosimError, MissingExtra, ResultsError, SetupError
     from cosim.fmi.isolation.limits import Limits
     from cosim.fmi.message_log import Log
-    from cosim.master.algorithm import Extrapolation, Order
     from cosim.master.checkpoint import Checkpoint
+    from cosim.master.coupling.algorithm import Extrapolation, Order
     from cosim.master.failures import SimulationError, SimulationInterrupted
     from cosim.master.recording import Sink
     from cosim.master.simulation import Simulation, simulate

@@ -14,7 +14,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from cosim.master.algorithm import EXTRAPOLATIONS
+from cosim.master.coupling.algorithm import EXTRAPOLATIONS
 
 #: The extrapolations that are drawn; those by least squares beside those that go through all values.
 DRAWN = (

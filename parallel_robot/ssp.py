@@ -5,7 +5,7 @@ from __future__ import annotations
 from os import PathLike
 from typing import Literal
 
-from cosim.master.algorithm import fixed
+from cosim.master.coupling.algorithm import fixed
 from cosim.ssp.errors import SSPError
 from cosim.ssp.writer import Experiment, ParameterSet, write_ssp
 from parallel_robot.paper.reproduce.table import table1

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.linalg import block_diag, null_space, polar
 
 from cosim.analysis import LinearComponent, LinearSystem, largest_stable_step_along
-from cosim.master.algorithm import AUTO
+from cosim.master.coupling.algorithm import AUTO
 from fmu_export.control_backend import parameter_array
 from fmu_export.modelling.model import Model
 from parallel_robot.continuous_loop import ContinuousSolution, controller_inputs, solve, undisturbed
@@ -145,8 +145,9 @@ def largest_stable_step(
     order : {"sequential", "parallel"}
         Gauss-Seidel or Jacobi, as in `cosim.Simulation`.
     extrapolation : {"auto", "hold", "linear"}
-        What inputs do between communication points: zero-order hold or linear extrapolation. "auto", the default as in
-        `cosim.Simulation`, is linear: the native FMUs can. Those of the pythonfmu flavour hold their inputs.
+        What inputs do between communication points: zero-order hold or linear extrapolation. "auto" is analysed as
+        linear, to which the default of `cosim.Simulation` falls back: the native FMUs can. Those of the pythonfmu
+        flavour hold their inputs.
     duration : float
         From t = 0 to this time (s); two periods of the path by default.
     points : int

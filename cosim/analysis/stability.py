@@ -1,11 +1,11 @@
 """Stability of a co-simulation: the transition matrix of linear components that an algorithm couples.
 
 The very operations that the master performs at a communication point and to the next one are interpreted linearly: the
-order arranges them and the weights of the extrapolation say how an input goes on (`cosim.master.algorithm`). What the
-system carries on are the states of the components, the values of their outputs and inputs, and the past values that
-the extrapolation needs. Getting outputs, setting inputs and stepping a component are each a linear map of these; their
-product over a communication step is the transition matrix. A component is stepped exactly, by a matrix exponential:
-what an FMU's own integrator adds is not looked at.
+order arranges them and the weights of the extrapolation (`cosim.master.coupling.algorithm`) say how an input goes on.
+What the system carries on are the states of the components, the values of their outputs and inputs, and the past values
+that the extrapolation needs. Getting outputs, setting inputs and stepping a component are each a linear map of these;
+their product over a communication step is the transition matrix. A component is stepped exactly, by a matrix
+exponential: what an FMU's own integrator adds is not looked at.
 
 A constant system is stable when the eigenvalues of this matrix lie inside the unit circle. A system that changes along
 a path may recover from a short piece where they do not, but not from every such piece. There the matrices of the steps
@@ -23,7 +23,7 @@ import numpy as np
 
 from cosim.analysis.linear import LinearComponent, LinearSystem, Node
 from cosim.errors import ArgumentError, SetupError
-from cosim.master.algorithm import AUTO, EXTRAPOLATIONS, Algorithm, algorithm, can_be_extrapolated
+from cosim.master.coupling.algorithm import AUTO, EXTRAPOLATIONS, Algorithm, algorithm, can_be_extrapolated
 
 #: Between which steps (s) the largest stable one is searched by default.
 SHORTEST, LONGEST = 1e-4, 1.0
@@ -58,7 +58,7 @@ def largest_stable_step(
         "sequential" (Gauss-Seidel) or "parallel" (Jacobi), or another registered one.
     extrapolation : str
         "hold" (zero-order hold) or "linear" (first-order hold, linear extrapolation), or another registered one.
-        "auto", the default as in `Simulation`, is linear.
+        "auto" is analysed as linear, and so is "adaptive", the default of `Simulation`, which falls back to lines.
     shortest, longest : float
         Between which steps (s) to search.
 

@@ -32,8 +32,8 @@ from cosim.files.whole import PART, part_of, write_json
 from cosim.fmi.message_log import Log
 from cosim.fmi.messages import notes
 from cosim.loop.team import Threads, checked_threads
-from cosim.master.algorithm import EXTRAPOLATIONS
 from cosim.master.checkpoint import Checkpoint
+from cosim.master.coupling.algorithm import EXTRAPOLATIONS
 from cosim.master.failures import SimulationError, SimulationInterrupted
 from cosim.master.recording import NonFinite
 from cosim.master.simulation import Simulation, number_of_steps

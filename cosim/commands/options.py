@@ -14,7 +14,7 @@ from cosim.files.kinds import MODEL_DESCRIPTION, SSD, SSV, kind_of, not_read
 from cosim.fmi.interfaces import INTERFACES
 from cosim.fmi.isolation.limits import Limits, parse_bytes
 from cosim.fmi.message_log import LEVELS, Log
-from cosim.master.algorithm import AUTO, EXTRAPOLATIONS, LOOPS, ORDERS, SOLVERS, VARIABLE
+from cosim.master.coupling.algorithm import AUTO, EXTRAPOLATIONS, LOOPS, ORDERS, SOLVERS, VARIABLE
 
 #: Name of the log among the results.
 LOG_FILE = "messages.log"

@@ -13,7 +13,7 @@ from typing import Any
 from cosim.commands.options import add_algorithm_options, add_signature_option, check_signatures, standard_of
 from cosim.errors import CosimError
 from cosim.files.temporary import TemporaryFolder
-from cosim.master.algorithm import fixed
+from cosim.master.coupling.algorithm import fixed
 from cosim.scenario.family import families
 from cosim.system.system import System
 

@@ -2,8 +2,8 @@
 
 All exchanged and recorded values stand in one array, each transfer in a contiguous part of it, so that an operation is
 a copy inside this array or one call of an FMU. In which order the operations of a communication point come is the
-algorithm's: see `cosim.master.algorithm`. At the start values are exchanged level by level in any order, so that the
-first point has no delay.
+algorithm's: see `cosim.master.coupling.algorithm`. At the start values are exchanged level by level in any order, so
+that the first point has no delay.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ from cosim.loop.arena import Arena
 from cosim.loop.binding import EXTRAPOLATED, NONE, Conversion, Extrapolated, Operation, OperationKind, Rates
 from cosim.loop.current_calls import codes
 from cosim.loop.iterated_step import Doing
-from cosim.master.algebraic_loops import TornExchange, first_guesses
-from cosim.master.algorithm import ORDERS, Extrapolation, spacing
+from cosim.master.coupling.algebraic_loops import TornExchange, first_guesses
+from cosim.master.coupling.algorithm import ORDERS, Extrapolation, spacing
+from cosim.master.coupling.extrapolated_inputs import ExtrapolatedInputs
+from cosim.master.coupling.iterated_steps import Iterated, IteratedSteps, Iteration
 from cosim.master.events import Events, events_of
-from cosim.master.extrapolated_inputs import ExtrapolatedInputs
 from cosim.master.function_instance import FunctionInstance
-from cosim.master.iterated_steps import Iterated, IteratedSteps, Iteration
 from cosim.master.value_layout import ExtrapolatedGroup, Transfer, ValueLayout
 from cosim.system.resolution import Drive, Link, ResolvedSystem
 from cosim.system.system import Component
@@ -64,7 +64,7 @@ class NamedOperation:
 
 
 class Group(Protocol):
-    """Components in model exchange, see `cosim.master.model_exchange`, as an exchange needs to know them."""
+    """Components in model exchange, see `cosim.master.coupling.model_exchange`, as an exchange needs to know them."""
 
     def around_exchange(self) -> tuple[NamedOperation, NamedOperation]:
         """What is to be done before and after an exchange at a communication point."""

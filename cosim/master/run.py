@@ -41,6 +41,7 @@ from cosim.loop.team import Team, Threads
 from cosim.master import chunks
 from cosim.master.chunks import ChunkLength
 from cosim.master.component_times import ComponentTimes
+from cosim.master.coupling.model_exchange import ModelExchangeGroup
 from cosim.master.failures import (
     HOLD_INSTEAD,
     Failing,
@@ -51,7 +52,6 @@ from cosim.master.failures import (
 )
 from cosim.master.function_instance import FunctionInstance, in_one_line
 from cosim.master.interrupts import DeferredInterrupt
-from cosim.master.model_exchange import ModelExchangeGroup
 from cosim.master.operations import Exchange, NamedOperation, OperationTable
 from cosim.master.pacing import Pacer
 from cosim.master.recording import Marks, NonFinite, RecordedColumns, Recorder

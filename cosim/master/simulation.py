@@ -35,21 +35,29 @@ from cosim.fmi.variable_buffer import VariableBuffer
 from cosim.loop.binding import loop_library
 from cosim.loop.current_calls import is_at, watched_calls
 from cosim.loop.team import Threads, checked_threads
-from cosim.master.algorithm import AUTO, VARIABLE, algorithm, most_iterations
 from cosim.master.checkpoint import Checkpoint, CheckpointedRun
-from cosim.master.coupling_tolerance import (
+from cosim.master.coupling.algorithm import AUTO, VARIABLE, algorithm, most_iterations
+from cosim.master.coupling.coupling_tolerance import (
     MOST_VALUES,
     ToleranceSearch,
     check_for_tolerance,
     checked_tolerance,
     compared_names,
 )
-from cosim.master.extrapolated_inputs import extrapolated_inputs
+from cosim.master.coupling.extrapolated_inputs import extrapolated_inputs
+from cosim.master.coupling.iterated_steps import Iterated, Iteration, iteration_of_steps, why_not_repeated
+from cosim.master.coupling.model_exchange import ModelExchangeGroup, Solver, check_components, group_of
+from cosim.master.coupling.variable_steps import (
+    DEFAULT_TOLERANCE,
+    Compared,
+    VariablePlan,
+    VariableRun,
+    check_any_step,
+    check_for_variable,
+)
 from cosim.master.failures import Failing, InterruptedInCall, SimulationError, SimulationInterrupted
 from cosim.master.function_instance import FunctionInstance
 from cosim.master.interrupts import DeferredInterrupt
-from cosim.master.iterated_steps import Iterated, Iteration, iteration_of_steps, why_not_repeated
-from cosim.master.model_exchange import ModelExchangeGroup, Solver, check_components, group_of
 from cosim.master.operations import Exchange
 from cosim.master.pacing import Pacer
 from cosim.master.recording import (
@@ -69,14 +77,6 @@ from cosim.master.sampling import Samples, sample
 from cosim.master.steering import SteeredRun, Steering
 from cosim.master.stepping import SteppedRun, why_not_settable
 from cosim.master.value_layout import ValueLayout
-from cosim.master.variable_steps import (
-    DEFAULT_TOLERANCE,
-    Compared,
-    VariablePlan,
-    VariableRun,
-    check_any_step,
-    check_for_variable,
-)
 from cosim.results.results import Results
 from cosim.system.resolution import Drive, StartValue, resolve, resolve_start_value, split
 from cosim.system.system import Signal, System
@@ -133,11 +133,11 @@ class Simulation:
         Components, connections and signals.
     order : str
         Order in which values are exchanged at a communication point: "sequential" (Gauss-Seidel) or "parallel"
-        (Jacobi); see `cosim.master.algorithm`.
+        (Jacobi); see `cosim.master.coupling.algorithm`.
     extrapolation : str
         What connected inputs do between communication points: "hold" (zero-order hold), "linear" (first-order hold,
-        linear extrapolation), or another one of `cosim.master.algorithm`; "auto" is "adaptive" in sequential order
-        where the FMUs can, else linear, and else holds.
+        linear extrapolation), or another one of `cosim.master.coupling.algorithm`; "auto" is "adaptive" in sequential
+        order where the FMUs can, else linear, and else holds.
     record : sequence of str, optional
         Names `component.variable`, scalars or vectors; all inputs and outputs by default.
     build : bool

@@ -13,8 +13,8 @@ from itertools import groupby
 import numpy as np
 
 from cosim.loop.binding import EXTRAPOLATED, HELD
-from cosim.master.algorithm import Extrapolation
-from cosim.master.extrapolated_inputs import ExtrapolatedInputs
+from cosim.master.coupling.algorithm import Extrapolation
+from cosim.master.coupling.extrapolated_inputs import ExtrapolatedInputs
 from cosim.system.resolution import ResolvedSystem
 from cosim.system.variables import Element, is_alias
 

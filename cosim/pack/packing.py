@@ -18,8 +18,8 @@ from cosim.fmi.fmu_file import LoadedFMU, load
 from cosim.fmi.interfaces import CO_SIMULATION, MODEL_EXCHANGE
 from cosim.fmi.types import Texts
 from cosim.fmi.unpacking import folder_for_fmus
-from cosim.master.algorithm import AUTO, Algorithm, algorithm
-from cosim.master.extrapolated_inputs import extrapolated_inputs
+from cosim.master.coupling.algorithm import AUTO, Algorithm, algorithm
+from cosim.master.coupling.extrapolated_inputs import extrapolated_inputs
 from cosim.master.value_layout import ValueLayout
 from cosim.pack.description import About, model_description
 from cosim.pack.interface import chosen_inputs, chosen_outputs, interface_of

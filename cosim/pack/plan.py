@@ -20,7 +20,7 @@ from cosim.fmi.instance import Instance
 from cosim.fmi.structure import is_structural
 from cosim.fmi.types import FmiType, Texts
 from cosim.loop.binding import Conversion, Extrapolated, OperationKind, Rates
-from cosim.master.extrapolated_inputs import ExtrapolatedInputs
+from cosim.master.coupling.extrapolated_inputs import ExtrapolatedInputs
 from cosim.master.operations import Exchange, NamedOperation, OperationTable
 from cosim.master.value_layout import ValueLayout
 from cosim.pack.interface import Interface, PackedVariable, start_in_description

@@ -13,7 +13,7 @@ from typing import Any, get_args, get_type_hints
 from cosim.errors import SetupError, nearest
 from cosim.files.kinds import SCENARIO, TOML, not_read
 from cosim.fmi.interfaces import INTERFACES
-from cosim.master.algorithm import AUTO, EXTRAPOLATIONS, ORDERS, SOLVERS, VARIABLE, most_iterations
+from cosim.master.coupling.algorithm import AUTO, EXTRAPOLATIONS, ORDERS, SOLVERS, VARIABLE, most_iterations
 from cosim.scenario.family import ScenarioFamily, families, family_of, named
 from cosim.scenario.metrics import Metric
 from cosim.scenario.scenario import Scenario, ScenarioComponent, ScenarioError

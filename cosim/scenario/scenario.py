@@ -70,7 +70,8 @@ class Scenario:
     order : {"sequential", "parallel"}
         Gauss-Seidel or Jacobi.
     extrapolation : str
-        What inputs do between communication points: "auto", "hold", "linear" and others, see `cosim.master.algorithm`.
+        What inputs do between communication points: "auto", "hold", "linear" and others, see
+        `cosim.master.coupling.algorithm`.
     interface : {"auto", "co-simulation", "model-exchange"}, optional
         Interface of the FMUs of components that choose none; "auto" by default.
     solver : {"auto", "rk4", "dopri5"}

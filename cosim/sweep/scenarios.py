@@ -15,7 +15,7 @@ from typing import Any, ClassVar, TypeVar, get_type_hints
 from cosim.errors import SetupError, nearest
 from cosim.fmi.fmu_file import load
 from cosim.fmi.isolation.limits import Limits
-from cosim.master.algorithm import fixed
+from cosim.master.coupling.algorithm import fixed
 from cosim.master.simulation import Simulation, number_of_steps
 from cosim.results.results import Results
 from cosim.scenario.metrics import Metric, measured

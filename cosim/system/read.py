@@ -34,7 +34,7 @@ class ReadSystem:
     notes : tuple of str
         What was ignored, assumed or taken as it is, and the user should know.
     order, extrapolation : str
-        How values are exchanged where the user does not say; see `cosim.master.algorithm`.
+        How values are exchanged where the user does not say; see `cosim.master.coupling.algorithm`.
     places : mapping
         Component -> lower left and upper right corner (x1, y1, x2, y2) in the description's diagram, y upwards.
     """

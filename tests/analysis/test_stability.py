@@ -22,8 +22,8 @@ from cosim.analysis import (
 )
 from cosim.analysis.stability import exponential
 from cosim.errors import ArgumentError
-from cosim.master import algorithm
-from cosim.master.algorithm import Order
+from cosim.master.coupling import algorithm
+from cosim.master.coupling.algorithm import Order
 from tests.support.tiny_models import GAIN, LAG, build
 
 INTEGRATOR = LinearComponent([[0.0]], [[1.0]], [[1.0]], [[0.0]], ["u"], ["x"])

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from cosim import SetupError
-from cosim.master import algorithm as algorithms
-from cosim.master.algorithm import AUTO, EXTRAPOLATIONS, ORDERS, Extrapolation, Order, algorithm, register
+from cosim.master.coupling import algorithm as algorithms
+from cosim.master.coupling.algorithm import AUTO, EXTRAPOLATIONS, ORDERS, Extrapolation, Order, algorithm, register
 
 PARABOLA = ((1.5, -2.0, 0.5), (1.0, -2.0, 1.0))
 

@@ -15,8 +15,8 @@ import cosim.master.sampling
 from cosim import Results, SetupError, Signal, Simulation, System, simulate
 from cosim.fmi.fmu_file import read_fmu
 from cosim.master import chunks
-from cosim.master.algorithm import algorithm
-from cosim.master.extrapolated_inputs import extrapolated_inputs
+from cosim.master.coupling.algorithm import algorithm
+from cosim.master.coupling.extrapolated_inputs import extrapolated_inputs
 from cosim.system.resolution import resolve
 from cosim.system.variables import Ports
 from tests.support.fmi3_gain import DESCRIPTION, HELD, zipped

@@ -12,7 +12,7 @@ from numpy.polynomial import Polynomial
 
 from cosim import SetupError, Simulation, System, simulate
 from cosim.analysis import LinearComponent, LinearSystem, largest_stable_step, spectral_radius
-from cosim.master.algorithm import EXTRAPOLATIONS
+from cosim.master.coupling.algorithm import EXTRAPOLATIONS
 from fmu_export import build_native
 from tests.support.small_fmus import TANK, build, redescribed
 from tests.support.tiny_models import CLOCK, GAIN, INTEGRATOR

@@ -7,8 +7,8 @@ import pytest
 from fmpy.model_description import ModelDescription
 
 from cosim import System
-from cosim.master.algorithm import algorithm
-from cosim.master.extrapolated_inputs import extrapolated_inputs
+from cosim.master.coupling.algorithm import algorithm
+from cosim.master.coupling.extrapolated_inputs import extrapolated_inputs
 from cosim.master.value_layout import ValueLayout
 from cosim.system.resolution import resolve
 from tests.support.descriptions import fmi2, ports

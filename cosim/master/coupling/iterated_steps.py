@@ -20,8 +20,8 @@ from cosim.fmi.interfaces import used_interface
 from cosim.loop.arena import Arena
 from cosim.loop.binding import RETURNED_EARLY, WANTS_TO_END, Operation, OperationKind
 from cosim.loop.iterated_step import NOT_CONVERGED, Doing, IteratedStep, KeptState, iterated_step_library
-from cosim.master.algorithm import AUTO, LOOPS, MOST_ITERATIONS
-from cosim.master.extrapolated_inputs import ExtrapolatedInputs
+from cosim.master.coupling.algorithm import AUTO, LOOPS, MOST_ITERATIONS
+from cosim.master.coupling.extrapolated_inputs import ExtrapolatedInputs
 from cosim.master.function_instance import FunctionInstance
 from cosim.master.value_layout import ValueLayout
 from cosim.system.function import PythonFunction

@@ -3,7 +3,8 @@
 A held input is late by half a step on average, which makes the coupling first-order accurate. An FMU that can
 interpolate its inputs takes their derivatives with them (`fmi2SetRealInputDerivatives`), or asks for its inputs during
 a step (FMI 3.0, intermediate update). The derivatives of a connection come from its last values, see
-`cosim.master.algorithm`, and, for some extrapolations, from their rates, which the FMU gives that they are outputs of.
+`cosim.master.coupling.algorithm`, and, for some extrapolations, from their rates, which the FMU gives whose outputs
+they are.
 Those of a signal, which is known beforehand, come from its values on both sides of the step. After a jump nothing is
 known of a connection's derivatives, and they are found anew.
 """
@@ -14,7 +15,7 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 
 from cosim.errors import SetupError
-from cosim.master.algorithm import (
+from cosim.master.coupling.algorithm import (
     AUTO,
     EXTRAPOLATIONS,
     MOST_DEGREE,

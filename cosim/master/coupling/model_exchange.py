@@ -41,8 +41,8 @@ from cosim.loop.model_exchange import (
     OutsideInputs,
     group_library,
 )
-from cosim.master.algorithm import AUTO, SOLVERS, algorithm
-from cosim.master.extrapolated_inputs import ExtrapolatedInputs
+from cosim.master.coupling.algorithm import AUTO, SOLVERS, algorithm
+from cosim.master.coupling.extrapolated_inputs import ExtrapolatedInputs
 from cosim.master.failures import Failing, SimulationError
 from cosim.master.operations import Exchange, NamedOperation, OperationTable
 from cosim.master.unfinished_steps import EndedBy
@@ -382,7 +382,7 @@ class ModelExchangeGroup:
             self._arrays.append(np.zeros(max(1, rows * group.n_states)))
             setattr(group, name, _doubles(self._arrays[-1]))
         if self._solver.method == "cvode" and group.n_states:
-            from cosim.master.cvode import CVode  # loads SUNDIALS
+            from cosim.master.coupling.cvode import CVode  # loads SUNDIALS
 
             _, next_states, trial, *_, allowed = self._arrays
             self._cvode = CVode(group, next_states, trial, allowed)

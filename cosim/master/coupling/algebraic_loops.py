@@ -20,7 +20,7 @@ import numpy as np
 from cosim.loop.algebraic_loop import NO_SOLUTION, AlgebraicLoop, Direction, algebraic_loop_library
 from cosim.loop.arena import Arena
 from cosim.loop.binding import Operation, OperationKind
-from cosim.master.algorithm import MOST_ITERATIONS
+from cosim.master.coupling.algorithm import MOST_ITERATIONS
 from cosim.system.resolution import Link
 
 #: Relative residual at which a loop is solved.

@@ -127,7 +127,7 @@ LOOPS = "loops"
 #: Iterations that "auto" allows, at a communication point and of a step.
 MOST_ITERATIONS = 50
 
-#: What integrates components in model exchange, by name; see `cosim.master.model_exchange.Solver`.
+#: What integrates components in model exchange, by name; see `cosim.master.coupling.model_exchange.Solver`.
 SOLVERS = (AUTO, "rk4", "dopri5", "cvode")
 
 #: Derivatives of inputs of a higher order than this are passed to no FMU.

@@ -1,0 +1,1 @@
+"""How components are coupled: order and extrapolation, loops, iterated and variable steps, model exchange."""
