@@ -142,7 +142,10 @@ def _decoded(
 ) -> tuple[Any, list[str], list[tuple[str, str]]]:
     """Content of a file, violations that can't be forgiven, and notes of those that are, with their kinds."""
     try:
-        source = xmlschema.XMLResource(io.BytesIO(data), defuse="always", allow="none")
+        try:
+            source = xmlschema.XMLResource(io.BytesIO(data), defuse="always", allow="none")
+        except (LookupError, ValueError) as unknown:  # an encoding that there is not, or that the parser does not take
+            raise SSPError(f"{where}: not readable as XML: {' '.join(str(unknown).split())}") from None
         _check_namespace(source.root.tag, kind, where)
         moved = [] if findings is None else _with_common_names(source.root)
         schema = _schema(kind, version)

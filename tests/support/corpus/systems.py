@@ -139,6 +139,7 @@ SYSTEMS: tuple[Case, ...] = (
     _ssp("a description that is a text", "hello", says="SystemStructure.ssd"),
     _ssp("a description that is an image", b"\x89PNG\r\n\x1a\n" + bytes(100), says="SystemStructure.ssd"),
     _ssp("a description cut off", _PLAIN[:500], says="SystemStructure.ssd"),
+    _ssp("an unknown encoding", '<?xml version="1.0" encoding="uuf-8"?><a/>', says="not readable as XML"),
     _ssp("a description of zeros", bytes(100), says="SystemStructure.ssd"),
     _ssp("a description in UTF-16", _PLAIN.replace("UTF-8", "UTF-16").encode("utf-16"), expected=RUNS),
     _ssp("a description with a byte order mark", _PLAIN.encode("utf-8-sig"), expected=RUNS),
