@@ -3,7 +3,8 @@
  * Each comes as isolated_<name>, and those that only set values also as deferred_<name>: they wait in the area until a
  * call comes whose result is wanted, and go over the channel together with it. Steps and what reads values come also as
  * foreseen_<name>: what has been read right after the step before is asked for together with the next step, and its answer
- * kept until it is wanted. So the FMU sees the same calls in the same order. */
+ * kept until it is wanted; what is neither comes as from_loop_<name> where the loop calls it between these. So the FMU sees
+ * the same calls in the same order. */
 #ifndef _WIN32
 #define _GNU_SOURCE
 #include "channel_sides.h"
@@ -24,10 +25,12 @@ typedef int GiveUp(double seconds);
 typedef void Take(int status, const char *category, const char *text);
 typedef void WarnedOf(int function);
 
-/* A call that reads values; `at` is where its answer is, and `place` where the values are. */
+/* A call that reads values, or derivatives of these orders; `at` is where its answer is, and `place` where the values
+ * are. */
 typedef struct {
     FunctionNumber function;
     const uint32_t *references;
+    const int32_t *orders;
     size_t n_references, n;
     uint64_t size, at, place;
     void *values;
@@ -282,14 +285,30 @@ static int have_one_made(Remote *r, uint32_t number, const Passed passed[], uint
 
 /* Call a function of the FMU; where it need not be at once, its status is OK, and it is made before the next one that
  * must. */
-static int call(Remote *r, FunctionNumber function, bool at_once, const Passed passed[], uint32_t n) {
+static int call_in_loop(Remote *r, FunctionNumber function, bool at_once, const Passed passed[], uint32_t n) {
     if (r->is_lost) return LOST;
     if (r->is_learning) stop_foreseeing(r);
-    if (at_once) r->n_foreseen = 0; /* who calls is not the loop, and what it has read may be gone */
     uint64_t places[MOST_ARGUMENTS];
     int status = append(r, function, passed, n, places);
     if (status || !at_once) return status;
     return have_one_made(r, r->n_calls - 1, passed, n, places);
+}
+
+static int call(Remote *r, FunctionNumber function, bool at_once, const Passed passed[], uint32_t n) {
+    if (at_once && r->is_learning) stop_foreseeing(r);
+    if (at_once) r->n_foreseen = 0; /* who calls is not the loop, and what it has read may be gone */
+    return call_in_loop(r, function, at_once, passed, n);
+}
+
+/* The arguments of a call that reads; its values are in the last one but `n`. */
+static uint32_t arguments_of(const Reading *reading, Passed arguments[]) {
+    uint32_t k = 0;
+    arguments[k++] = given(reading->references, reading->n_references * sizeof *reading->references);
+    arguments[k++] = integer((int64_t)reading->n_references);
+    if (reading->orders) arguments[k++] = given(reading->orders, reading->n_references * sizeof *reading->orders);
+    arguments[k++] = filled(reading->values, reading->size);
+    if (reading->n) arguments[k++] = integer((int64_t)reading->n);
+    return k;
 }
 
 /* A step, and with it what was read right after the one before. */
@@ -304,13 +323,12 @@ static int take_step(Remote *r, FunctionNumber function, const Passed passed[], 
     int32_t n_asked = 0;
     for (; n_asked < r->n_foreseen && r->n_calls < MOST_CALLS; n_asked++) {
         Reading *reading = &r->foreseen[n_asked];
-        const Passed arguments[] = {given(reading->references, reading->n_references * sizeof *reading->references),
-                                    integer((int64_t)reading->n_references), filled(reading->values, reading->size),
-                                    integer((int64_t)reading->n)};
-        if (r->used + reading->size + 4096 + reading->n_references * 4 > r->capacity) break;
-        append(r, reading->function, arguments, reading->n ? 4 : 3, of_reading);
+        Passed arguments[MOST_ARGUMENTS];
+        uint32_t n_arguments = arguments_of(reading, arguments);
+        if (r->used + reading->size + 4096 + reading->n_references * 8 > r->capacity) break;
+        append(r, reading->function, arguments, n_arguments, of_reading);
         reading->at = r->last;
-        reading->place = of_reading[2];
+        reading->place = of_reading[n_arguments - (reading->n ? 2 : 1)];
     }
     r->last = start;
     status = have_one_made(r, number, passed, n, places);
@@ -325,17 +343,14 @@ static int take_step(Remote *r, FunctionNumber function, const Passed passed[], 
 }
 
 /* Read values; `n` where the function wants their number. */
-static int take_reading(Remote *r, FunctionNumber function, const uint32_t *references, size_t n_references,
-                        void *values, uint64_t size, size_t n) {
+static int take_reading(Remote *r, Reading reading) {
     if (r->is_lost) return LOST;
-    Reading reading = {.function = function, .references = references, .n_references = n_references, .n = n};
-    reading.size = size;
-    reading.values = values;
     if (r->is_learning && r->n_taken < r->n_ready) {
         const Reading *known = &r->foreseen[r->n_taken];
-        if (known->function == function && known->references == references && known->n_references == n_references &&
-            known->values == values && known->size == size) {
-            memcpy(values, r->channel->area + known->place, size);
+        if (known->function == reading.function && known->references == reading.references &&
+            known->orders == reading.orders && known->n_references == reading.n_references &&
+            known->values == reading.values && known->size == reading.size) {
+            memcpy(reading.values, r->channel->area + known->place, reading.size);
             r->n_taken++;
             r->heard++;
             if (__atomic_load_n(&r->channel->written, __ATOMIC_SEQ_CST) != r->read) channel_hear(r);
@@ -344,12 +359,12 @@ static int take_reading(Remote *r, FunctionNumber function, const uint32_t *refe
         stop_foreseeing(r);
     }
     r->heard = UINT32_MAX;
-    const Passed arguments[] = {given(references, n_references * sizeof *references), integer((int64_t)n_references),
-                                filled(values, size), integer((int64_t)n)};
-    uint64_t places[4];
-    int status = append(r, function, arguments, n ? 4 : 3, places);
+    Passed arguments[MOST_ARGUMENTS];
+    uint64_t places[MOST_ARGUMENTS];
+    uint32_t n_arguments = arguments_of(&reading, arguments);
+    int status = append(r, reading.function, arguments, n_arguments, places);
     if (status) return status;
-    status = have_one_made(r, r->n_calls - 1, arguments, n ? 4 : 3, places);
+    status = have_one_made(r, r->n_calls - 1, arguments, n_arguments, places);
     if (r->is_learning && r->n_taken < MOST_FORESEEN) {
         r->foreseen[r->n_taken++] = reading;
         r->n_foreseen = r->n_ready = r->n_taken;
@@ -359,6 +374,15 @@ static int take_reading(Remote *r, FunctionNumber function, const uint32_t *refe
 
 #define PASSED(...) (const Passed[]){__VA_ARGS__}, sizeof((Passed[]){__VA_ARGS__}) / sizeof(Passed)
 #define CALL(name, ...) call(r, N_##name, true, PASSED(__VA_ARGS__))
+#define CALL_IN_LOOP(name, ...) call_in_loop(r, N_##name, true, PASSED(__VA_ARGS__))
+#define READ(name, of_orders, bytes, number) \
+    take_reading(r, (Reading){.function = N_##name, \
+                              .references = references, \
+                              .orders = (of_orders), \
+                              .n_references = n_references, \
+                              .n = (number), \
+                              .size = (bytes), \
+                              .values = values})
 
 /* Begin to use memory of this size as a channel, for a worker that asks to be told when its FMU is loaded. */
 EXPORT Remote *channel_begin(void *memory, uint64_t size, GiveUp *gives_up, Take *take, WarnedOf *warned) {
@@ -573,7 +597,7 @@ STATUS(fmi2GetBooleanStatus, 4)
     }
 #define READ2(name, size) \
     EXPORT int foreseen_##name(Remote *r, References references, size_t n_references, void *values) { \
-        return take_reading(r, N_##name, references, n_references, values, n_references * (size), 0); \
+        return READ(name, NULL, n_references * (size), 0); \
     }
 #define EXCHANGE2(version, type, size) \
     GET2(version##Get##type, size) \
@@ -602,7 +626,7 @@ SET2(isolated, true, fmi3SetShiftDecimal, 8)
     }
 #define READ3(name, size) \
     EXPORT int foreseen_##name(Remote *r, References references, size_t n_references, void *values, size_t n) { \
-        return take_reading(r, N_##name, references, n_references, values, n * (size), n); \
+        return READ(name, NULL, n * (size), n); \
     }
 #define EXCHANGE3(type, size) \
     GET3(fmi3Get##type, size) \
@@ -697,6 +721,10 @@ SET_DERIVATIVES(deferred, false, fmi2SetRealInputDerivatives)
     EXPORT int isolated_##name(Remote *r, References references, size_t n_references, const int32_t orders[], \
                                double *values) { \
         return CALL(name, REFERRED, given(orders, n_references * sizeof *orders), filled(values, n_references * 8)); \
+    } \
+    EXPORT int foreseen_##name(Remote *r, References references, size_t n_references, const int32_t orders[], \
+                               double *values) { \
+        return READ(name, orders, n_references * 8, 0); \
     }
 GET_DERIVATIVES(fmi1GetRealOutputDerivatives)
 GET_DERIVATIVES(fmi2GetRealOutputDerivatives)
@@ -707,22 +735,32 @@ EXPORT int isolated_fmi3GetOutputDerivatives(Remote *r, References references, s
                 integer((int64_t)n));
 }
 
-EXPORT int isolated_fmi2GetDirectionalDerivative(Remote *r, References unknowns, size_t n_unknowns, References knowns,
-                                                 size_t n_knowns, const double *seed, double *found) {
-    return CALL(fmi2GetDirectionalDerivative, given(unknowns, n_unknowns * 4), integer((int64_t)n_unknowns),
-                given(knowns, n_knowns * 4), integer((int64_t)n_knowns), given(seed, n_knowns * 8),
-                filled(found, n_unknowns * 8));
+EXPORT int foreseen_fmi3GetOutputDerivatives(Remote *r, References references, size_t n_references,
+                                             const int32_t orders[], double *values, size_t n) {
+    return READ(fmi3GetOutputDerivatives, orders, n * 8, n);
 }
 
-#define DIRECTIONAL(name) \
-    EXPORT int isolated_##name(Remote *r, References unknowns, size_t n_unknowns, References knowns, size_t n_knowns, \
-                               const double *seed, size_t n_seed, double *found, size_t n_found) { \
-        return CALL(name, given(unknowns, n_unknowns * 4), integer((int64_t)n_unknowns), given(knowns, n_knowns * 4), \
-                    integer((int64_t)n_knowns), given(seed, n_seed * 8), integer((int64_t)n_seed), \
-                    filled(found, n_found * 8), integer((int64_t)n_found)); \
+/* `as_called` is CALL, or CALL_IN_LOOP. */
+#define DIRECTIONAL2(side, as_called, name) \
+    EXPORT int side##_##name(Remote *r, References unknowns, size_t n_unknowns, References knowns, size_t n_knowns, \
+                             const double *seed, double *found) { \
+        return as_called(name, given(unknowns, n_unknowns * 4), integer((int64_t)n_unknowns), \
+                         given(knowns, n_knowns * 4), integer((int64_t)n_knowns), given(seed, n_knowns * 8), \
+                         filled(found, n_unknowns * 8)); \
     }
-DIRECTIONAL(fmi3GetDirectionalDerivative)
-DIRECTIONAL(fmi3GetAdjointDerivative)
+DIRECTIONAL2(isolated, CALL, fmi2GetDirectionalDerivative)
+DIRECTIONAL2(from_loop, CALL_IN_LOOP, fmi2GetDirectionalDerivative)
+
+#define DIRECTIONAL3(side, as_called, name) \
+    EXPORT int side##_##name(Remote *r, References unknowns, size_t n_unknowns, References knowns, size_t n_knowns, \
+                             const double *seed, size_t n_seed, double *found, size_t n_found) { \
+        return as_called(name, given(unknowns, n_unknowns * 4), integer((int64_t)n_unknowns), \
+                         given(knowns, n_knowns * 4), integer((int64_t)n_knowns), given(seed, n_seed * 8), \
+                         integer((int64_t)n_seed), filled(found, n_found * 8), integer((int64_t)n_found)); \
+    }
+DIRECTIONAL3(isolated, CALL, fmi3GetDirectionalDerivative)
+DIRECTIONAL3(from_loop, CALL_IN_LOOP, fmi3GetDirectionalDerivative)
+DIRECTIONAL3(isolated, CALL, fmi3GetAdjointDerivative)
 
 /* States of the FMU, whose addresses only it knows. */
 #define STATES(get, set, release, measure, serialise, read) \

@@ -271,7 +271,7 @@ class Layout:
         self.variables = tuple(variables)
         for v in self.variables:
             if not isinstance(v, Variable):
-                raise ArgumentError(f"a Layout is made of Variables, and {v!r} is none")
+                raise ArgumentError(f"a Layout is made of Variables, and {v!r} is not one")
         check_unique([v.name for v in self.variables])
         self.names = tuple(name for v in self.variables for name in v.names)
         check_unique(self.names)

@@ -135,6 +135,19 @@ def leaky(tmp_path_factory: pytest.TempPathFactory) -> Path:
         return build_native(LEAKY, tmp_path_factory.mktemp("leaky"), "fmi2")
 
 
+def test_rates_in_an_algebraic_loop_are_not_known(leaky: Path) -> None:
+    """Inputs in it go straight by default; whoever demands more is told why not."""
+    system = System()
+    system.add("a", leaky, {"x_start": 1.0})
+    system.add("b", leaky, {"x_start": 0.5})
+    system.connect("a.y", "b.u", factor=0.5)
+    system.connect("b.y", "a.u", factor=-0.5)
+    found = simulate(system, 0.02, 0.01, iterations="loops").info["extrapolation"]
+    assert found["linear"] == ["a.u", "b.u"]
+    with pytest.raises(SetupError, match=r"the derivative of 'b.u' is not known, for 'a.y' is a part of an algebraic"):
+        simulate(system, 0.02, 0.01, iterations="loops", extrapolation="hermite")
+
+
 def test_directional_derivatives_give_the_jacobian_where_all_fmus_have_them(leaky: Path, tmp_path: Path) -> None:
     """Steep connections: u_1 = -30 y_2 and u_2 = 20 y_1; with a function between them there are differences only."""
 

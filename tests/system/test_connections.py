@@ -54,7 +54,7 @@ def test_factor_and_offset(fmus: Path, flavour: str, order: str) -> None:
 @pytest.mark.parametrize("flavour", NATIVE)
 def test_linear_coupling_through_a_factor(fmus: Path, flavour: str) -> None:
     """X' = 2 (3 t - 1) comes out exactly where the inputs are linear: the integrator's input lags by no step."""
-    results = simulate(chain(fmus / flavour, factor=3.0, offset=-1.0), 1.0, 0.1)
+    results = simulate(chain(fmus / flavour, factor=3.0, offset=-1.0), 1.0, 0.1, extrapolation="linear")
     assert results.info["extrapolation"]["hold"] == []
     # the rate of a connection is known from the second point on: one step is held
     held = 2.0 * (3.0 * 0.1**2 / 2)

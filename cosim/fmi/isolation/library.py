@@ -144,7 +144,7 @@ class IsolatedLibrary(Library):
 
     def address(self, name: str) -> int:
         """See `Library`; functions that set values are made together with the next call, and values read ahead."""
-        sides = ("deferred", "foreseen", "isolated")
+        sides = ("deferred", "foreseen", "from_loop", "isolated")
         function = self._stub(name, next(side for side in sides if hasattr(channel_library(), f"{side}_{name}")))
         return ctypes.cast(function, ctypes.c_void_p).value or 0  # type: ignore[arg-type]
 

@@ -214,6 +214,10 @@ def _jumps(system: ResolvedSystem, link: Link | None) -> bool:
     )
 
 
+def _source(link: Link) -> Key:
+    return link.source_component, link.source.name
+
+
 class _Rated:
     """Outputs whose derivatives by time are known: the FMU gives them, and what is fed through has such ones, too."""
 
@@ -221,9 +225,38 @@ class _Rated:
         self._system = system
         self._link_to = {(k.target_component, k.target.name): k for k in system.links}
         self._driven = {(d.component, e.name) for d in system.drives for e in d.targets}
+        # by output: links to what it depends on directly that have not been looked at, and what has been found
+        self._feeding: dict[Key, list[Link]] = {}
+        self._found: dict[Key, str | None] = {}
 
     def obstacle(self, link: Link) -> str | None:
         """Why the derivative of what a link carries is not known."""
+        path = [link]  # each depends directly on the next one; chains may be longer than Python's calls are deep
+        while path:
+            key = _source(path[-1])
+            if key not in self._feeding:
+                own = self._own_obstacle(path[-1])
+                through = [] if own else [self._link_to[key[0], e.name] for e in self._through(path[-1])]
+                self._feeding[key] = through
+                self._found[key] = f"'{'.'.join(key)}' is a part of an algebraic loop" if through else own
+            feeding = self._feeding[key]
+            if not feeding:
+                path.pop()
+                continue
+            before = _source(feeding[-1])
+            if before not in self._feeding:
+                path.append(feeding[-1])
+                continue
+            feeding.pop()
+            if self._found[before] is not None:
+                self._found[key] = self._found[before]
+                feeding.clear()
+            elif not feeding:
+                self._found[key] = None
+        return self._found[_source(link)]
+
+    def _own_obstacle(self, link: Link) -> str | None:
+        """The same, as far as it is not what feeds the component."""
         name, source = link.source_component, link.source
         port = self._system.ports[name]
         if self._system.components[name].function is not None:
@@ -242,11 +275,9 @@ class _Rated:
             return f"'{name}.{source.name}' is a part of an algebraic loop"
         if not (getattr(kind, "providesDirectionalDerivative", False)):
             return f"the FMU of component '{name}' has direct feedthrough, and gives no directional derivatives"
-        for element in through:
-            if (name, element.name) in self._driven:
-                return f"'{name}.{source.name}' depends directly on '{name}.{element.name}', which a signal feeds"
-            if obstacle := self.obstacle(self._link_to[name, element.name]):
-                return obstacle
+        driven = [e.name for e in through if (name, e.name) in self._driven]
+        if driven:
+            return f"'{name}.{source.name}' depends directly on '{name}.{driven[0]}', which a signal feeds"
         return None
 
     def needed(self, links: Iterable[Link]) -> tuple[tuple[tuple[str, Element], ...], tuple[tuple[str, Element], ...]]:

@@ -47,7 +47,7 @@ CoreStatus method_step(Core *core, double time, double h, const double x[], cons
 #ifdef SOLVER_RK43
     if (error) *error = method_is_fixed(core) ? 0.0 : defect(core, time, h, x, rates, u, u_rate, next);
 #else
-    (void)error;
+    if (error) *error = 0.0;
 #endif
     return CORE_OK;
 }
