@@ -591,7 +591,9 @@ def test_an_instance_goes_on_from_a_saved_state_after_refused_calls(unpacked: Pa
                 lambda: host.set({"X": 1.0, "l": 1.0}),
                 lambda: host.set({"x_E": 1.0}),
                 lambda now=i * 1e-3: host.step(now, -1.0),
-                lambda now=i * 1e-3: host.step(now, 1e9),
+                *(
+                    [lambda now=i * 1e-3: host.step(now, 1e9)] if i == 1 else []
+                ),  # it takes as many steps as there may be
                 lambda now=i * 1e-3: host.step(now + 1e-3, 1e-3),
                 lambda: host.step(math.nan, 1e-3),
                 lambda: host.direction(["dm"], {"dm": 1.0})[0],
