@@ -125,7 +125,7 @@ RUNS: dict[str, list[str]] = {
     ("kind", "most", "kills"),
     [
         pytest.param("scenario", 10**7, 2, marks=pytest.mark.slow),
-        ("pythonfmu", 10**7, 1),
+        pytest.param("pythonfmu", 10**7, 1, marks=pytest.mark.slow),
         pytest.param("fmu", 10**7, 1, marks=pytest.mark.slow),
         pytest.param("ssp", 10**7, 1, marks=pytest.mark.slow),
         ("streamed", 1000, 1),

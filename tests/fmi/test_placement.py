@@ -126,6 +126,7 @@ def test_an_fmu_needs_no_library_for_the_machine_of_the_run(
         assert simulate(one(fmu, {"u": 1.0}), 1.0, 0.1).values.tobytes() == expected.values.tobytes()
 
 
+@pytest.mark.slow
 def test_what_an_fmu_does_ends_its_process_only(tmp_path: Path, nodes: Cluster) -> None:
     with pytest.raises(SimulationError) as caught:
         simulate(one(ender(tmp_path / "f.fmu", "STEPPING", "EXIT_0")), 1.0, 0.1, scheduler=nodes.address)

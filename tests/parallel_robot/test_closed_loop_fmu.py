@@ -70,7 +70,9 @@ def test_files_have_the_names_of_their_models() -> None:
     assert {c: fmu_path(Path(), "fmi2", c).stem for c in BUILDABLE} == {c: m.name for c, m in models.items()}
 
 
-@pytest.mark.parametrize("flavour", ["fmi2", "fmi3", "pythonfmu"])
+@pytest.mark.parametrize(
+    "flavour", ["fmi3", *(pytest.param(flavour, marks=pytest.mark.slow) for flavour in ("fmi2", "pythonfmu"))]
+)
 def test_validation_finds_nothing(folder: Path, flavour: str) -> None:
     assert validate_fmu(str(fmu_path(folder, flavour, CLOSED_LOOP))) == []
 

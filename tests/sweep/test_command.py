@@ -58,6 +58,7 @@ def test_a_sweep_with_failing_runs_says_so_and_is_a_success(here):
     assert [r["tracking.x.max"] is None for r in table] == [True, False] * 4
 
 
+@pytest.mark.slow
 def test_steps_are_varied_and_errors_over_time_kept(here):
     started = sweep("--step", "0.001,0.002", "--curves", "0.01", "--stop", "0.1", "--workers", "1")
     assert started.wait(timeout=PATIENCE) == 0
@@ -130,6 +131,7 @@ def test_what_makes_no_sense_is_one_line_before_anything_starts(here, capsys, ar
     assert list(Path("results").rglob("part-*")) == []
 
 
+@pytest.mark.slow
 def test_the_folder_of_another_sweep_is_refused(here, capsys):
     started = sweep("--vary", "controller.alpha=0.5", "--stop", "0.01", "--workers", "1", "--out", "out")
     assert started.wait(timeout=PATIENCE) == 0

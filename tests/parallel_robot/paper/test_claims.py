@@ -545,7 +545,10 @@ INDEPENDENT: dict[str, Callable[[Oracle], Verdict]] = {
 
 
 #: Claims whose separate formulation takes long.
-DEAR = {"estimate-near-quarter", "closure-force", "bound-exists", "all-smaller-steady-error-same-beta"}
+DEAR = {
+    *("estimate-near-quarter", "closure-force", "bound-exists", "all-smaller-steady-error-same-beta"),
+    *("active-joint-space", "lyapunov-falls", "uniformly-bounded"),
+}
 
 
 @pytest.mark.parametrize(
