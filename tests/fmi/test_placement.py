@@ -8,6 +8,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -63,7 +64,11 @@ def fmus_of(cluster: Cluster) -> list[int]:
     def children() -> list[int]:
         import psutil
 
-        return [p.pid for p in psutil.Process().children() if "worker.py" in " ".join(p.cmdline())]
+        found = []
+        for process in psutil.Process().children():
+            with suppress(psutil.NoSuchProcess):  # it ends now
+                found += [process.pid] if "worker.py" in " ".join(process.cmdline()) else []
+        return found
 
     return [number for found in cluster.ask(children).values() for number in found]  # type: ignore[attr-defined]
 

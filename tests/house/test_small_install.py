@@ -140,6 +140,7 @@ def test_the_base_couples_fmus_and_writes_all_formats(folder: Path) -> None:
 def test_every_module_of_the_base_is_imported(tmp_path: Path) -> None:
     """The packages themselves, and all of cosim that is not about an extra."""
     about_extras = (
+        "cosim.fmi.isolation.host",
         "cosim.live.server",
         "cosim.page.server",
         "cosim.ssp",

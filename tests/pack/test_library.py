@@ -98,10 +98,12 @@ with instance_of(packed.path) as (instance, references):
     for i in range(3):
         initialized(instance)
         state = instance.getFMUState()
-        data = instance.serializeFMUState(state)
+        data, time = instance.serializeFMUState(state), 0.0
         for k in range(70):
+            step = 0.1 if k % 2 else 0.07
             instance.setReal([references["g.u[2]"]], [0.1 * k])
-            instance.doStep(0.1 * k, 0.1 if k % 2 else 0.07)
+            instance.doStep(time, step)
+            time += step
             instance.getReal([references["g.y[2]"]])
         instance.setFMUState(state)
         instance.freeFMUState(state)

@@ -50,6 +50,7 @@ typedef struct {
     int version;
     bool resets, has_tolerance, takes_any_step;
     double tolerance;
+    int32_t every; /* it steps at every so many points */
     const char **beside; /* further libraries beside its own */
     int n_beside;
     uint32_t *asks; /* FMI 3.0: inputs that it gets during a step */

@@ -243,6 +243,7 @@ static void read_operation(Reader *in, Operation *operation, Component **owner, 
     operation->more = (uint8_t)number(in);
     operation->every = number(in);
     Component *component = *owner = component_of(in);
+    if (operation->kind == STEP && component) component->every = operation->every;
     *function = text(in);
     operation->first = number(in);
     operation->n = count(in);
