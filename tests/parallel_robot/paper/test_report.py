@@ -371,6 +371,7 @@ def picture(tab, stage: int) -> str:
     return tab.evaluate("n => document.querySelectorAll('.stage canvas')[n].toDataURL()", stage)
 
 
+@pytest.mark.slow
 def test_play_and_pause(opened):
     tab = opened()
     assert (shown(tab, "state"), float(shown(tab, "time"))) == ("paused", 0.0)
@@ -403,6 +404,7 @@ def test_it_ends_and_starts_again(opened):
     assert float(shown(tab, "time")) < 1.0
 
 
+@pytest.mark.slow
 def test_speed_and_smoothness(opened):
     """Seconds of the robot in a second of a clock that the test moves, and frames: one for each that is asked for."""
     tab = opened(clock=True)

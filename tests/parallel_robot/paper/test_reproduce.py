@@ -207,6 +207,7 @@ def test_figures_4_to_17_are_drawn(all_drawings: list[style.Drawing]) -> None:
     assert [drawing.number for drawing in all_drawings] == list(range(4, 18)) == list(figures.NUMBERS)
 
 
+@pytest.mark.slow
 def test_every_figure_is_there_as_vectors_and_pixels(
     content: tuple[Reproduction, Path], numbers: tuple[int, ...]
 ) -> None:
