@@ -623,6 +623,7 @@ def test_a_failed_run_whose_figures_fail_too_says_both(here, capsys, monkeypatch
 # FMUs
 
 
+@pytest.mark.slow
 def test_missing_fmus_are_built_and_existing_ones_are_left_alone(here, no_figures, capsys):
     shutil.rmtree("fmus")
     assert main(["run", "--stop", "0.002", "--fmus", "mine"]) == 0

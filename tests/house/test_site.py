@@ -119,6 +119,7 @@ def test_every_link_of_the_model_pages_leads_somewhere(models: Path) -> None:
 
 
 @pytest.mark.parametrize("page", MODEL_PAGES)
+@pytest.mark.slow
 def test_equations_are_typeset(models: Path, page: str) -> None:
     html = (models / f"{page}.html").read_text(encoding="utf-8")
     assert html.count("<math ") > 10
