@@ -331,7 +331,8 @@ class ResultFolder:
         """
         journal = _read(self._journal)
         names = list(journal["names"])
-        (self.folder / names[-1]).unlink(missing_ok=True)
+        if (self._whole / names[-1]).is_file():  # else a killed run has placed it, and all the others
+            (self.folder / names[-1]).unlink(missing_ok=True)
         for name in journal["replaced"].keys() - names:
             (self.folder / name).unlink(missing_ok=True)
             self._remove_empty((self.folder / name).parent)
