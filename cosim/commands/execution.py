@@ -783,12 +783,7 @@ def with_interfaces(system: System, texts: Sequence[str]) -> System:
     SetupError
         An option makes no sense.
     """
-    fmus = [name for name, component in system.components.items() if component.fmu is not None]
-    changed = {
-        name: dataclasses.replace(system.components[name], interface=interface)
-        for name, interface in chosen_interfaces(texts, fmus).items()
-    }
-    return dataclasses.replace(system, components={**system.components, **changed})
+    return _with_each(system, "interface", chosen_interfaces(texts, _with_fmus(system)))
 
 
 def with_places(system: System, texts: Sequence[str]) -> System:
@@ -799,11 +794,16 @@ def with_places(system: System, texts: Sequence[str]) -> System:
     SetupError
         An option makes no sense.
     """
-    fmus = [name for name, component in system.components.items() if component.fmu is not None]
-    changed = {
-        name: dataclasses.replace(system.components[name], place=place)
-        for name, place in chosen_places(texts, fmus).items()
-    }
+    return _with_each(system, "place", chosen_places(texts, _with_fmus(system)))
+
+
+def _with_fmus(system: System) -> list[str]:
+    return [name for name, component in system.components.items() if component.fmu is not None]
+
+
+def _with_each(system: System, attribute: str, chosen: Mapping[str, Any]) -> System:
+    """A copy of a system in which components have these values of an attribute."""
+    changed = {n: dataclasses.replace(system.components[n], **{attribute: value}) for n, value in chosen.items()}
     return dataclasses.replace(system, components={**system.components, **changed})
 
 

@@ -47,10 +47,6 @@ static void assume(const AlgebraicLoop *a, double *values, const double *from, d
     for (int32_t i = 0; i < a->n; i++) values[a->positions[i]] = from[i] + (part == 0.0 ? 0.0 : part * a->step[i]);
 }
 
-typedef int Directional2(void *, const uint32_t *, size_t, const uint32_t *, size_t, const double *, double *);
-typedef int Directional3(void *, const uint32_t *, size_t, const uint32_t *, size_t, const double *, size_t, double *,
-                         size_t);
-
 /* How a change that is in a->changes goes on; false where an FMU does not say. */
 static bool carry_change(const AlgebraicLoop *a, const Loop *loop, const Direction *d) {
     if (!d->function) {
@@ -60,10 +56,8 @@ static bool carry_change(const AlgebraicLoop *a, const Loop *loop, const Directi
     size_t n = (size_t)d->n_to, m = (size_t)d->n_from;
     for (size_t i = 0; i < m; i++) d->seed[i] = a->changes[d->from[i]];
     loop->call->code = d->code;
-    int status =
-        d->version < 3
-            ? ((Directional2 *)d->function)(d->instance, d->unknowns, n, d->knowns, m, d->seed, d->change)
-            : ((Directional3 *)d->function)(d->instance, d->unknowns, n, d->knowns, m, d->seed, m, d->change, n);
+    int status = loop_directional_derivative(d->function, d->version, d->instance, d->unknowns, n, d->knowns, m,
+                                             d->seed, d->change);
     for (size_t i = 0; i < n; i++) {
         if (status > 1 || !isfinite(d->change[i])) return false;
         a->changes[d->to[i]] = d->change[i];

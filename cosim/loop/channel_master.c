@@ -283,8 +283,8 @@ static int have_one_made(Remote *r, uint32_t number, const Passed passed[], uint
     return status;
 }
 
-/* Call a function of the FMU; where it need not be at once, its status is OK, and it is made before the next one that
- * must. */
+/* Call a function of the FMU from the loop; where it need not be at once, its status is OK, and it is made before the next
+ * one that must. */
 static int call_in_loop(Remote *r, FunctionNumber function, bool at_once, const Passed passed[], uint32_t n) {
     if (r->is_lost) return LOST;
     if (r->is_learning) stop_foreseeing(r);
@@ -294,9 +294,12 @@ static int call_in_loop(Remote *r, FunctionNumber function, bool at_once, const 
     return have_one_made(r, r->n_calls - 1, passed, n, places);
 }
 
+/* The same; where it is made at once, who calls may be anybody. */
 static int call(Remote *r, FunctionNumber function, bool at_once, const Passed passed[], uint32_t n) {
-    if (at_once && r->is_learning) stop_foreseeing(r);
-    if (at_once) r->n_foreseen = 0; /* who calls is not the loop, and what it has read may be gone */
+    if (at_once) {
+        if (r->is_learning && !r->is_lost) stop_foreseeing(r);
+        r->n_foreseen = 0; /* what the loop has read may be gone */
+    }
     return call_in_loop(r, function, at_once, passed, n);
 }
 

@@ -1,4 +1,4 @@
-/* States of FMUs that are kept in memory, to go back to. binding.py lays the struct out once more. */
+/* States of FMUs that are kept in memory, to go back to. iterated_step.py lays the struct out once more. */
 #ifndef KEPT_STATES_H
 #define KEPT_STATES_H
 

@@ -300,6 +300,12 @@ static int extrapolate(const Loop *loop, const Operation *op, int64_t point, dou
                                           in->derivatives);
 }
 
+int loop_directional_derivative(void *function, int32_t version, void *instance, const uint32_t unknowns[], size_t n,
+                                const uint32_t knowns[], size_t m, const double seed[], double change[]) {
+    return version < 3 ? ((Directional2 *)function)(instance, unknowns, n, knowns, m, seed, change)
+                       : ((Directional3 *)function)(instance, unknowns, n, knowns, m, seed, m, change, n);
+}
+
 /* Rates of n outputs, as functions of time, and of inputs with direct feedthrough. */
 static int differentiate(const Operation *op, double *values) {
     const Rates *rates = op->data;
@@ -310,10 +316,8 @@ static int differentiate(const Operation *op, double *values) {
                      : ((OutputDerivatives3 *)op->function)(op->instance, op->references, n, rates->orders, part, n);
     if (status > 1 || !rates->function) return status;
     for (size_t i = 0; i < m; i++) rates->seed[i] = values[rates->positions[i]];
-    int also = op->version < 3 ? ((Directional2 *)rates->function)(op->instance, op->references, n, rates->knowns, m,
-                                                                   rates->seed, rates->change)
-                               : ((Directional3 *)rates->function)(op->instance, op->references, n, rates->knowns, m,
-                                                                   rates->seed, m, rates->change, n);
+    int also = loop_directional_derivative(rates->function, op->version, op->instance, op->references, n, rates->knowns,
+                                           m, rates->seed, rates->change);
     if (also <= 1)
         for (size_t i = 0; i < n; i++) part[i] += rates->change[i];
     return also > status ? also : status;

@@ -158,6 +158,9 @@ void loop_convert(int32_t type, void *buffer, double *slots, int64_t n, bool to_
 
 /* Whether something jumps in (t_first, t_last], by the numbers of the points. */
 bool loop_jumps_within(const Loop *loop, int64_t first, int64_t last);
+/* How n unknowns of an FMU change when m knowns change by a seed, by its function of FMI 2 or 3; the status. */
+int loop_directional_derivative(void *function, int32_t version, void *instance, const uint32_t unknowns[], size_t n,
+                                const uint32_t knowns[], size_t m, const double seed[], double change[]);
 
 /* Carry a value to a slot of another type; false where that can't hold it exactly. */
 bool loop_carry(const Conversion *conversion, const double *source, double *target);

@@ -40,7 +40,6 @@ from cosim.master.coupling.algorithm import AUTO, VARIABLE, algorithm, most_iter
 from cosim.master.coupling.coupling_tolerance import (
     MOST_VALUES,
     ToleranceSearch,
-    check_for_tolerance,
     checked_tolerance,
     compared_names,
 )
@@ -53,7 +52,6 @@ from cosim.master.coupling.variable_steps import (
     VariablePlan,
     VariableRun,
     check_any_step,
-    check_for_variable,
 )
 from cosim.master.failures import Failing, InterruptedInCall, SimulationError, SimulationInterrupted
 from cosim.master.function_instance import FunctionInstance
@@ -703,7 +701,7 @@ class Simulation:
         """
         if step_size == VARIABLE:
             once = {"realtime": realtime, "checkpoint": checkpoint, "observe": observe, "steering": steering}
-            check_for_variable(once | {"profile": self._profile or None})
+            _refuse(once | {"profile": self._profile or None}, "step_size = 'variable': {} needs a fixed step")
             return self._run_variable(
                 start_time,
                 stop_time,
@@ -720,9 +718,8 @@ class Simulation:
             raise SetupError(f"step_size = {step_size!r} must be a number (s), or '{VARIABLE}'")
         if coupling_tolerance is not None:
             once = {"sink": sink, "realtime": realtime, "checkpoint": checkpoint, "observe": observe}
-            check_for_tolerance(
-                once | {"steering": steering, "record_every": None if record_every == 1 else record_every}
-            )
+            once |= {"steering": steering, "record_every": None if record_every == 1 else record_every}
+            _refuse(once, "a coupling tolerance takes several runs, and {} is for one")
             number_of_steps(start_time, stop_time, step_size)
             run_with = partial(
                 self.run,
@@ -1382,6 +1379,13 @@ def _loaded(system: System, interface: str) -> dict[str, LoadedFMU]:
             read[key] = fmu
         found[name] = fmu
     return found
+
+
+def _refuse(options: Mapping[str, object], why: str) -> None:
+    """Refuse options of a run that are given; `why` has a place for the name."""
+    for name, value in options.items():
+        if value is not None:
+            raise SetupError(f"{why.format(name)}; leave out one of them")
 
 
 def number_of_steps(start_time: float, stop_time: float, step_size: float) -> int:

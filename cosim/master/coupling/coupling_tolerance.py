@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -266,16 +265,3 @@ def checked_tolerance(tolerance: float) -> float:
 def compared_names(recorded: Sequence[str], feeding: Sequence[str], *, chosen: bool) -> list[str]:
     """Variables whose coupling error counts: those that were chosen to be recorded, else those that feed others."""
     return list(recorded) if chosen else [name for name in recorded if name in set(feeding)]
-
-
-def check_for_tolerance(options: dict[str, Any]) -> None:
-    """Refuse options of a run that make no sense for several runs.
-
-    Raises
-    ------
-    SetupError
-        One is given.
-    """
-    for name, value in options.items():
-        if value is not None:
-            raise SetupError(f"a coupling tolerance takes several runs, and {name} is for one; leave out one of them")

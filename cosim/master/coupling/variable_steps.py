@@ -402,16 +402,3 @@ def check_any_step(instances: Mapping[str, Instance]) -> None:
                 f"step_size = 'variable': the FMU of component '{name}' takes steps of one length only "
                 "(canHandleVariableCommunicationStepSize)"
             )
-
-
-def check_for_variable(options: Mapping[str, object]) -> None:
-    """Refuse options of a run that need a fixed step.
-
-    Raises
-    ------
-    SetupError
-        One is given.
-    """
-    for name, value in options.items():
-        if value is not None:
-            raise SetupError(f"step_size = 'variable': {name} needs a fixed step; leave out one of them")

@@ -306,12 +306,6 @@ static double tolerance_of(const Component *component, bool *defined) {
     return now->has_tolerance ? now->tolerance : *defined ? component->tolerance : 0.0;
 }
 
-/* The stop time that it is told: one that steps at every so many points may make its last step beyond the run's. */
-static double told_stop(const Component *component) {
-    const Progress *now = &component->packed->now;
-    return component->every > 1 ? now->stop + component->every * now->max_step : now->stop;
-}
-
 Status component_set_up(Component *component) {
     const Progress *now = &component->packed->now;
     if (component->version == 3) return OK;
@@ -319,8 +313,8 @@ Status component_set_up(Component *component) {
     if (!set_up) return FAILURE;
     bool has_tolerance;
     double tolerance = tolerance_of(component, &has_tolerance);
-    Status status =
-        (Status)set_up(component->instance, has_tolerance, tolerance, now->time, now->has_stop, told_stop(component));
+    Status status = (Status)set_up(component->instance, has_tolerance, tolerance, now->time, now->has_stop,
+                                   packed_told_stop(component));
     return component_failed(component, status, "fmi2SetupExperiment");
 }
 
@@ -332,8 +326,8 @@ Status component_enter_initialization(Component *component) {
     if (!enter) return FAILURE;
     bool has_tolerance;
     double tolerance = tolerance_of(component, &has_tolerance);
-    Status status =
-        (Status)enter(component->instance, has_tolerance, tolerance, now->time, now->has_stop, told_stop(component));
+    Status status = (Status)enter(component->instance, has_tolerance, tolerance, now->time, now->has_stop,
+                                  packed_told_stop(component));
     return component_failed(component, status, "fmi3EnterInitializationMode");
 }
 

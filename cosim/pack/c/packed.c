@@ -269,11 +269,14 @@ Status packed_reset(Packed *packed) {
 /* Relative tolerance that a component is told which fails when it is told none. */
 static const double assumed_tolerance = 1e-6;
 
-/* The stop time that components are told; where the last step ends later for rounding (0.2 + 0.1 > 0.3), its end. */
-static double told_stop(double start, double stop, double step) {
-    double n = floor((stop - start) / step + 0.5);
-    return n >= 1.0 && fabs(start + n * step - stop) <= same * step ? fmax(stop, start + (n - 1.0) * step + step)
-                                                                    : stop;
+/* The stop time that a component is told; where its last step ends later, for rounding (0.2 + 0.1 > 0.3) or since it steps at every
+ * so many points, a later one. */
+double packed_told_stop(const Component *component) {
+    const Progress *now = &component->packed->now;
+    double step = now->max_step, n = floor((now->stop - now->time) / step + 0.5);
+    if (component->every > 1) return now->stop + component->every * step;
+    if (n < 1.0 || fabs(now->time + n * step - now->stop) > same * step) return now->stop;
+    return fmax(now->stop, now->time + (n - 1.0) * step + step);
 }
 
 /* Tell a component of the run and set its start values. */
@@ -304,7 +307,7 @@ Status packed_enter_initialization(Packed *packed, bool has_tolerance, double to
     now->has_tolerance = has_tolerance;
     now->tolerance = tolerance;
     now->has_stop = has_stop;
-    now->stop = has_stop ? told_stop(start, stop, now->max_step) : stop;
+    now->stop = stop;
     now->phase = FAILED;
     Status status = OK;
     for (int32_t i = 0; status == OK && i < packed->n_components; i++) {

@@ -209,6 +209,7 @@ bool packed_allowed(Packed *packed, int phases, const char *function);
 /* Pass a message on, or hold it back. */
 void packed_tell(Packed *packed, Status status, const char *category, const char *text);
 Status packed_fail(Packed *packed, Status status, const char *format, ...);
+double packed_told_stop(const Component *component);
 Status packed_enter_initialization(Packed *packed, bool has_tolerance, double tolerance, double start, bool has_stop,
                                    double stop);
 Status packed_exit_initialization(Packed *packed);
