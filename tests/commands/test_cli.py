@@ -345,6 +345,7 @@ def test_only_what_has_changed_is_built_again(tmp_path, monkeypatch):
     assert {path: digest(path) for path in paths} == before
 
 
+@pytest.mark.slow
 def test_the_build_script_refuses_an_impossible_place_in_one_line(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("file").write_text("a regular file", encoding="utf-8")

@@ -63,6 +63,7 @@ def position_error(results: Results) -> np.ndarray:
     )
 
 
+@pytest.mark.slow
 def test_own_controller_as_a_model(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     shutil.copy(example("replace_controller.py"), "my_controller.py")
     assert python("my_controller.py") == "built PID.fmu\n"
@@ -171,6 +172,7 @@ def test_sweep() -> None:
     assert (np.diff(errors) < 0.0).all()  # the robust part makes them smaller
 
 
+@pytest.mark.slow
 def test_tanks(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A system without a robot, whose FMUs are made on the spot."""
     for name in ("build.py", "tanks.toml"):
@@ -198,6 +200,7 @@ def test_tanks(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert float(python("page.py")) == results["lower.level"][-1]
 
 
+@pytest.mark.slow
 def test_plant_in_python_control() -> None:
     out = python(example("plant_in_python_control.py"))
     poles = [complex(p) for p in out.split("poles (1/s): ")[1].splitlines()[0].split()]

@@ -516,6 +516,7 @@ def many() -> Results:
     return Results(time, ["a.x", "a.y"], values)
 
 
+@pytest.mark.slow
 def test_values_that_a_page_lacks_are_answered_to_whom_they_belong():
     run = many()
     address, end = served(run)

@@ -119,6 +119,7 @@ def test_a_worker_is_killed_half_way_and_all_rows_are_those_of_a_plain_loop(clus
         assert set(counts.values()) == {1}
 
 
+@pytest.mark.slow
 def test_a_deadly_point_is_a_row_and_the_others_have_theirs(counter, tmp_path):
     """On this machine's own workers, which Dask starts again."""
     study = CounterStudy(sha256(counter))

@@ -381,6 +381,7 @@ def test_c_sources_are_compiled_where_asked(
     assert read(Path("o"))["end"].to_pylist() == [1.0, 2.0]
 
 
+@pytest.mark.slow
 def test_a_sweep_of_which_every_run_fails_is_no_success(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

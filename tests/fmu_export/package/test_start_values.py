@@ -336,6 +336,7 @@ def test_a_failing_build_leaves_the_old_fmu(controller, monkeypatch):
     unchanged(controller, before)
 
 
+@pytest.mark.slow
 def test_whoever_reads_while_it_is_written_sees_one_whole_fmu(controller):
     """Not a mixture either: both places always hold the same number."""
     stop, seen, failures = threading.Event(), set(), []

@@ -547,7 +547,7 @@ INDEPENDENT: dict[str, Callable[[Oracle], Verdict]] = {
 #: Claims whose separate formulation takes long.
 DEAR = {
     *("estimate-near-quarter", "closure-force", "bound-exists", "all-smaller-steady-error-same-beta"),
-    *("active-joint-space", "lyapunov-falls", "uniformly-bounded"),
+    *("active-joint-space", "ends-coincide", "lyapunov-falls", "uniformly-bounded", "ultimately-bounded"),
 }
 
 

@@ -590,6 +590,7 @@ def test_figures_open_large(opened):
     assert not tab.locator("dialog").is_visible()
 
 
+@pytest.mark.slow
 def test_it_fits_a_phone_and_small_type_is_legible(opened):
     tab = opened(width=390, height=844, is_mobile=True, has_touch=True, device_scale_factor=2)
     fits(tab)

@@ -220,6 +220,7 @@ def test_every_figure_is_there_as_vectors_and_pixels(
         assert height > 400
 
 
+@pytest.mark.slow
 def test_every_figure_says_what_it_shows_in_words(content: tuple[Reproduction, Path]) -> None:
     for figure in some(content[0].figures):
         for text in (figure.title, figure.caption, figure.alt):
