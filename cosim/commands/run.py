@@ -191,7 +191,7 @@ def run(args: argparse.Namespace) -> int:
     ending = Path(args.scenario).suffix.lower()
     standard = None if ending == ".fmu" or named(args.scenario) is not None else standard_of(args.scenario)
     with FigureProcess() as figures:
-        if args.realtime is None and standard is None:  # its start would make the first points late
+        if args.realtime is None:  # its start would make the first points late
             found = named(args.scenario)
             figures.start("" if found is None else found[0].drawing)
         # NumPy and FMPy take a while to import, meanwhile the other process imports matplotlib

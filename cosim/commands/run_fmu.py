@@ -23,14 +23,13 @@ from cosim.commands.execution import (
 )
 from cosim.errors import nearest
 from cosim.fmi.fmu_file import load
+from cosim.results.figure_process import DRAWING
 from cosim.results.flat_arrays import with_names_of
 from cosim.results.results import Results
 from cosim.scenario.signals import interpolated
+from cosim.system.read import STEPS
 from cosim.system.system import Signal, System
 from cosim.system.variables import Element, Ports
-
-#: Communication steps where neither the FMU nor an option says how long one is.
-_STEPS = 500
 
 
 @contextmanager
@@ -67,7 +66,7 @@ def prepared_fmu(args: argparse.Namespace) -> Iterator[PreparedRun]:
         folder=folder,
         about={"fmu": str(path), "title": title},
         details={"input": None if args.input is None else str(args.input), "driven": targets},
-        drawing="cosim.results.plot_file:write_plot",
+        drawing=DRAWING,
         drawing_arguments=(title,),
     )
 
@@ -89,8 +88,8 @@ def _plan(component: str, description: ModelDescription, path: Path, args: argpa
         raise UsageError(f"{path} has no default stop time; give one with --stop")
     step_size = times.get("stepSize") if args.step is None else args.step
     if step_size is None:
-        step_size = (stop_time - start_time) / _STEPS
-        print(f"note: {path} has no default step; it is {step_size:g} s here, {_STEPS} steps in all (--step)")
+        step_size = (stop_time - start_time) / STEPS
+        print(f"note: {path} has no default step; it is {step_size:g} s here, {STEPS} steps in all (--step)")
     plan = Plan.from_options(args, stop_time, step_size, start_time)
     if plan.record is None:
         return plan

@@ -21,6 +21,7 @@ from cosim.commands.execution import (
 from cosim.commands.options import Standard
 from cosim.errors import CosimError
 from cosim.files.temporary import TemporaryFolder
+from cosim.results.figure_process import DRAWING
 from cosim.system.read import ReadSystem
 
 
@@ -67,6 +68,8 @@ def prepared_description(args: argparse.Namespace, standard: Standard) -> Iterat
                 },
                 archive_of=lambda fmu: path if fmu.is_relative_to(unpacked) else fmu,
                 said_path=in_archive,
+                drawing=DRAWING,
+                drawing_arguments=(found.name,),
             )
         except CosimError as error:
             raise CosimError(in_archive(str(error))) from error
@@ -84,10 +87,17 @@ def read_description(path: Path, standard: Standard, unpacked: Path, args: argpa
         from cosim.osp.reader import read_osp
 
         refuse({"--ssv": args.ssv}, "is for SSPs; an OSP configuration takes start values by --set")
-        return read_osp(path, units=args.units or "ignore", step_size=_fixed(args.step))
+        return read_osp(path, units=args.units or "ignore", step_size=_fixed(args.step), stop_time=args.stop)
     from cosim.ssp.reader import read_ssp
 
-    return read_ssp(path, unpacked, parameter_sets=args.ssv, units=args.units or "convert", step_size=_fixed(args.step))
+    return read_ssp(
+        path,
+        unpacked,
+        parameter_sets=args.ssv,
+        units=args.units or "convert",
+        step_size=_fixed(args.step),
+        stop_time=args.stop,
+    )
 
 
 def _fixed(step: float | str | None) -> float | None:
@@ -99,9 +109,8 @@ def _plan(found: ReadSystem, path: Path, args: argparse.Namespace) -> Plan:
     stop_time = found.stop_time if args.stop is None else args.stop
     step_size = found.step_size if args.step is None else args.step
     if stop_time is None:
-        raise UsageError(f"{path} has no default stop time; give one with --stop")
-    if step_size is None:
-        raise UsageError(f"neither {path} nor its FMUs have a default step; give one with --step")
+        raise UsageError(f"neither {path} nor its FMUs have a default stop time; give one with --stop")
+    assert step_size is not None  # which comes from the times, if from nothing else
     start_time = found.start_time if args.start is None else args.start
     plan = Plan.from_options(args, stop_time, step_size, start_time)
     order, extrapolation = args.order or found.order, args.extrapolation or found.extrapolation

@@ -301,23 +301,26 @@ def _of_description(
     path: Path, standard: Standard, unpacked: Path, args: argparse.Namespace, steps: Levels | None
 ) -> Scenario:
     """The system of an SSP or an OSP configuration, and its default experiment."""
+    step_size = None if steps is None else float(steps.values[0])
     if standard == "osp":
         from cosim.osp.reader import read_osp  # takes a while to import
 
-        found = read_osp(path)
+        found = read_osp(path, step_size=step_size, stop_time=args.stop)
     else:
         from cosim.ssp.reader import read_ssp
 
         unpacked.mkdir()
-        found = read_ssp(path, unpacked)
+        found = read_ssp(path, unpacked, step_size=step_size, stop_time=args.stop)
     if functions := [name for name, component in found.system.components.items() if component.fmu is None]:
         raise SweepError(f"{path}: '{functions[0]}' maps or sums values, which sweeps can't have yet; use cosim run")
+    own = [name for name, component in found.system.components.items() if component.every > 1]
+    if own and steps is not None and len(steps.values) > 1:
+        raise SweepError(f"{path}: '{own[0]}' has steps of its own, which no sweep over --step keeps; give one step")
     for note in found.notes:
         print(f"note: {note}")
-    if found.stop_time is None and args.stop is None:
-        raise SweepError(f"{path} has no default stop time; give one with --stop")
-    if found.step_size is None and steps is None:
-        raise SweepError(f"neither {path} nor its FMUs have a default step; give one with --step")
+    if found.stop_time is None:
+        raise SweepError(f"neither {path} nor its FMUs have a default stop time; give one with --stop")
+    assert found.step_size is not None  # which comes from the times, if from nothing else
     components = found.system.components
     return Scenario(
         name=path.stem,
@@ -326,8 +329,8 @@ def _of_description(
             name: ScenarioComponent(c.fmu, c.every, c.isolate, interface=c.interface, place=c.place)
             for name, c in components.items()
         },
-        stop_time=found.stop_time or 0.0,
-        step_size=found.step_size or 0.0,
+        stop_time=found.stop_time,
+        step_size=found.step_size,
         start_time=found.start_time,
         start={name: c.start for name, c in components.items()},
         connections=tuple(found.system.connections),

@@ -19,7 +19,7 @@ from cosim.osp.functions import Function, read_function
 from cosim.osp.groups import Group, found_in, pairs, read_groups
 from cosim.osp.parsing import attribute, number, parse
 from cosim.ssp.format.package import Folder
-from cosim.system.read import Findings, ReadSystem, multiple_of_step
+from cosim.system.read import Findings, ReadSystem, longest_experiment, multiple_of_step
 from cosim.system.system import System, Units
 from cosim.system.units import UnitsDiffer, conversion
 from cosim.system.variables import Element, Ports
@@ -42,7 +42,11 @@ _PARSERS: Mapping[str, Callable[[str], Any]] = {
 
 
 def read_osp(
-    path: str | PathLike[str], *, units: Literal["convert", "ignore"] = "ignore", step_size: float | None = None
+    path: str | PathLike[str],
+    *,
+    units: Literal["convert", "ignore"] = "ignore",
+    step_size: float | None = None,
+    stop_time: float | None = None,
 ) -> ReadSystem:
     """Read an OSP configuration.
 
@@ -54,6 +58,9 @@ def read_osp(
         Take all numbers as they are, as libcosim does, or convert them where both ends have a unit.
     step_size : float, optional
         Communication step (s) in place of the base step; simulators that have steps of their own keep them.
+    stop_time : float, optional
+        Stop time (s) in place of that of the configuration. Where neither says one, the latest of the default
+        experiments of its FMUs is taken, with a note.
 
     Returns
     -------
@@ -71,12 +78,13 @@ def read_osp(
     if path.is_dir() and (path / "SystemStructure.ssd").is_file():
         reader.findings.note(f"{path}: has SystemStructure.ssd, too, which is not read; name it to run it")
     system = reader.system()
-    start, stop = reader.time("StartTime"), reader.time("EndTime")
+    start = reader.time("StartTime") or 0.0
+    stop = reader.stop_time(start) if stop_time is None else stop_time
     reader.findings.raise_problems(f"{file}")
     return ReadSystem(
         file.resolve().parent.name if file.name == FILE else file.stem,
         system,
-        start or 0.0,
+        start,
         stop,
         reader.step,
         reader.findings.notes(),
@@ -123,6 +131,18 @@ class _Reader:
             with self.findings.collecting():
                 return number(element.text or "", f"{self.file}: {name}")
         return None
+
+    def stop_time(self, start_time: float) -> float | None:
+        """The stop time (s) of the configuration, or else of its FMUs."""
+        stop = self.time("EndTime")
+        if stop is not None:
+            return stop
+        found = longest_experiment((s.ports.description for s in self.simulators.values()), start_time)
+        if found is not None:
+            self.findings.note(
+                f"{self.file}: has no EndTime; {found:g} s is taken, the latest of its FMUs' default experiments"
+            )
+        return found
 
     def _step(self) -> float:
         step = self.time("BaseStepSize")

@@ -20,6 +20,9 @@ if TYPE_CHECKING:
     from cosim.results.results import Results
     from cosim.results.stored import StoredResults
 
+#: What draws any run.
+DRAWING = "cosim.results.plot_file:write_plot"
+
 #: A figure shows at most about this many points of a curve; more are not seen and make files large.
 _MOST_POINTS = 2000
 

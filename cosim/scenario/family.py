@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from cosim.errors import nearest
+from cosim.results.figure_process import DRAWING
 from cosim.scenario.scenario import Scenario, ScenarioComponent, ScenarioError
 from cosim.system.system import Connection
 
@@ -61,7 +62,7 @@ class ScenarioFamily:
     connections: Sequence[Connection] = ()
     optional_inputs: Mapping[str, Any] = {}
     metric_names: Collection[str] = ()
-    drawing: str = "cosim.results.plot_file:write_plot"
+    drawing: str = DRAWING
     study: str = "cosim.sweep.scenarios:ScenarioStudy"
     scenario: ClassVar[type[Scenario]] = Scenario
 

@@ -11,7 +11,7 @@ from cosim.ssp.errors import SSPError
 from cosim.ssp.format.description import TOOL
 from cosim.ssp.format.document import Document
 from cosim.ssp.format.structure import Part
-from cosim.system.read import multiple_of_step
+from cosim.system.read import STEPS, longest_experiment, multiple_of_step
 
 if TYPE_CHECKING:
     from xmlschema import DataElement
@@ -23,8 +23,40 @@ _STEP_SIZES = {"FixedStepAlgorithm": "baseStepSize", "FixedStepMaster": "stepSiz
 _STEP_OF_COMPONENT = {"StepSizeHint": "value"}
 
 
-def step_size_of(document: Document, root: Part) -> float | None:
-    """The communication step (s): from annotations, else the smallest that an FMU asks for.
+def times_of(document: Document, root: Part, stop_time: float | None = None) -> tuple[float, float | None]:
+    """Start and stop time (s); where the description has no stop time, the latest of its FMUs' default experiments.
+
+    Parameters
+    ----------
+    document : Document
+    root : Part
+    stop_time : float, optional
+        The stop time (s) that a user wants.
+    """
+    experiment = child(document.content, "DefaultExperiment")
+    said = {} if experiment is None else experiment.attrib
+    start_time = float(said.get("startTime", 0.0))
+    stop_time = said.get("stopTime") if stop_time is None else stop_time
+    if stop_time is not None:
+        return start_time, float(stop_time)
+    fmus = [part.ports.description for part in root.all_parts() if part.ports is not None]
+    found = longest_experiment(fmus, start_time)
+    if found is not None:
+        document.findings.note(
+            f"{document.where}: has no stop time; {found:g} s is taken, the latest of its FMUs' default experiments"
+        )
+    return start_time, found
+
+
+def step_size_of(document: Document, root: Part, times: tuple[float, float | None]) -> float | None:
+    """The communication step (s): from annotations, else the smallest that an FMU asks for, else a share of the run.
+
+    Parameters
+    ----------
+    document : Document
+    root : Part
+    times : tuple of float
+        Start and stop time (s), as `times_of` gives them.
 
     Raises
     ------
@@ -40,7 +72,18 @@ def step_size_of(document: Document, root: Part) -> float | None:
             document.findings.note(f"{document.where}: its steps are controlled by OMSimulator; here the step is fixed")
     experiments = [p.ports.description.defaultExperiment for p in root.all_parts() if p.ports is not None]
     steps = [float(e.stepSize) for e in experiments if e is not None and e.stepSize is not None]
-    return min((s for s in steps if s > 0 and math.isfinite(s)), default=None)
+    if not steps:
+        hints = (_numbers(part.element, _STEP_OF_COMPONENT, part.document) for part in root.all_parts())
+        steps = [step for found in hints for step in found]
+    smallest = min((s for s in steps if s > 0 and math.isfinite(s)), default=None)
+    start_time, stop_time = times
+    if smallest is not None or stop_time is None:
+        return smallest
+    step = (stop_time - start_time) / STEPS
+    document.findings.note(
+        f"{document.where}: neither it nor its FMUs have a default step; {step:g} s is taken, {STEPS} steps in all"
+    )
+    return step
 
 
 def steps_of(part: Part, step_size: float | None) -> int:

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any, Literal
 
 from cosim.errors import nearest
-from cosim.files.xml_elements import child, children
+from cosim.files.xml_elements import children
 from cosim.ssp.errors import SSPError
-from cosim.ssp.experiment import is_isolated, place_of, step_size_of, steps_of
+from cosim.ssp.experiment import is_isolated, place_of, step_size_of, steps_of, times_of
 from cosim.ssp.flow import Feed, Flow, Node
 from cosim.ssp.format.document import open_document
 from cosim.ssp.format.package import DESCRIPTION, Package, open_package
@@ -34,6 +34,7 @@ def read_ssp(
     parameter_sets: Sequence[str] = (),
     units: Literal["convert", "ignore"] = "convert",
     step_size: float | None = None,
+    stop_time: float | None = None,
 ) -> ReadSystem:
     """Read an SSP.
 
@@ -51,6 +52,9 @@ def read_ssp(
         Convert values where both ends have a unit, or take all numbers as they are.
     step_size : float, optional
         Communication step (s) in place of that of the SSP; components that have steps of their own keep them.
+    stop_time : float, optional
+        Stop time (s) in place of that of the SSP. Where neither says one, the latest of the default experiments of its
+        FMUs is taken, with a note.
 
     Returns
     -------
@@ -72,18 +76,16 @@ def read_ssp(
         values = _Values(files)
         values.bind(root)
         values.add_files(root)
-        step = step_size_of(document, root) if step_size is None else step_size
+        times = times_of(document, root, stop_time)
+        step = step_size_of(document, root, times) if step_size is None else step_size
         system = _system(root, flow, values.found, step, findings)
         if not system.components:
             findings.problem(f"{document.where}: has no components; add one there, a Component element with an FMU")
         findings.raise_problems(_file(package, name), f"{package.path}")
-    experiment = child(document.content, "DefaultExperiment")
-    times = {} if experiment is None else experiment.attrib
     return ReadSystem(
         document.content.attrib["name"],
         system,
-        float(times.get("startTime", 0.0)),
-        times.get("stopTime"),
+        *times,
         step,
         findings.notes(),
         places=places(root),

@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+
+from fmpy.model_description import ModelDescription
 
 from cosim.errors import CosimError
 from cosim.system.system import System
 
 #: Of one kind of notes this many are shown; a description with a thousand connectors may have a thousand of them.
 _MOST_NOTES = 3
+
+#: Communication steps where neither options nor files say how long one is.
+STEPS = 500
 
 #: This many problems are shown in one message.
 _MOST_PROBLEMS = 20
@@ -116,6 +121,13 @@ class Findings:
             if more:
                 found[-1] += f" (and {more} more of this kind)"
         return tuple(found)
+
+
+def longest_experiment(fmus: Iterable[ModelDescription], start_time: float) -> float | None:
+    """The latest stop time (s) of default experiments that ends after a start time (s), if an FMU has one."""
+    experiments = [fmu.defaultExperiment for fmu in fmus if fmu.defaultExperiment is not None]
+    stops = [float(e.stopTime) for e in experiments if e.stopTime is not None]
+    return max((stop for stop in stops if math.isfinite(stop) and stop > start_time), default=None)
 
 
 def multiple_of_step(step: float, communication_step: float | None, what: str, findings: Findings) -> int:

@@ -157,10 +157,11 @@ def test_a_step_in_place_of_the_base_step(fmus: Path, tmp_path: Path) -> None:
 
 def test_times_that_are_not_said(fmus: Path, tmp_path: Path) -> None:
     found = read_osp(configuration(tmp_path / "t", fmus, SIMULATORS, LOOP, times="<Algorithm>ecco</Algorithm>"))
-    assert (found.start_time, found.stop_time, found.step_size) == (0.0, None, 0.1)
+    assert (found.start_time, found.stop_time, found.step_size) == (0.0, 1.0, 0.1)
     assert [re.sub(r"^.*\.xml: ", "", note) for note in found.notes] == [
         "has no BaseStepSize; 0.1 s is taken, as libcosim does",
         "algorithm 'ecco' is not supported; the step is fixed, 0.1 s",
+        "has no EndTime; 1 s is taken, the latest of its FMUs' default experiments",
     ]
 
 
@@ -367,6 +368,7 @@ def test_a_configuration_without_simulators(fmus: Path, tmp_path: Path) -> None:
 # The command line
 
 
+@pytest.mark.usefixtures("no_figures")
 def test_from_the_command_line(
     fmus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

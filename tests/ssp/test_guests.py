@@ -13,6 +13,7 @@ import pytest
 
 from cosim import CosimError, System, simulate
 from cosim.__main__ import main
+from cosim.results import Results
 from cosim.ssp import SSPError, read_ssp
 from tests.support.changed_fmus import in_millimetres
 from tests.support.small_fmus import compiled, redescribed
@@ -33,6 +34,7 @@ from tests.support.ssp_files import (
     parameter_set,
     read,
     start,
+    step_size_hint,
 )
 from tests.support.tiny_models import GAIN, INTEGRATOR
 from tests.support.tiny_models import UNITS as LENGTHS
@@ -646,7 +648,7 @@ def test_connections_with_tables(
         component("p", "probe", f"output {name}_out", bindings=bindings(binding(f"{name} {value}"))),
         component("q", "probe", f"input {name}"),
     ) + connections(connection(f"p.{name}_out", f"q.{name}", inner))
-    found = read(archive(tmp_path / "t.ssp", description(system), fmus))
+    found = read_ssp(archive(tmp_path / "t.ssp", description(system), fmus), tmp_path / "unpacked", step_size=0.5)
     (note,) = found.notes
     assert f"its mapping is a component, 'q/{name}'" in note
     assert simulate(found.system, 1.0, 0.5)[f"q.{name}_out"].tolist() == [expected] * 3
@@ -739,6 +741,7 @@ def test_parameter_sets_of_the_user(two_sets: Path, named: list[str], expected: 
         ("gian=local.ssv", "gian=local.ssv: 'gian' is neither a component nor a bound parameter set; did you mean"),
     ],
 )
+@pytest.mark.usefixtures("no_figures")
 def test_parameter_sets_that_would_do_nothing(
     two_sets: Path, named: str, message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -752,6 +755,7 @@ def test_parameter_sets_that_would_do_nothing(
 # The command line
 
 
+@pytest.mark.usefixtures("no_figures")
 def test_folders_notes_and_options_on_the_command_line(
     fmus: dict[str, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -791,14 +795,9 @@ def test_a_linear_transformation_goes_on_as_before(fmus: dict[str, Path], tmp_pa
 
 
 def hinted(hint: str) -> str:
-    """The loop, with a step of its own for the tank, as libcosim notes it."""
-    annotation = (
-        '<ssd:Annotations><ssc:Annotation type="com.opensimulationplatform">'
-        f'<osp:StepSizeHint xmlns:osp="http://opensimulationplatform.com/SSP/OSPAnnotations" value="{hint}"/>'
-        "</ssc:Annotation></ssd:Annotations>"
-    )
+    """The loop, with a step of its own for the tank."""
     first, tank, rest = LOOP.partition('<ssd:Component name="tank"')
-    return first + tank + rest.replace("</ssd:Component>", f"{annotation}</ssd:Component>", 1)
+    return first + tank + rest.replace("</ssd:Component>", f"{step_size_hint(hint)}</ssd:Component>", 1)
 
 
 @pytest.mark.parametrize(
@@ -825,3 +824,42 @@ def test_steps_that_omsimulator_controls_are_noted(fmus: dict[str, Path], tmp_pa
     (note,) = found.notes
     assert note.endswith("its steps are controlled by OMSimulator; here the step is fixed")
     assert found.step_size == 0.1  # of the FMUs
+
+
+def test_another_tools_ssp_without_times_is_run_and_drawn_in_one_command(
+    fmus: dict[str, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    archive(Path("s.ssp"), description(LOOP, experiment=""), fmus)
+    assert main(["run", "s.ssp", "--report"]) == 0
+    shown = capsys.readouterr().out
+    assert "has no stop time; 1 s is taken, the latest of its FMUs' default experiments\n" in shown
+    assert shown.endswith("\nresults, summary and figures: results/s\n")
+    assert sorted(p.name for p in Path("results/s").iterdir()) == [
+        *("report.html", "results.csv", "results.png", "summary.json")
+    ]
+    assert Results.from_csv("results/s/results.csv").time[-1] == 1.0
+    assert "has no stop time" not in str(read_ssp("s.ssp", "unpacked", stop_time=2.0).notes)
+
+
+def test_where_nothing_says_how_long_the_user_does(
+    fmus: dict[str, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    archive(Path("s.ssp"), description(elements(component("p", "probe", "output y")), experiment=""), fmus)
+    found = read_ssp("s.ssp", "unpacked")
+    assert (found.stop_time, found.step_size, found.notes) == (None, None, ())
+    assert main(["run", "s.ssp"]) == 1
+    assert "neither s.ssp nor its FMUs have a default stop time; give one with --stop" in capsys.readouterr().err
+    found = read_ssp("s.ssp", "unpacked", stop_time=2.0)
+    assert (found.stop_time, found.step_size) == (2.0, 0.004)
+    assert "neither it nor its FMUs have a default step; 0.004 s is taken, 500 steps in all" in found.notes[0]
+
+
+def test_where_nothing_else_has_a_step_it_is_the_smallest_of_the_hints(fmus: dict[str, Path], tmp_path: Path) -> None:
+    hints = [
+        component("p", "probe", "output y", bindings=step_size_hint("0.2")),
+        component("q", "probe", "output y", bindings=step_size_hint("0.1")),
+    ]
+    found = read(archive(tmp_path / "h.ssp", description(elements(*hints)), fmus))
+    assert (found.step_size, [c.every for c in found.system.components.values()], found.notes) == (0.1, [2, 1], ())

@@ -372,6 +372,7 @@ def here(robot_fmus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> P
     return tmp_path
 
 
+@pytest.mark.usefixtures("no_figures")
 def test_from_the_command_line(here: Path, robot_fmus: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["ssp", "--mu", "10"]) == 0
     assert "wrote RobotClosedLoop.ssp" in capsys.readouterr().out
@@ -402,6 +403,7 @@ def test_from_the_command_line(here: Path, robot_fmus: Path, capsys: pytest.Capt
         (["run", "R.ssp", "--step", "0.7"], "R.ssp: the duration 15 s is not a whole number of steps"),
     ],
 )
+@pytest.mark.usefixtures("no_figures")
 def test_bad_input_is_one_line(
     here: Path, robot: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], message: str
 ) -> None:
@@ -412,6 +414,7 @@ def test_bad_input_is_one_line(
     assert (shown.startswith("cosim: "), shown.count("\n")) == (True, 1)
 
 
+@pytest.mark.usefixtures("no_figures")
 def test_errors_name_the_archive_and_not_where_it_was_unpacked(
     here: Path, robot: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

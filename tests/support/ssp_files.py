@@ -106,6 +106,15 @@ def binding(*values: str, more: str = "", mapped: str = "") -> str:
     return f"<ssd:ParameterBinding{more}>{inner}</ssd:ParameterBinding>"
 
 
+def step_size_hint(value: str) -> str:
+    """A step of its own for a component, as libcosim notes it."""
+    return (
+        '<ssd:Annotations><ssc:Annotation type="com.opensimulationplatform">'
+        f'<osp:StepSizeHint xmlns:osp="http://opensimulationplatform.com/SSP/OSPAnnotations" value="{value}"/>'
+        "</ssc:Annotation></ssd:Annotations>"
+    )
+
+
 def read(path: Path) -> ReadSystem:
     """Read an SSP; its FMUs go beside it."""
     return read_ssp(path, path.with_suffix(".unpacked"))

@@ -22,7 +22,7 @@ from tests.support.c_fmus import sources_of_tank
 from tests.support.quirks import quirky
 from tests.support.scripts import scripted, slave
 from tests.support.small_fmus import build, compiled
-from tests.support.ssp_files import archive, component, description, elements
+from tests.support.ssp_files import archive, component, description, elements, step_size_hint
 from tests.support.tiny_models import GAIN
 
 #: A gain after a probe, which passes values of all types through; a random signal feeds the probe.
@@ -363,10 +363,28 @@ def test_what_makes_no_sense_is_one_line(here, capsys, arguments, says):
 
 def test_an_ssp_that_does_not_say_how_long_is_one_line(here, capsys):
     archive(Path("short.ssp"), description(elements(component("a", "Gain")), experiment=""), {"Gain": Path("Gain.fmu")})
-    assert main(["sweep", "short.ssp", "--vary", "a.K=1,2"]) == 1
-    assert "short.ssp has no default stop time; give one with --stop" in capsys.readouterr().err
-    rows = swept("short.ssp", "--vary", "a.K=1,2", "--vary", "a.u[2]=3", "--stop", "1", "--step", "0.5")
+    rows = swept("short.ssp", "--vary", "a.K=1,2", "--vary", "a.u[2]=3")  # as long as the FMU says
+    assert "has no stop time; 1 s is taken" in capsys.readouterr().out
     assert [row["a.y[2].final"] for row in rows] == [3.0, 6.0]
+    shutil.rmtree("out")
+    probe = description(elements(component("p", "probe")), experiment="")
+    archive(Path("short.ssp"), probe, {"probe": Path("probe.fmu")})
+    assert main(["sweep", "short.ssp", "--vary", "p.e=off,on"]) == 1
+    assert "neither short.ssp nor its FMUs have a default stop time; give one with --stop" in capsys.readouterr().err
+    rows = swept("short.ssp", "--vary", "p.e=off,on", "--stop", "1", "--metric", "y=final:p.y")
+    assert len(rows) == 2
+    assert "0.002 s is taken, 500 steps in all" in capsys.readouterr().out
+
+
+def test_steps_of_components_are_multiples_of_the_step_of_a_sweep(here, capsys):
+    system = elements(component("a", "Gain"), component("b", "Gain", bindings=step_size_hint("0.2")))
+    archive(Path("own.ssp"), description(system), {"Gain": Path("Gain.fmu")})
+    rows = swept("own.ssp", "--vary", "a.K=1,2", "--step", "0.05")
+    assert [row["error"] for row in rows] == [None, None]
+    components = json.loads(Path("out/sweep.json").read_text())["scenarios"]["own.ssp"]["components"]
+    assert [components[name]["every"] for name in ("a", "b")] == [1, 4]
+    assert main(["sweep", "own.ssp", "--vary", "a.K=1,2", "--step", "0.05,0.1"]) == 1
+    assert "'b' has steps of its own, which no sweep over --step keeps; give one step" in capsys.readouterr().err
 
 
 def test_c_sources_are_compiled_where_asked(
