@@ -2,9 +2,9 @@
  *
  * Each comes as isolated_<name>, and those that only set values also as deferred_<name>: they wait in the area until a
  * call comes whose result is wanted, and go over the channel together with it. Steps and what reads values come also as
- * foreseen_<name>: what has been read right after the step before is asked for together with the next step, and its answer
- * kept until it is wanted; what is neither comes as from_loop_<name> where the loop calls it between these. So the FMU sees
- * the same calls in the same order. */
+ * foreseen_<name>: what has been read right after the same call before is asked for together with it, and the answers
+ * kept until they are wanted; what is neither comes as from_loop_<name> where the loop calls it between these. So the FMU
+ * sees the same calls in the same order. */
 #ifndef _WIN32
 #define _GNU_SOURCE
 #include "channel_sides.h"
@@ -18,7 +18,7 @@
 /* Statuses beyond those of FMI: the worker is gone; a call that was deferred has failed; the arguments are too large. */
 enum { LOST = 110, FAILED_BEFORE, TOO_LARGE, NOT_MADE };
 
-enum { MOST_CALLS = 128, MOST_FORESEEN = 16, LOOK = 20000000 /* ns */ };
+enum { MOST_CALLS = 128, MOST_FORESEEN = 16, MOST_LEADING = 8, LOOK = 20000000 /* ns */ };
 
 /* Called while a call takes long, and has taken so many seconds; whether the worker is to be given up. */
 typedef int GiveUp(double seconds);
@@ -36,6 +36,13 @@ typedef struct {
     void *values;
 } Reading;
 
+/* A step, or the first reading after something was set, and what is read right after it. */
+typedef struct {
+    Reading first; /* of a step only the function */
+    Reading then[MOST_FORESEEN];
+    int32_t n;
+} Readings;
+
 /* An FMU in another process. */
 typedef struct {
     Channel *channel;
@@ -50,10 +57,9 @@ typedef struct {
     uint32_t n_calls, asked;
     int32_t failed, status; /* the deferred function that failed, and how */
     bool is_lost;
-    Reading foreseen[MOST_FORESEEN]; /* what is read right after a step */
-    int32_t n_foreseen, n_ready,
-        n_taken; /* how many are known; have been answered with the last step; have been taken */
-    bool is_learning; /* since the last step nothing but these was called */
+    Readings foreseen[MOST_LEADING];
+    Readings *current; /* since its first call nothing was called but what is read after it; NULL for none */
+    int32_t n_foreseen, n_ready, n_taken; /* how many are known; of the current one have been answered; and taken */
     uint32_t heard; /* messages of later calls are not wanted yet */
     void *values; /* what the FMU gave: pointers, and then the texts and binary values that they point to */
 } Remote;
@@ -231,9 +237,9 @@ static bool take_back(Remote *r, const Passed *passed, uint64_t at) {
 
 /* What comes now is not what was foreseen. */
 static void stop_foreseeing(Remote *r) {
-    if (r->n_taken < r->n_ready) r->n_foreseen = r->n_taken;
+    if (r->current && r->n_taken < r->n_ready) r->current->n = r->n_taken;
     r->n_ready = r->n_taken = 0;
-    r->is_learning = false;
+    r->current = NULL;
     r->heard = UINT32_MAX;
     channel_hear(r);
 }
@@ -287,7 +293,7 @@ static int have_one_made(Remote *r, uint32_t number, const Passed passed[], uint
  * one that must. */
 static int call_in_loop(Remote *r, FunctionNumber function, bool at_once, const Passed passed[], uint32_t n) {
     if (r->is_lost) return LOST;
-    if (r->is_learning) stop_foreseeing(r);
+    if (r->current) stop_foreseeing(r);
     uint64_t places[MOST_ARGUMENTS];
     int status = append(r, function, passed, n, places);
     if (status || !at_once) return status;
@@ -297,7 +303,7 @@ static int call_in_loop(Remote *r, FunctionNumber function, bool at_once, const 
 /* The same; where it is made at once, who calls may be anybody. */
 static int call(Remote *r, FunctionNumber function, bool at_once, const Passed passed[], uint32_t n) {
     if (at_once) {
-        if (r->is_learning && !r->is_lost) stop_foreseeing(r);
+        if (r->current && !r->is_lost) stop_foreseeing(r);
         r->n_foreseen = 0; /* what the loop has read may be gone */
     }
     return call_in_loop(r, function, at_once, passed, n);
@@ -314,18 +320,34 @@ static uint32_t arguments_of(const Reading *reading, Passed arguments[]) {
     return k;
 }
 
-/* A step, and with it what was read right after the one before. */
-static int take_step(Remote *r, FunctionNumber function, const Passed passed[], uint32_t n) {
-    if (r->is_lost) return LOST;
-    if (r->is_learning) stop_foreseeing(r);
+static bool is_same(const Reading *a, const Reading *b) {
+    return a->function == b->function && a->references == b->references && a->orders == b->orders &&
+           a->n_references == b->n_references && a->values == b->values && a->size == b->size;
+}
+
+/* What is read after a call; NULL where no more are remembered. */
+static Readings *readings_after(Remote *r, const Reading *first) {
+    for (int32_t i = 0; i < r->n_foreseen; i++)
+        if (is_same(&r->foreseen[i].first, first)) return &r->foreseen[i];
+    if (r->n_foreseen == MOST_LEADING) return NULL;
+    Readings *added = &r->foreseen[r->n_foreseen++];
+    added->first = *first;
+    added->n = 0;
+    return added;
+}
+
+/* Make a call, and with it what was read right after it before. */
+static int lead(Remote *r, const Reading *first, const Passed passed[], uint32_t n) {
     uint64_t places[MOST_ARGUMENTS], of_reading[MOST_ARGUMENTS];
-    int status = append(r, function, passed, n, places);
+    int status = append(r, first->function, passed, n, places);
     if (status) return status;
     uint64_t start = r->last;
-    uint32_t number = r->heard = r->n_calls - 1;
+    uint32_t number = r->n_calls - 1;
+    Readings *readings = readings_after(r, first);
+    r->heard = readings ? number : UINT32_MAX;
     int32_t n_asked = 0;
-    for (; n_asked < r->n_foreseen && r->n_calls < MOST_CALLS; n_asked++) {
-        Reading *reading = &r->foreseen[n_asked];
+    for (; readings && n_asked < readings->n && r->n_calls < MOST_CALLS; n_asked++) {
+        Reading *reading = &readings->then[n_asked];
         Passed arguments[MOST_ARGUMENTS];
         uint32_t n_arguments = arguments_of(reading, arguments);
         if (r->used + reading->size + 4096 + reading->n_references * 8 > r->capacity) break;
@@ -335,24 +357,28 @@ static int take_step(Remote *r, FunctionNumber function, const Passed passed[], 
     }
     r->last = start;
     status = have_one_made(r, number, passed, n, places);
-    if (status == LOST || status > 1) {
+    if (status == LOST || status > 1 || !readings) {
         r->heard = UINT32_MAX;
         return status;
     }
-    r->is_learning = true;
+    r->current = readings;
     r->n_taken = r->n_ready = 0;
-    while (r->n_ready < n_asked && call_in(r, r->foreseen[r->n_ready].at)->status != NOT_MADE) r->n_ready++;
+    while (r->n_ready < n_asked && call_in(r, readings->then[r->n_ready].at)->status != NOT_MADE) r->n_ready++;
     return status;
+}
+
+static int take_step(Remote *r, FunctionNumber function, const Passed passed[], uint32_t n) {
+    if (r->is_lost) return LOST;
+    if (r->current) stop_foreseeing(r);
+    return lead(r, &(Reading){.function = function}, passed, n);
 }
 
 /* Read values; `n` where the function wants their number. */
 static int take_reading(Remote *r, Reading reading) {
     if (r->is_lost) return LOST;
-    if (r->is_learning && r->n_taken < r->n_ready) {
-        const Reading *known = &r->foreseen[r->n_taken];
-        if (known->function == reading.function && known->references == reading.references &&
-            known->orders == reading.orders && known->n_references == reading.n_references &&
-            known->values == reading.values && known->size == reading.size) {
+    if (r->current && r->n_taken < r->n_ready) {
+        const Reading *known = &r->current->then[r->n_taken];
+        if (is_same(known, &reading)) {
             memcpy(reading.values, r->channel->area + known->place, reading.size);
             r->n_taken++;
             r->heard++;
@@ -361,16 +387,17 @@ static int take_reading(Remote *r, Reading reading) {
         }
         stop_foreseeing(r);
     }
-    r->heard = UINT32_MAX;
     Passed arguments[MOST_ARGUMENTS];
-    uint64_t places[MOST_ARGUMENTS];
     uint32_t n_arguments = arguments_of(&reading, arguments);
+    if (!r->current) return lead(r, &reading, arguments, n_arguments);
+    r->heard = UINT32_MAX;
+    uint64_t places[MOST_ARGUMENTS];
     int status = append(r, reading.function, arguments, n_arguments, places);
     if (status) return status;
     status = have_one_made(r, r->n_calls - 1, arguments, n_arguments, places);
-    if (r->is_learning && r->n_taken < MOST_FORESEEN) {
-        r->foreseen[r->n_taken++] = reading;
-        r->n_foreseen = r->n_ready = r->n_taken;
+    if (r->n_taken < MOST_FORESEEN) {
+        r->current->then[r->n_taken++] = reading;
+        r->current->n = r->n_ready = r->n_taken;
     }
     return status;
 }

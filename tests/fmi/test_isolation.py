@@ -25,6 +25,7 @@ from cosim.commands.options import IsolationOptions, take_from_isolated
 from cosim.fmi.isolation.limits import Limits, parse_bytes
 from cosim.scenario import ScenarioError, load_scenario
 from cosim.ssp import Experiment, read_ssp, write_ssp
+from parallel_robot.scenario import load_scenario as load_robot_scenario
 from tests.support.c_fmus import ender, talker, tank
 from tests.support.fmi1_fmu import build_fmi1_tank
 from tests.support.fmi3_events import clocks, state_space
@@ -67,6 +68,14 @@ def one(fmu: Path, start: Mapping[str, Any] | None = None, **signals: Callable[[
     for name, function in signals.items():
         system.drive(f"m.{name}", function)
     return system
+
+
+def round_trips(simulation: Simulation) -> dict[str, int]:
+    """How often each isolated FMU has been asked for something."""
+    return {
+        name: int.from_bytes(instance._library._process.memory[:4], sys.byteorder)
+        for name, instance in simulation._instances.items()
+    }
 
 
 # The same numbers, by the same calls
@@ -230,6 +239,22 @@ def test_an_fmu_gets_the_same_calls_in_the_same_order(tmp_path: Path) -> None:
         journals.append(journal.read_text())
     assert len(journals[0]) > 100
     assert journals[0] == journals[1]
+
+
+@pytest.mark.parametrize("flavour", ["fmi2", "fmi3"])
+def test_what_is_read_after_a_call_goes_over_with_it(native_fmus: Path, flavour: str) -> None:
+    system = load_robot_scenario("tracking").system(native_fmus, flavour)
+    here = simulate(system, 0.1, 1e-3)
+    with Simulation(system, isolate=True) as simulation:
+        before = round_trips(simulation)
+        there = simulation.run(0.1, 1e-3)
+        after = round_trips(simulation)
+    assert here.info["extrapolation"]["adaptive"]
+    assert there.values.tobytes() == here.values.tobytes()
+    # A step with what is read then; inputs, what follows from them, and its derivatives; and those of the controller by
+    # its inputs, whose rates are known last.
+    of_a_step = {name: (after[name] - before[name]) // 100 for name in after}
+    assert of_a_step == {"plant": 2, "controller": 3, "trajectory": 1}
 
 
 def test_components_may_be_isolated_one_by_one_and_at_the_same_time(tmp_path: Path) -> None:
