@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from functools import cache
 from html import escape
 from importlib.resources.abc import Traversable
-from io import BytesIO
 
 import numpy as np
 
@@ -22,16 +21,14 @@ from fmu_export.package.evaluation import Functions, functions_of
 from fmu_export.package.icon import model_icon, terminal_icons
 from fmu_export.package.interface import Interface, ScalarVariable, text_of
 from fmu_export.package.metadata import NO_METADATA, Metadata
+from fmu_export.package.plot import curves
 
 with needs("export"):
     import casadi as ca
-    import matplotlib as mpl
     from latex2mathml.converter import convert as mathml
     from markdown import Markdown
     from markdown.extensions.toc import TocExtension
     from markdown.inlinepatterns import InlineProcessor
-    from matplotlib.backends.backend_svg import FigureCanvasSVG
-    from matplotlib.figure import Figure
 
 _FROM_SOURCES = " from the C sources in <code>sources/</code>"
 
@@ -153,7 +150,7 @@ def reference_run(model: Model, unchecked: bool = False) -> ReferenceRun:
     inputs = np.round(inputs, 6)  # the last digits of a sine depend on the platform
     try:
         if model.is_continuous:
-            outputs = _continuous_run(model, functions_of(model, unchecked=unchecked), time, inputs, p)
+            outputs = _continuous_run(model, unchecked, time, inputs, p)
         else:
             outputs = _hybrid_run(model, time, inputs, p)
     except ArithmeticError as error:
@@ -166,10 +163,11 @@ def reference_run(model: Model, unchecked: bool = False) -> ReferenceRun:
     return run
 
 
-def _continuous_run(model: Model, functions: Functions, time: Array, inputs: Array, p: Array) -> list[Array]:
+def _continuous_run(model: Model, unchecked: bool, time: Array, inputs: Array, p: Array) -> list[Array]:
+    functions = functions_of(model, unchecked=unchecked)
     x = functions.initial_state(p)
     outputs = [functions.outputs(time[0], x, inputs[0], p)]
-    advance = _advance(model, functions)
+    advance = _advance(model, functions, unchecked)
     for t, t_end, u in zip(time, time[1:], inputs, strict=False):
         x = advance(t, x, u, p)
         outputs.append(functions.outputs(t_end, x, u, p))
@@ -186,7 +184,7 @@ def _hybrid_run(model: Model, time: Array, inputs: Array, p: Array) -> list[Arra
     return outputs
 
 
-def _advance(model: Model, functions: Functions) -> Callable[[float, Array, Array, Array], Array]:
+def _advance(model: Model, functions: Functions, unchecked: bool) -> Callable[[float, Array, Array, Array], Array]:
     """A function (t, x, u, p) -> states a row later, with constant inputs."""
     if not model.states:
         return lambda t, x, u, p: x
@@ -201,12 +199,16 @@ def _advance(model: Model, functions: Functions) -> Callable[[float, Array, Arra
         return runge_kutta
     from fmu_export.trace.trace import trace
 
-    # it may be stiff: SUNDIALS' CVODES, with the row as unit of time
-    t, x, u, p = trace(model, unchecked=True).derivatives.sx_in()
+    # SUNDIALS' CVODES, with the row as unit of time; what an explicit method can integrate needs no Jacobian
+    derivatives = trace(model, unchecked).derivatives
+    t, x, u, p = derivatives.sx_in()
     since = ca.SX.sym("since")
-    rates = trace(model, unchecked=True).derivatives(t + _ROW * since, x, u, p)
+    rates = derivatives(t + _ROW * since, x, u, p)
     system = {"t": since, "x": x, "p": ca.vertcat(t, u, p), "ode": _ROW * rates}
-    integrator = ca.integrator("reference", "cvodes", system, 0.0, 1.0, {"reltol": 1e-12, "abstol": 1e-16})
+    options: dict[str, float | str] = {"reltol": 1e-12, "abstol": 1e-16}
+    if model.solver != "rodas4":
+        options |= {"linear_multistep_method": "adams", "nonlinear_solver_iteration": "functional"}
+    integrator = ca.integrator("reference", "cvodes", system, 0.0, 1.0, options)
     return lambda t, x, u, p: integrator(x0=x, p=np.concatenate([[t], u, p]))["xf"].full().ravel()
 
 
@@ -215,45 +217,6 @@ def _csv(layout: Layout, time: Array, values: Array) -> bytes:
     header = ",".join(f'"{name}"' for name in ("time", *layout.names))
     rows = (",".join(f"{value:.12g}" for value in (t, *row)) for t, row in zip(time, values.tolist(), strict=True))
     return ("\n".join([header, *rows]) + "\n").encode()
-
-
-@cache
-def _plot(model: Model, run: ReferenceRun) -> str:
-    """The outputs (vectors in one panel) of the reference run as an SVG element."""
-    columns, position = 2, 0
-    variables = model.outputs.variables
-    n_rows = -(-len(variables) // columns)
-    with mpl.rc_context():
-        mpl.rcdefaults()  # the user's settings must not change the bytes
-        mpl.rcParams["svg.hashsalt"] = model.name  # names of elements are random otherwise
-        height = 0.75 + 1.6 * n_rows  # inches; margins by hand, since matplotlib's layout engines take half a second
-        figure = Figure(figsize=(10.0, height))
-        figure.subplots_adjust(
-            left=0.08, right=0.95, wspace=0.4, hspace=0.25, bottom=0.5 / height, top=1.0 - 0.25 / height
-        )
-        panels = figure.subplots(n_rows, columns, sharex=True, squeeze=False)
-        for axes, v in zip(panels.flat, variables, strict=False):
-            for name in v.names:
-                axes.plot(run.time, run.outputs[:, position], lw=1.2, label=name.removeprefix(v.name))
-                position += 1
-            axes.set_ylabel(f"{v.name} ({v.unit})" if v.unit != "1" else v.name, fontsize=9)
-            axes.tick_params(labelsize=8)
-            axes.yaxis.get_offset_text().set_fontsize(8)
-            axes.margins(x=0.0)
-            axes.locator_params(nbins=4)
-            axes.grid(alpha=0.3)
-            if v.size:
-                axes.legend(fontsize=7, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
-        for axes in panels.flat[len(variables) :]:
-            axes.set_axis_off()
-        for axes in panels.flat[max(len(variables) - columns, 0) : len(variables)]:
-            axes.tick_params(labelbottom=True)
-            axes.set_xlabel("time (s)", fontsize=9)
-        stream = BytesIO()
-        # savefig draws twice, the first time for nothing
-        FigureCanvasSVG(figure).print_svg(stream, metadata=dict.fromkeys(("Date", "Creator", "Format", "Type")))
-    text = stream.getvalue().decode()
-    return text[text.index("<svg") :]
 
 
 #: In double dollars an equation that stands alone, in single ones a part of a line.
@@ -372,7 +335,7 @@ The outputs of a row are those at the end of the step to it, before its inputs a
 Inputs: <a href="reference/{title}_in.csv">reference/{title}_in.csv</a>.
 Outputs: <a href="reference/{title}_ref.csv">reference/{title}_ref.csv</a>.</p>
 <figure>
-{_plot(model, run)}<figcaption>Outputs of the reference run.</figcaption>
+{curves(model.outputs, run.time, run.outputs)}<figcaption>Outputs of the reference run.</figcaption>
 </figure>
 <h2>How to use it</h2>
 <pre><code>{escape(_usage(model, run), quote=False)}
