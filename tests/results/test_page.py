@@ -218,6 +218,36 @@ def test_too_many_values_become_extremes_within_the_budget_and_the_page_says_so(
     assert f"of each {resolution:.6g} s" in run_page(run, budget=100_000)
 
 
+def test_differences_count_what_is_not_finite_and_never_overflow():
+    def far(first: list[float], second: list[float]) -> Any:
+        runs = {k: Results(T[:3], ["a"], np.array([v]).T) for k, v in (("one", first), ("two", second))}
+        (variable,) = curves_of(runs).data["variables"]
+        json.dumps(variable, allow_nan=False)
+        return variable["difference"]
+
+    inf, nan = np.inf, np.nan
+    assert far([0.0, 1.0, inf], [0.0, 1.5, inf]) == 0.5
+    assert far([0.0, 1.0, nan], [0.0, 1.0, nan]) == 0.0
+    assert far([0.0, 2.0, inf], [0.0, 2.0, -inf]) == far([0.0, 2.0, 1.0], [0.0, 2.0, nan]) == 1.0
+    assert far([-1.7e308, 1.7e308, 0.0], [1.7e308, 1.7e308, 0.0]) == 1.0
+    assert far([0.0, 0.0, 5e-324], [1e308, 0.0, 0.0]) == 1e300
+
+
+def test_texts_are_shortened_and_binary_values_are_digits():
+    values = np.array([b"\x00\xff" if i % 2 else b"" for i in range(501)], dtype=object)
+    typed = {"c.b": TypedColumn("binary", values), "c.t": TypedColumn("string", np.array(["ä" * 501] * 501, object))}
+    html = run_page(Results(T, list(typed), np.full((501, 2), np.nan), {}, typed))
+    assert "<b>c.b</b>: from 0 s (empty); from 0.004 s 00 ff; " in html
+    assert "<summary>496 more changes</summary>" in html
+    assert f"from 0 s {'ä' * 200}… (501 characters)</li>" in html
+
+
+def test_a_run_without_signals_says_so():
+    html = run_page(Results(T, [], np.empty((501, 0)), {"title": "t"}))
+    assert "<p>Nothing was recorded.</p>" in html
+    assert "curves" not in data(html)
+
+
 def test_what_never_changes_comes_last():
     time = np.linspace(0.0, 1.0, 5)
     names = ["a.still", "a.none", "a.v[1]", "a.v[2]", "a.x"]
@@ -416,6 +446,20 @@ def test_it_works_in_a_browser(tabs, page, run):
     assert "torque ← motor.tau" in tab.inner_text(".chosen")
     assert tab.input_value(".component") == "load"
     accessible(tab)
+
+
+def test_numbers_of_any_size_have_ticks_and_points_alone_are_drawn(tabs, page):
+    tab = tabs.open(page)
+    magnitudes = [0.0, 1.0, 5e-324, 3e-310, 1e-12, 9e14, 1e15, 1.79e308]
+    powers = tab.evaluate("(all) => all.map((v) => factorOf([{ values: [0, -v, NaN] }]))", magnitudes)
+    assert powers == [1.0, 1.0, 1e-323, 1e-310, 1.0, 1.0, 1e15, 1e308]
+    rows = "(values) => alone({ data: [[], values], series: [{}, { idxs: [0, values.length - 1] }] }, 1, false)"
+    assert tab.evaluate(rows, [1, None, 2, 3, None, 4, None, None, 5]) == [0, 5, 8]
+    assert tab.evaluate(rows, [None, 1, 2, None]) is None
+    assert tab.evaluate("distinct([1e6, 1e6 + 5e-4, 1e6 + 1e-3])") == ["1e6", "+0.0005", "+0.001"]
+    assert tab.evaluate("distinct([1234567.25, 1234567.5])") == ["1.23457e6−2.75", "−2.5"]
+    assert tab.evaluate("new TimeView(1e6, 1e6 + 1e-3).text(1e6 + 5e-4)") == "1000000.0005"
+    assert tab.evaluate("valueAt({ times: [0, 1], values: [-1.7e308, 1.7e308] }, 0.5)") == 0.0
 
 
 def test_it_fits_a_phone(tabs, page):

@@ -7,6 +7,7 @@ class Column {
   constructor() {
     this.memory = new Float64Array(1024);
     this.length = 0;
+    this.whole = true;
   }
 
   push(value) {
@@ -15,11 +16,14 @@ class Column {
       grown.set(this.memory);
       this.memory = grown;
     }
+    this.whole &&= Number.isFinite(value);
     this.memory[this.length++] = value;
   }
 
+  /** All values, null where there is none. */
   get values() {
-    return this.memory.subarray(0, this.length);
+    const values = this.memory.subarray(0, this.length);
+    return this.whole ? values : Array.from(values, (v) => (Number.isFinite(v) ? v : null));
   }
 }
 
@@ -35,6 +39,17 @@ function startLive() {
   let changed = false;
   let [seenAt, seenTime] = [performance.now(), start];
 
+  const made = new Map();
+  const watcher = new IntersectionObserver(
+    (entries) => {
+      for (const { isIntersecting, target } of entries) {
+        if (!isIntersecting) continue;
+        made.get(target).seen = changed = true;
+        watcher.unobserve(target);
+      }
+    },
+    { rootMargin: "200px" },
+  );
   const groups = new Map();
   names.forEach((name, i) => {
     const vector = name.replace(/\[[\d,]+\]$/, "");
@@ -47,7 +62,11 @@ function startLive() {
     const area = make("div", {});
     const panel = make("div", { class: "panel" }, heading, area);
     box.append(panel);
-    panels.push({ title, unit, curves, panel, area, plot: null });
+    area.style.minHeight = "262px"; // so that panels further down are not in view yet
+    const one = { title, unit, curves, panel, area, plot: null, seen: false };
+    panels.push(one);
+    made.set(area, one);
+    watcher.observe(area);
   }
   document.querySelector(".search").addEventListener("input", (event) => {
     const wanted = event.target.value.trim().toLowerCase();
@@ -69,7 +88,7 @@ function startLive() {
     view.all = { from: times[0], to: last };
     if (whole) [view.from, view.to] = [view.all.from, last];
     for (const one of panels) {
-      if (one.panel.hidden) continue;
+      if (one.panel.hidden || !one.seen) continue;
       if (one.plot) one.plot.grown(seriesOf(one.curves));
       else one.plot = new Plot(one.area, view, { title: one.title, unit: one.unit, series: seriesOf(one.curves) });
     }
@@ -77,7 +96,7 @@ function startLive() {
     const at = performance.now();
     const rate = ((last - seenTime) / (at - seenAt)) * 1000;
     [seenAt, seenTime] = [at, last];
-    now.textContent = `t = ${shown(last)} s of ${shown(stop)} s, ${shown(rate, 2)} s a second`;
+    now.textContent = `t = ${view.text(last)} s of ${view.text(stop)} s, ${shown(rate, 2)} s a second`;
   }
   setInterval(draw, EVERY);
 

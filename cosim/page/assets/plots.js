@@ -62,6 +62,12 @@ class TimeView {
     this.changed();
   }
 
+  /** A time with as many digits as tell it from others in view. */
+  text(time) {
+    const part = Math.max(Math.abs(this.from), Math.abs(this.to)) / (this.to - this.from);
+    return shown(time, Math.min(4 + Math.max(0, Math.ceil(Math.log10(part))), 15));
+  }
+
   changed() {
     for (const react of this.followers) react(this);
   }
@@ -89,7 +95,8 @@ function valueAt({ times, values, stepped }, time) {
   const row = rowAt(times, time);
   const [before, after] = [values[row], values[Math.min(row + 1, n - 1)]];
   if (stepped || before === null || after === null || row === n - 1 || times[row + 1] === times[row]) return before;
-  return before + ((time - times[row]) / (times[row + 1] - times[row])) * (after - before);
+  const part = (time - times[row]) / (times[row + 1] - times[row]);
+  return (1 - part) * before + part * after;
 }
 
 class Plot {
@@ -171,22 +178,21 @@ class Plot {
     const ink = () => theme.get("muted");
     const grid = { stroke: () => theme.get("grid"), width: 1 };
     const axis = { stroke: ink, grid, ticks: { ...grid, size: 4 }, font: `12px ${theme.get("font")}`, gap: 4 };
-    const label = (v) => (v === null ? "" : log ? power(v) : tick(v));
     const self = this;
     const options = {
       width,
       height,
-      padding: [10, 18, 0, 0],
+      padding: [10, 24, 0, 0],
       legend: { show: false },
       scales: {
         x: { time: false, range: () => [self.view.from, self.view.to] },
         y: { range: (u, low, high) => range ?? margins(low, high, log) },
       },
       axes: [
-        { ...axis, label: "time (s)", labelSize: 18, labelGap: 0, labelFont: axis.font, size: 26, values: (u, v) => v.map(tick) },
+        { ...axis, label: "time (s)", labelSize: 18, labelGap: 0, labelFont: axis.font, size: 26, values: (u, v) => distinct(v) },
         {
           ...axis,
-          values: (u, ticks) => (log ? ticks.map(power) : distinct(ticks)),
+          values: (u, ticks) => (log ? ticks.map(power) : distinct(self.factor === 1 ? ticks : ticks.map((v) => Number((v * self.factor).toPrecision(12))))),
           size: (u, values) => 14 + 7 * Math.max(3, ...(values ?? []).map((v) => v.length)),
           space: height < 180 ? 22 : 34,
         },
@@ -207,7 +213,6 @@ class Plot {
       },
     };
     this.label = (v) => `${shown(v)}${unit && v !== null ? ` ${unit}` : ""}`;
-    this.tickLabel = label;
     this.uplot = new uPlot(options, data, this.area);
     this.thin(this.uplot);
     this.touch(this.uplot.over);
@@ -218,8 +223,13 @@ class Plot {
 
   /** The columns that uPlot wants: one for all times; a curve is undefined, and has no gap, where it has no row. */
   table() {
-    const { series, log } = this.settings;
-    const drawn = (s) => (log ? Array.from(s.values, (v) => (v ? Math.log10(Math.abs(v)) : null)) : s.values);
+    const { series, log, range } = this.settings;
+    this.factor = log || range ? 1 : factorOf(series);
+    const scaled = (v) => (v === null ? null : v / this.factor);
+    const drawn = (s) => {
+      if (log) return Array.from(s.values, (v) => (v ? Math.log10(Math.abs(v)) : null));
+      return this.factor === 1 ? s.values : Array.from(s.values, scaled);
+    };
     if (series.every((s) => s.times === series[0].times)) return [series[0]?.times ?? [], ...series.map(drawn)];
     return uPlot.join(series.map((s) => [s.times, drawn(s)]));
   }
@@ -232,7 +242,7 @@ class Plot {
       stroke: () => theme.get(colour),
       alpha: series.alpha ?? 1,
       width: 1.5,
-      points: { show: series.dots ? true : (u, k, first, last) => last - first < 12, size: 5 },
+      points: { show: series.dots ? true : (u, k, first, last) => last - first < 12, filter: alone, size: 5 },
       paths: series.dots ? () => null : series.stepped ? uPlot.paths.stepped({ align: 1 }) : undefined,
     };
   }
@@ -328,7 +338,7 @@ class Plot {
   say() {
     const { title, series } = this.settings;
     const values = series.filter((s) => !s.hidden).map((s) => `${s.label} ${this.label(valueAt(s, this.view.cursor))}`);
-    this.spoken.textContent = `${title} at ${shown(this.view.cursor)} s: ${values.join(", ")}`;
+    this.spoken.textContent = `${title} at ${this.view.text(this.view.cursor)} s: ${values.join(", ")}`;
   }
 
   pressed(event) {
@@ -375,6 +385,32 @@ class Plot {
   }
 }
 
+/** The power of ten that values are divided by to be drawn: uPlot has no ticks for very large and very small ones. */
+function factorOf(series) {
+  let largest = 0;
+  for (const { values } of series) {
+    for (const value of values) if (Math.abs(value) > largest && Number.isFinite(value)) largest = Math.abs(value);
+  }
+  return largest === 0 || (largest >= 1e-12 && largest < 1e15) ? 1 : 10 ** Math.max(Math.floor(Math.log10(largest)), -323);
+}
+
+/** Rows of points that no line goes to, for there are gaps on both sides; null where all or none are shown. */
+function alone(u, k, show) {
+  const values = u.data[k];
+  if (show || !Array.isArray(values)) return null; // numbers all along
+  const [first, last] = u.series[k].idxs;
+  const rows = [];
+  let [before, row] = [null, null]; // the last value, and where it is if it has none before it
+  for (let i = first; i <= last; i++) {
+    if (values[i] === undefined) continue; // a row of another curve
+    if (values[i] === null && row !== null) rows.push(row);
+    row = values[i] !== null && before === null ? i : null;
+    before = values[i];
+  }
+  if (row !== null) rows.push(row);
+  return rows.length ? rows : null;
+}
+
 function margins(low, high, log) {
   if (low === null || high === null) return [-1, 1];
   const bottom = log ? Math.max(low, high - 4) : low; // where a curve passes zero it would stretch the axis without end
@@ -393,8 +429,10 @@ function tick(value) {
 function distinct(ticks) {
   const labels = ticks.map((v) => (v === null ? "" : tick(v)));
   if (Math.max(...labels.map((l) => l.length)) < 10) return labels;
-  const base = ticks[0];
-  return ticks.map((v, i) => (i ? `+${tick(Number((v - base).toPrecision(3)))}` : tick(Number(base.toPrecision(6)))));
+  const base = Number(ticks[0].toPrecision(6));
+  const further = ticks.map((v) => Number((v - base).toPrecision(3)));
+  const signed = further.map((v) => (v < 0 ? tick(v) : `+${tick(v)}`));
+  return signed.map((text, i) => (i ? text : further[0] === 0 ? tick(base) : tick(base) + text));
 }
 
 /** Label of a power of ten. */

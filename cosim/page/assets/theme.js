@@ -32,7 +32,7 @@ function keepPainted(element, paint) {
 function shown(value, digits = 4) {
   if (value === null || !Number.isFinite(value)) return "–";
   const size = Math.abs(value);
-  const text = size !== 0 && (size < 1e-3 || size >= 1e6) ? value.toExponential(digits - 1) : value.toPrecision(digits);
+  const text = size !== 0 && (size < 1e-3 || size >= 10 ** Math.max(6, digits)) ? value.toExponential(digits - 1) : value.toPrecision(digits);
   return (text.includes("e") ? text.replace("e+", "e") : String(Number(text))).replaceAll("-", "−");
 }
 

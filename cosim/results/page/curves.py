@@ -26,6 +26,9 @@ _BYTES_PER_VALUE = 4.0
 #: Buckets are made so many times finer than estimated, and then merged until they fit.
 _FINER = 4
 
+#: A larger share no page can write in percent.
+_MOST_DIFFERENT = 1e300
+
 #: Of texts over time, so many changes are listed.
 _MOST_CHANGES = 200
 
@@ -144,14 +147,24 @@ def _difference(variable: Variable, runs: Sequence[Recorded]) -> float | None:
     values, time = _values(runs, first, name), runs[first].time
     if not others or not len(time):
         return None
-    span = float(np.nanmax(values) - np.nanmin(values)) if np.isfinite(values).any() else 0.0
+    finite = values[np.isfinite(values)]
+    unit = float(np.abs(finite).max(initial=0.0)) or 1.0  # so that no difference is too large for a number
+    span = float(finite.max() / unit - finite.min() / unit) if len(finite) else 0.0
     largest = 0.0
     for _, run, other in others:
         at = runs[run].time
         inside = (at >= time[0]) & (at <= time[-1])
-        off = np.abs(_values(runs, run, other)[inside] - np.interp(at[inside], time, values))
-        largest = max(largest, float(np.nanmax(off)) if np.isfinite(off).any() else 0.0)
-    return largest / span if span > 0.0 else largest
+        own = _values(runs, run, other)
+        there = np.interp(at[inside], time, values)
+        with np.errstate(over="ignore", invalid="ignore"):
+            off = np.abs(own[inside] / unit - there / unit)
+        largest = max(largest, float(off.max(initial=0.0, where=np.isfinite(own[inside]) & np.isfinite(there))))
+        lacking, expected = (np.where(np.isfinite(v), 0.0, v) for v in (own, values))
+        if np.array_equal(at, time) and not np.array_equal(lacking, expected, equal_nan=True):
+            largest = max(largest, span or 1.0)  # a number against none
+    with np.errstate(over="ignore"):
+        share = np.float64(largest) / span if span > 0.0 else np.float64(unit) * largest
+    return min(float(share), _MOST_DIFFERENT)
 
 
 _Found = list[tuple[list[Column], bytes]]
@@ -211,9 +224,14 @@ def _texts(runs: Mapping[str, Recorded]) -> list[dict[str, Any]]:
         for name, kind in run.types.items():
             if kind in ("string", "binary"):
                 changes = list(_changes(run.time, run[name]))
-                kept = [[time, str(value)] for time, value in changes[:_MOST_CHANGES]]
+                kept = [[time, _as_text(value)] for time, value in changes[:_MOST_CHANGES]]
                 found.append({"run": label, "name": name, "changes": kept, "more": len(changes) - len(kept)})
     return found
+
+
+def _as_text(value: Any) -> str:
+    """A text, or digits of base 16 for a binary value."""
+    return value.hex(" ") if isinstance(value, bytes) else str(value)
 
 
 def _changes(time: np.ndarray, values: np.ndarray) -> Iterable[tuple[float, Any]]:

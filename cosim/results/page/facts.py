@@ -28,6 +28,11 @@ def number(value: Any) -> str:
     return f"{value:.6g}".replace("-", "−") if isinstance(value, float) else str(value)
 
 
+def moment(time: float) -> str:
+    """A time (s) as text, also far from zero."""
+    return f"{time:.12g}".replace("-", "−")
+
+
 def flattened(entries: Mapping[str, Any], before: str = "") -> dict[str, Any]:
     """Nested mappings as one, with names joined by points; lists as texts."""
     found: dict[str, Any] = {}
@@ -63,7 +68,7 @@ def in_a_line(run: Recorded) -> str:
     info, n = run.info, len(run.time)
     parts = []
     if n:
-        parts.append(f"{run.time[0]:g} to {run.time[-1]:g} s")
+        parts.append(f"{moment(run.time[0])} to {moment(run.time[-1])} s")
     if "step_size" in info:
         step = info["step_size"]
         parts.append(f"{step} communication steps" if isinstance(step, str) else f"communication step {step:g} s")
@@ -139,7 +144,7 @@ def happened(run: Recorded, whose: str = "the run") -> str:
     """Events and remarks as HTML; empty where there are none."""
     rows = [
         (
-            f'<button type="button" class="moment" data-time="{e["time"]!r}">{escape(number(e["time"]))} s</button>',
+            f'<button type="button" class="moment" data-time="{e["time"]!r}">{escape(moment(e["time"]))} s</button>',
             escape(e["text"]),
         )
         for e in events(run)

@@ -24,6 +24,12 @@ _PACKAGE = "cosim.results.page"
 #: Entry points of this group give pages sections of their own, as a picture of what the system is.
 PAGE_GROUP = "cosim.pages"
 
+#: Of the changes of a text, so many are in view, and the others behind a summary.
+_FIRST_CHANGES = 5
+
+#: Of a text, so many characters are shown.
+_LONGEST_TEXT = 200
+
 #: Results by label -> a section, or None where it knows nothing of such a system.
 Further = Callable[[Mapping[str, "Recorded"]], Section | None]
 
@@ -113,6 +119,8 @@ def curves_section(runs: Mapping[str, Recorded], budget: int = BUDGET) -> Sectio
         if coarse
         else ""
     )
+    if not curves.data["variables"] and not curves.data["texts"]:
+        return Section("signals", "Signals", "<p>Nothing was recorded.</p>")
     texts = "".join(_text_line(one, named=len(runs) > 1) for one in curves.data.pop("texts"))
     html = f"""<p class="hint">Drag across a plot to zoom all of them, double-click to see all again; on a plot that has
 the focus, ← and → move the cursor, + and − zoom, Esc shows all.</p>
@@ -145,9 +153,22 @@ the focus, ← and → move the cursor, + and − zoom, Esc shows all.</p>
 def _text_line(text: Mapping[str, Any], *, named: bool) -> str:
     """What a text was when, as an item of a list."""
     of_run = f" ({escape(text['run'])})" if named else ""
-    said = "; ".join(f"from {facts.number(time)} s {escape(value)}" for time, value in text["changes"])
-    more = f"; and {text['more']} more" if text["more"] else ""
-    return f"<li><b>{escape(text['name'])}</b>{of_run}: {said}{more}</li>"
+    said = [f"from {facts.moment(time)} s {_value(value)}" for time, value in text["changes"]]
+    first, rest = "; ".join(said[:_FIRST_CHANGES]), said[_FIRST_CHANGES:]
+    if rest:
+        number = len(rest) + text["more"]
+        more = f"; and {text['more']} more" if text["more"] else ""
+        summary = f"{number} more change{'s' * (number != 1)}"
+        first += f"<details><summary>{summary}</summary>{'; '.join(rest)}{more}</details>"
+    return f"<li><b>{escape(text['name'])}</b>{of_run}: {first}</li>"
+
+
+def _value(value: str) -> str:
+    """A text that a signal had, shortened where it is long."""
+    if not value:
+        return "(empty)"
+    shown = escape(value[:_LONGEST_TEXT])
+    return shown if len(value) <= _LONGEST_TEXT else f"{shown}… ({len(value):,} characters)"
 
 
 def _facts(run: Recorded, log: str) -> Sequence[Section]:

@@ -172,7 +172,7 @@ function startSignals(root) {
   function more() {
     for (const panel of panels.slice(made.size, wanted)) {
       const unit = panel.unit && panel.unit !== panel.title ? make("small", {}, panel.unit) : "";
-      const element = make("div", { class: "panel" }, make("h3", {}, panel.title, " ", unit, " ", far(panel)));
+      const element = make("div", { class: "panel" }, make("h3", {}, panel.title.trim() || "(without a name)", " ", unit, " ", far(panel)));
       element.append(make("div", { class: "curves" }));
       if (several && panel.curves.length > 1) element.append(make("div", { class: "differences" }));
       element.querySelector(".curves").style.minHeight = "262px"; // so that panels further down are not in view yet
@@ -225,8 +225,8 @@ function startSignals(root) {
     button.addEventListener("click", acts[button.dataset.act]);
   }
   view.follow(() => {
-    const at = view.cursor === null ? "" : ` at ${shown(view.cursor)} s`;
-    find(".range").textContent = `${shown(view.from)} to ${shown(view.to)} s${at}`;
+    const at = view.cursor === null ? "" : ` at ${view.text(view.cursor)} s`;
+    find(".range").textContent = `${view.text(view.from)} to ${view.text(view.to)} s${at}`;
     for (const name of ["out", "left", "right", "all"]) find(`[data-act=${name}]`).disabled = view.isWhole;
     root.dataset.from = view.from;
     root.dataset.to = view.to;
