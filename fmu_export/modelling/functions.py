@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -59,3 +59,17 @@ def rk4_step(
     k3 = derivatives(t + h / 2.0, x + h / 2.0 * k2, u_half, p)
     k4 = derivatives(t + h, x + h * k3, u_end, p)
     return x + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+
+
+def rk4_defect(
+    derivatives: ModelFunction, t: Any, x: Array, u_quarter: Array, p: Array, h: Any, stages: Sequence[Array]
+) -> Array:
+    """What is wrong with such a step (n_x,): its length times what the derivatives are off after a quarter of it.
+
+    There they are compared with those of the polynomial of degree 3 that the stages give. At the middle and at the ends
+    that would not see what depends on time only. The inputs there are `u_quarter`; `stages` are the four derivatives
+    of the step from x at t.
+    """
+    k1, k2, k3, k4 = stages
+    early = x + h / 96.0 * (16.0 * k1 + 5.0 * (k2 + k3) - 2.0 * k4)
+    return h * (derivatives(t + 0.25 * h, early, u_quarter, p) - 0.125 * (3.0 * (k1 + k2 + k3) - k4))

@@ -21,6 +21,7 @@ from fmu_export.modelling.model_class import AnyModel, flat_model
 from fmu_export.native.adjoint_source import adjoint_source
 from fmu_export.native.c_source import model_sources
 from fmu_export.native.elementary import licences
+from fmu_export.native.step_control import step_control_source
 from fmu_export.native.toolchain import Target, ToolchainError, Unit, compile_library, host_target
 from fmu_export.package import description_fmi2, description_fmi3
 from fmu_export.package.archive import write_archive
@@ -247,7 +248,8 @@ def _units(code: Mapping[str, bytes], flavour: str) -> list[Unit]:
 def core_sources(solver: Solver, *, hybrid: bool, tables: bool) -> dict[str, bytes]:
     """What every face stands on, by file name: values, communication steps, the integration method, events, tables."""
     names = (*_CORE, *_EVENTS * hybrid, *_TABLES * tables, *_METHODS[solver])
-    return {name: _adapter_source(name) for name in names}
+    control = {"step_control.h": step_control_source(solver)} if "adaptive.c" in names else {}
+    return {name: _adapter_source(name) for name in names} | control
 
 
 def _adapter_source(name: str) -> bytes:

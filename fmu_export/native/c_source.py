@@ -9,13 +9,20 @@ from dataclasses import dataclass
 from functools import cache
 
 from fmu_export.errors import needs
+from fmu_export.modelling.internal_steps import MOST_INTERNAL_STEPS
 from fmu_export.native import type_tables
 from fmu_export.native.elementary import declarations, elementary_sources
 from fmu_export.native.expressions import SCALARS, Tables, c_string, literal
 from fmu_export.native.hybrid_source import hybrid_calls, hybrid_prototypes, hybrid_sizes, hybrid_tables
 from fmu_export.native.implicit import ImplicitParts, implicit_parts
 from fmu_export.native.loops import loop_statements
-from fmu_export.native.runge_kutta import RUNGE_KUTTA, STEP_PROTOTYPE, runge_kutta_source
+from fmu_export.native.runge_kutta import (
+    DEFECT_PROTOTYPE,
+    RUNGE_KUTTA,
+    STEP_PROTOTYPE,
+    defect_source,
+    runge_kutta_source,
+)
 from fmu_export.native.straight_c import straight_statements
 from fmu_export.package.interface import Interface
 from fmu_export.trace.graph import Graph
@@ -116,6 +123,8 @@ def _equations(traced: TracedModel) -> _Equations:
     parts = [c_function(f, arguments[f.name()], tables=tables) for f in functions]
     if traced.model.states and solver in RUNGE_KUTTA:
         parts.append(runge_kutta_source(traced.rates))
+        if solver == "rk43":
+            parts.append(defect_source(traced.rates))
     parts += hybrid_calls(traced)
     before = declarations(functions) + "".join(helper.c + "\n" for helper in helpers(functions)) + tables.source()
     return _Equations(functions, implicit, "\n".join([before, *parts] if before else parts))
@@ -138,6 +147,7 @@ def _header(traced: TracedModel, interface: Interface, guid: str, equations: _Eq
         "N_Y": interface.n_computed,
         "N_OUTPUTS": interface.n_outputs,
         "N_X": len(interface.states),
+        "MOST_INTERNAL_STEPS": MOST_INTERNAL_STEPS,
         "ARRAYS": int(interface.arrays),
         "N_TYPED": type_tables.number_of_typed(interface),
         "N_START_REQUIREMENTS": start,
@@ -147,7 +157,7 @@ def _header(traced: TracedModel, interface: Interface, guid: str, equations: _Eq
         **hybrid_sizes(traced),
         **({"N_TABLES": len(traced.tables)} if traced.tables else {}),
     }
-    arguments = _arguments(traced)
+    arguments, solver = _arguments(traced), traced.model.solver
     return (
         HEADER
         + "#ifndef MODEL_H\n#define MODEL_H\n\n"
@@ -179,11 +189,8 @@ def _header(traced: TracedModel, interface: Interface, guid: str, equations: _Eq
             for f in equations.functions
         )
         + hybrid_prototypes(traced)
-        + (
-            f"{STEP_PROTOTYPE.format(prefix='model')};\n"
-            if interface.states and traced.model.solver in RUNGE_KUTTA
-            else ""
-        )
+        + (f"{STEP_PROTOTYPE.format(prefix='model')};\n" if interface.states and solver in RUNGE_KUTTA else "")
+        + (f"{DEFECT_PROTOTYPE};\n" if interface.states and solver == "rk43" else "")
         + _SHOW
         + "\n#endif\n"
     )

@@ -6,8 +6,12 @@ import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 
+from fmu_export.errors import needs
 from fmu_export.native.elementary import FUNCTIONS, PREFIX
 from fmu_export.trace.operations import template
+
+with needs("export"):
+    import casadi as ca
 
 #: Arguments that are numbers; all others are arrays.
 SCALARS = ("t", "h")
@@ -40,6 +44,25 @@ def without_parentheses(text: str) -> str:
         if depth == 0:
             return text[1:-1] if text.startswith("(") and i == len(text) - 1 else text
     return text
+
+
+def expression(value: ca.SX, places: Mapping[str, str]) -> str:
+    """One scalar expression as C, with names in place of its symbols."""
+    symbols = ca.symvar(value)
+    f = ca.Function("expression", symbols, [value])
+    work: dict[int, str] = {}
+    written = ""
+    for k in range(f.n_instructions()):
+        operation, operands, targets = f.instruction_id(k), f.instruction_input(k), f.instruction_output(k)
+        if operation == ca.OP_CONST:
+            work[targets[0]] = repr(f.instruction_constant(k))
+        elif operation == ca.OP_INPUT:
+            work[targets[0]] = places[str(symbols[operands[0]])]
+        elif operation == ca.OP_OUTPUT:
+            written = work[operands[0]]
+        else:
+            work[targets[0]] = f"({template(operation, f.name()).format(*(work[i] for i in operands))})"
+    return written
 
 
 class Tables:

@@ -20,7 +20,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from fmu_export.errors import ArgumentError, DocumentationError
-from fmu_export.modelling.functions import rk4_step
+from fmu_export.modelling.functions import rk4_defect, rk4_step
 from fmu_export.modelling.internal_steps import InternalSteps, NoRates, TooManySteps
 from fmu_export.modelling.model import Model, Solver
 from fmu_export.modelling.names import check_text
@@ -268,7 +268,7 @@ def _steps_with_estimate(
     steps = InternalSteps()
     rtol, max_step = (v.start for v in ADAPTIVE_OR_FIXED)
 
-    def tried(t: float, x: list[float], h: float) -> list[float]:
+    def stepped(t: float, x: list[float], h: float) -> list[float]:
         stages: list[Array] = []
 
         def derivatives(*arguments: Any) -> Array:
@@ -279,15 +279,18 @@ def _steps_with_estimate(
         found: list[float] = np.concatenate([end, *stages]).tolist()
         return found
 
-    def rates(t: float, x: list[float]) -> list[float]:
-        if not all(r.margin(t, np.array(x), u, p) > 0.0 for r in model.requirements if r.at == "step"):
+    def checked(t: float, x: Array, u: Array, p: Array) -> Array:
+        if not all(r.margin(t, x, u, p) > 0.0 for r in model.requirements if r.at == "step"):
             raise NoRates
-        found: list[float] = functions.derivatives(t, np.array(x), u, p).tolist()
+        return functions.derivatives(t, x, u, p)
+
+    def defect(t: float, x: list[float], h: float, stages: list[float]) -> list[float]:
+        found: list[float] = rk4_defect(checked, t, np.array(x), u, p, h, [*np.reshape(stages, (4, -1))]).tolist()
         return found
 
     def advanced(t: float, x: Array) -> Array:
         try:
-            return np.array(steps.advance(tried, rates, x.tolist(), (t, step), (rtol, max_step), nominals))
+            return np.array(steps.advance(stepped, defect, x.tolist(), (t, step), (rtol, max_step), nominals))
         except TooManySteps as error:
             raise DocumentationError(f"{model.name}: reference: {error}") from None
 

@@ -17,6 +17,7 @@ from pathlib import Path
 
 from fmu_export import modelling
 from fmu_export.errors import ArgumentError
+from fmu_export.modelling.internal_steps import MOST_INTERNAL_STEPS
 from fmu_export.modelling.model import Model, Solver
 from fmu_export.modelling.model_class import AnyModel, flat_model
 from fmu_export.package.archive import write_archive
@@ -66,7 +67,7 @@ _ARGUMENTS = {
 }
 
 #: Those that a solver calls besides.
-_ARGUMENTS_OF: dict[Solver, dict[str, tuple[str, ...]]] = {"rk43": {"derivatives": ("t", "x", "u", "p")}}
+_ARGUMENTS_OF: dict[Solver, dict[str, tuple[str, ...]]] = {"rk43": {"defect": ("t", "x", "u", "p", "h", "stages")}}
 
 #: Modules that the class of a solver has besides `equations` and `interface`.
 _MODULES_OF: dict[Solver, tuple[str, ...]] = {"rk43": ("internal_steps",)}
@@ -204,6 +205,7 @@ def _interface_source(model: Model, interface: Interface) -> str:
         f'"""Interface of {model.name}, generated from the model; do not edit."""\n\n'
         "from math import inf\n\n"
         f"NAMES = {tuple(v.name for v in interface.variables)!r}\n"
+        f"MOST_INTERNAL_STEPS = {MOST_INTERNAL_STEPS}\n"
         f"N_PARAMETERS = {interface.n_parameters}\n"
         f"N_INPUTS = {interface.n_inputs}\n"
         f"LIMITS = {limits!r}\n"

@@ -24,9 +24,6 @@ from typing import Any
 
 ERROR = 3  # fmi2Error
 
-#: More internal steps than this in one communication step is taken for a mistake, not for work to do.
-MOST_INTERNAL_STEPS = 1_000_000
-
 #: Relative precision of a float.
 EPSILON = 2.0**-52
 
@@ -245,17 +242,16 @@ class Fmi2Slave:
                 x = step(time + i * (h / parts), x, u, p, h / parts)[:n]
             return x
 
-        def rates(at: float, states: list[float]) -> list[float]:
-            margins = self.equations.step_margins(at, states, u, p)
-            if not all(margin > 0.0 for margin in margins):
+        def checked_defect(at: float, states: list[float], length: float, stages: list[float]) -> list[float]:
+            found: list[float] = self.equations.defect(at, states, u, p, length, stages)
+            if not all(margin > 0.0 for margin in found[n:]):
                 raise self.internal_steps.NoRates
-            found: list[float] = self.equations.derivatives(at, states, u, p)
-            return found
+            return found[:n]
 
         try:
             after: list[float] = self._steps.advance(
                 lambda at, states, length: step(at, states, u, p, length),
-                rates,
+                checked_defect,
                 x,
                 (time, h),
                 (self._tolerance or p[-2], p[-1]),
@@ -268,7 +264,7 @@ class Fmi2Slave:
     def _internal_steps(self, h: float) -> int:
         max_step: float = self._values[self._n_p - 1]
         n = h / max_step
-        if n > MOST_INTERNAL_STEPS:
+        if n > self.interface.MOST_INTERNAL_STEPS:
             raise SlaveError(
                 f"communication step {h!r} s needs {n:.4g} internal steps; "
                 f"make it shorter, or max_step ({max_step!r} s) longer"

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from fmu_export.errors import TraceError, needs
-from fmu_export.modelling.functions import rk4_step
+from fmu_export.modelling.functions import rk4_defect, rk4_step
 from fmu_export.modelling.model import Model, Requirement
 from fmu_export.modelling.model_class import AnyModel, flat_model
 from fmu_export.modelling.tables import Table
@@ -104,6 +104,24 @@ class TracedModel:
             end = rk4_step(derivatives, *arguments)
             results = ca.vertcat(end, *stages) if self.model.solver == "rk43" else end
             return ca.Function("step", arguments, [ca.densify(ca.cse(results))])
+
+    @cached_property
+    def defect(self) -> ca.Function:
+        """What is wrong with such a step, from its h and the derivatives of its stages; then the margins inside it."""
+        n, margins = len(self.model.state_layout), []
+
+        def derivatives(*arguments: Any) -> Any:
+            with as_written():
+                rates = self.rates(*arguments)
+            margins.append(rates[n:])
+            return rates[:n]
+
+        t, x, u, p, *others = self.derivatives.sx_in()
+        h, stages = ca.SX.sym("h"), ca.SX.sym("stages", 4 * n)
+        with as_written():
+            found = rk4_defect(derivatives, t, x, u, p, h, ca.vertsplit(stages, max(n, 1)))
+            results = ca.vertcat(found, *margins)
+            return ca.Function("defect", [t, x, u, p, *others, h, stages], [ca.densify(ca.cse(results))])
 
     @property
     def rates_depend_on_time(self) -> bool:

@@ -1,29 +1,16 @@
 /* Internal steps as long as the tolerance allows, for methods that estimate their error. */
 #include "core.h"
+#include "step_control.h"
 
 #include <float.h>
 #include <math.h>
 #include <string.h>
 
-/* By how much a step may grow or shrink, at most; and when its end can't be computed at all. */
-#define MOST_GROWTH 5.0
-#define MOST_SHRINKAGE 0.2
-#define RETREAT 0.1
-
-/* Of the time, what a step must be: a few of the last digits. */
-#define LEAST_STEP 1e-15
-
-/* Of the tolerance, what one step may use: errors of many steps add up, and grow where solutions part. With this share
- * the sum stays below the tolerance for models that forget, as most stiff ones. What rk43 estimates is of a lower order than
- * the error of its step, which is a small share of it. */
-#ifdef SOLVER_RK43
-#define SHARE 0.25
-#else
+#ifndef SOLVER_RK43
+/* Of the tolerance, what one step may use. With this share the sum stays below the tolerance for models that forget, as most
+ * stiff ones. */
 #define SHARE 0.02
 #endif
-
-/* Errors below this are no reason for longer steps. */
-#define LEAST_ERROR 1e-4
 
 #ifdef SOLVER_RODAS4
 #define ADVICE ", or export a model that is not stiff with solver=\"dopri5\""
@@ -39,7 +26,7 @@ double core_scaled(const Core *core, const double v[], const double x[], const d
     double rtol = relative_tolerance(core), largest = 0.0;
     for (int i = 0; i < N_X; i++) {
         double size = fabs(x[i]) > fabs(next[i]) ? fabs(x[i]) : fabs(next[i]);
-        double scaled = fabs(v[i]) / (SHARE * rtol * (1e-4 * model_nominals[i] + size));
+        double scaled = fabs(v[i]) / allowance(size, model_nominals[i], rtol, SHARE);
         if (!(scaled <= largest)) largest = scaled;
         if (isnan(scaled)) break;
     }
@@ -48,6 +35,10 @@ double core_scaled(const Core *core, const double v[], const double x[], const d
 
 int core_usable_rates(Core *core, double time, const double x[], const double u[], double rates[]) {
     model_rates(time, x, u, PARAMETERS(core), rates);
+    return core_usable(core, rates);
+}
+
+int core_usable(Core *core, const double rates[]) {
     core->violated = -1;
     for (int i = N_STEP_REQUIREMENTS - 1; i >= 0; i--)
         if (!(rates[N_X + i] > 0.0)) core->violated = i;

@@ -47,9 +47,6 @@ enum { N_INPUT_TIMES = 5 };
 enum { N_INPUT_TIMES = 2 };
 #endif
 
-/* More internal steps than this in one communication step is taken for a mistake, not for work to do. */
-#define MOST_INTERNAL_STEPS 1000000
-
 /* The parameters that the export adds: max_step, and for methods that estimate their error rtol. */
 enum { MAX_STEP = N_P - 1, RTOL = N_P - 2 };
 
@@ -295,7 +292,8 @@ CoreStatus core_integrate_adaptive(Core *core, double time, double *length, doub
 /* The largest of v, where that is 1 which the tolerance allows for a step from `x` to `next`. */
 double core_scaled(const Core *core, const double v[], const double x[], const double next[]);
 
-/* Derivatives and margins for a stage of a step; whether they may be used. */
+/* Whether derivatives and margins may be used; and those for a stage of a step. */
+int core_usable(Core *core, const double rates[]);
 int core_usable_rates(Core *core, double time, const double x[], const double u[], double rates[]);
 
 /* What a method does before its steps from `x`, whatever their length, and how it gets the derivatives and margins at the

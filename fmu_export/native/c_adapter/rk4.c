@@ -1,18 +1,19 @@
 /* The classical Runge-Kutta method of order 4; the export writes its formula with the model. For the solver rk43 also what
  * is wrong with a step. */
 #include "core.h"
+#ifdef SOLVER_RK43
+#include "step_control.h"
+#endif
 
 #include <math.h>
 #include <string.h>
 
 #if N_X > 0
 #ifdef SOLVER_RK43
-/* By how much the derivatives after a quarter of a step differ from those of the polynomial of degree 3 that the stages
- * give. At the middle and at the ends it would not see what depends on time only. */
-static double defect(Core *core, double time, double h, const double x[], const double k1[], const double u[],
-                     const double u_rate[], const double next[]) {
-    const double *k2 = core->stages[0], *k3 = core->stages[1], *k4 = core->stages[2];
-    double at_u[N_U + 1], at[N_X], rates[N_X + N_STEP_REQUIREMENTS + 1];
+/* The error of a step, from its defect; inputs that are not asked for are linear. */
+static double estimate(Core *core, double time, double h, const double x[], const double k1[], const double u[],
+                       const double u_rate[], const double next[]) {
+    double at_u[N_U + 1], defect[N_X], rates[N_X + N_STEP_REQUIREMENTS + 1];
     for (int stage = 2; stage >= 0; stage--)
         for (int i = N_STEP_REQUIREMENTS - 1; i >= 0; i--)
             if (!(core->stages[stage][N_X + i] > 0.0)) return core->violated = i, NAN;
@@ -22,10 +23,8 @@ static double defect(Core *core, double time, double h, const double x[], const 
         memcpy(INPUTS(core), core->u_at[1], N_U * sizeof *at_u);
     } else
         for (int j = 0; j < N_U; j++) at_u[j] = u[j] + 0.25 * h * u_rate[j];
-    for (int i = 0; i < N_X; i++) at[i] = x[i] + h / 96.0 * (16.0 * k1[i] + 5.0 * (k2[i] + k3[i]) - 2.0 * k4[i]);
-    if (!core_usable_rates(core, time + 0.25 * h, at, at_u, rates)) return NAN;
-    for (int i = 0; i < N_X; i++) at[i] = h * (rates[i] - 0.125 * (3.0 * (k1[i] + k2[i] + k3[i]) - k4[i]));
-    return core_scaled(core, at, x, next);
+    model_defect(time, h, x, at_u, PARAMETERS(core), k1, core->stages[0], rates, defect);
+    return core_usable(core, rates) ? core_scaled(core, defect, x, next) : NAN;
 }
 #endif
 
@@ -45,7 +44,7 @@ CoreStatus method_step(Core *core, double time, double h, const double x[], cons
     }
     model_step(time, h, x, middle, end, PARAMETERS(core), rates, next, stages[0]);
 #ifdef SOLVER_RK43
-    if (error) *error = method_is_fixed(core) ? 0.0 : defect(core, time, h, x, rates, u, u_rate, next);
+    if (error) *error = method_is_fixed(core) ? 0.0 : estimate(core, time, h, x, rates, u, u_rate, next);
 #else
     if (error) *error = 0.0;
 #endif
@@ -64,6 +63,6 @@ void method_arrive(Core *core, double time, const double x[], const double u[], 
 
 double method_factor(const StepControl *last, double h, double error) {
     (void)last, (void)h;
-    return 0.9 / sqrt(sqrt(error));
+    return factor_of(error);
 }
 #endif

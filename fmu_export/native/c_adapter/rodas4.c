@@ -3,6 +3,7 @@
  * Jacobian, (IV.7.25), for models that depend on time. */
 #include "core.h"
 #include "sparse_lu.h"
+#include "step_control.h"
 
 #include <math.h>
 
@@ -108,7 +109,7 @@ void method_damp(const Core *core, double h, double change[]) {
 
 /* The smaller of what this estimate and what its change since the step before predict (Gustafsson, (IV.8.25)). */
 double method_factor(const StepControl *last, double h, double error) {
-    double factor = 0.9 / sqrt(sqrt(error));
+    double factor = factor_of(error);
     if (last && last->size > 0.0) {
         double predicted = factor * (h / last->size) * sqrt(sqrt(last->error / error));
         if (predicted < factor) factor = predicted;

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from controller_fmu.model import MODEL as CONTROLLER
-from fmu_export.modelling.functions import rk4_step
+from fmu_export.modelling.functions import rk4_defect, rk4_step
 from fmu_export.modelling.model import DefaultExperiment, Model
 from fmu_export.modelling.variables import Layout, Variable
 from fmu_export.native.c_source import c_function
 from fmu_export.native.elementary import declarations, elementary_sources
-from fmu_export.native.runge_kutta import runge_kutta_source
+from fmu_export.native.runge_kutta import defect_source, runge_kutta_source
 from fmu_export.native.toolchain import compile_library, host_target
 from fmu_export.trace.trace import trace
 from plant_fmu.model import MODEL as PLANT
@@ -34,22 +34,28 @@ POLYNOMIAL = Model(
 )
 
 
-def c_step(model: Model, folder: Path):
+def compiled(model: Model, folder: Path):
+    """`model_step` and `model_defect` in C, and what is traced of the model."""
     traced = trace(model)
     rates = c_function(traced.rates, ("t", "x", "u", "p"))
     source = (
-        "#include <math.h>\n" + declarations([traced.rates]) + rates + "#ifdef _WIN32\n__declspec(dllexport)\n#else\n"
+        "#include <math.h>\n#ifdef _WIN32\n#define SHOWN __declspec(dllexport)\n#else\n"
+        '#define SHOWN __attribute__((visibility("default")))\n#endif\n' + declarations([traced.rates]) + rates
     )
-    source += '__attribute__((visibility("default")))\n#endif\n' + runge_kutta_source(traced.rates)
+    source += f"SHOWN\n{runge_kutta_source(traced.rates)}SHOWN\n{defect_source(traced.rates)}"
     path = folder / f"step{host_target().suffix}"
     path.write_bytes(compile_library({"step.c": source.encode(), **elementary_sources(source.encode())}, "step"))
-    function = ctypes.CDLL(str(path)).model_step
+    return traced, ctypes.CDLL(str(path))
+
+
+def c_step(model: Model, folder: Path):
+    traced, library = compiled(model, folder)
 
     def call(t, x, u, p, h, u_rate, k1):
         given = [np.ascontiguousarray(v, dtype=float) for v in (x, u + h / 2.0 * u_rate, u + h * u_rate, p, k1)]
         y, stages = np.full(len(x), np.nan), np.full((3, traced.rates.numel_out(0)), np.nan)
         pointers = [v.ctypes.data_as(ctypes.c_void_p) for v in (*given, y, stages)]
-        function(ctypes.c_double(t), ctypes.c_double(h), *pointers)
+        library.model_step(ctypes.c_double(t), ctypes.c_double(h), *pointers)
         return y, stages[:, : len(x)]
 
     return call
@@ -91,3 +97,33 @@ def test_inputs_move_within_a_step(tmp_path: Path) -> None:
     zero, p = np.zeros(3), np.array([0.0, 0.0])
     y, _ = step(0.0, zero, np.array([0.0, 2.0]), p, 0.5, np.array([0.0, 8.0]), np.array([0.0, 0.0, 2.0]))
     assert y[2] == 2.0 * 0.5 + 8.0 * 0.5**2 / 2.0
+
+
+def test_defect_is_that_of_numpy(tmp_path: Path) -> None:
+    """And the rates behind it are those after a quarter of the step, of which the margins are checked."""
+    traced, library = compiled(POLYNOMIAL, tmp_path)
+    rng = np.random.default_rng(6)
+    p = POLYNOMIAL.parameters.starts
+    for _ in range(20):
+        (t, h), x, u = rng.uniform(0.1, 1.0, 2), rng.uniform(-1.0, 1.0, 3), rng.uniform(-1.0, 1.0, 2)
+        stages = rng.uniform(-1.0, 1.0, (4, 3))
+        at_quarter: list[np.ndarray] = []
+        expected = rk4_defect(kept(POLYNOMIAL.derivatives, at_quarter), t, x, u, p, h, [*stages])
+        rates, found = np.full(traced.rates.numel_out(0), np.nan), np.full(3, np.nan)
+        pointers = [v.ctypes.data_as(ctypes.c_void_p) for v in (x, u, p, stages[0], stages[1:], rates, found)]
+        library.model_defect(ctypes.c_double(t), ctypes.c_double(h), *pointers)
+        np.testing.assert_array_equal(found, expected)
+        np.testing.assert_array_equal([rates], at_quarter)
+
+
+def test_defect_falls_by_the_fourth_power() -> None:
+    """Of a step that is one by Simpson's rule, where the rates depend on time only."""
+    sizes = []
+    for h in (0.4, 0.2, 0.1):
+        stages: list[np.ndarray] = []
+        rates, nothing = kept(lambda t, x, u, p: np.cos(t) + 0.0 * x, stages), np.zeros(0)
+        rk4_step(rates, 1.0, np.zeros(1), nothing, nothing, h)
+        (defect,) = rk4_defect(rates, 1.0, np.zeros(1), nothing, nothing, h, stages[:4])
+        sizes.append(abs(defect))
+    orders = np.log2(np.divide(sizes[:-1], sizes[1:]))
+    assert np.all(np.abs(orders - 4.0) < 0.2), orders
