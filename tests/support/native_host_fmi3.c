@@ -3,7 +3,6 @@
  * Usage: host FOLDER, where good/, broken/, "a b"/, "ü"/, %zz/ and 50%/ each hold an intact start_values.txt.
  * The program must be linked with the sources of an FMU.
  * Prints what was not as expected, then the number of calls; the exit code is 0 if all was. */
-#include <locale.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -19,16 +18,7 @@ enum { RUN = STEP | EVENT | CONT, OVER = TERM | FAIL, ANY = INST | INIT | RUN | 
 
 static const int phases[] = {INST, INIT, STEP, EVENT, CONT, TERM, FAIL};
 
-static long calls, failures, messages;
-static int percent_allowed; /* paths may hold percent signs */
-static int foreign_allowed; /* and other characters than ASCII */
-static char last_message[4096];
-
-static void expect(int holds, const char *what, const char *where, int phase, int status) {
-    if (holds) return;
-    failures++;
-    printf("%s: %s (phase %d, status %d, last message: %s)\n", where, what, phase, status, last_message);
-}
+#include "native_host.h"
 
 static void logger(fmi3InstanceEnvironment environment, fmi3Status status, fmi3String category, fmi3String message) {
     int length = snprintf(last_message, sizeof last_message, "%s", message);
@@ -413,8 +403,6 @@ static fmi3Status run(int which, fmi3Instance c) {
     return fmi3Fatal;
 }
 
-static int same(double a, double b) { return !memcmp(&a, &b, sizeof a); }
-
 /* What can be set, and the time; never refused. */
 static void observe(fmi3Instance c, double seen[]) {
     expect(fmi3GetFloat64(c, all, N_PU, seen, N_PU) == fmi3OK && fmi3GetFloat64(c, timing, 1, seen + N_PU, 1) == fmi3OK,
@@ -568,161 +556,29 @@ static void check_states(void) {
     fmi3FreeInstance(exchange);
 }
 
-/* The start values file, broken */
+/* What can be set in a new instance. */
+static void observe_start(fmi3Instance c, double seen[]) { observe(c, seen); }
 
-static char *text_of_start_values(void) {
-    char path[4096], *text = calloc(1, 100000);
-    snprintf(path, sizeof path, "%s/good/start_values.txt", folder);
-    FILE *file = fopen(path, "rb");
-    if (!file || !fread(text, 1, 99999, file)) exit(2);
-    fclose(file);
-    return text;
-}
+static int reset(fmi3Instance c) { return fmi3Reset(c); }
 
-static void try_start_values(const char *text, size_t length, int works, const char *what) {
-    char path[4096], uri[4096];
-    snprintf(path, sizeof path, "%s/broken/start_values.txt", folder);
-    snprintf(uri, sizeof uri, "%s/broken", folder);
-    FILE *file = fopen(path, "wb");
-    fwrite(text, 1, length, file);
-    fclose(file);
-    long logged = messages;
-    fmi3Instance c = instantiate(fmi3CoSimulation, "one", uri);
-    expect(!c == !works, works ? "not read" : "read", what, 0, 0);
-    expect((messages > logged) == !c, "a failure without a message, or the reverse", what, 0, 0);
-    if (c && works) {
-        fmi3Instance reference = at(INST, fmi3CoSimulation, "other");
-        double a[N_PU + 1], b[N_PU + 1];
-        observe(c, a);
-        observe(reference, b);
-        for (int i = 0; i <= N_PU; i++) expect(same(a[i], b[i]), "another value is read", what, 0, i);
-        fmi3FreeInstance(reference);
-        file = fopen(path, "wb"); /* the file breaks under a living instance */
-        fclose(file);
-        calls++;
-        expect(fmi3Reset(c) == fmi3Error, "reset without start values", what, 0, 0);
-        observe(c, b);
-        for (int i = 0; i <= N_PU; i++) expect(same(a[i], b[i]), "a failed reset changes values", what, 0, i);
-    }
-    fmi3FreeInstance(c);
-}
+static void free_instance(fmi3Instance c) { fmi3FreeInstance(c); }
 
-/* The file with the number in the first line replaced, and something between the lines. */
-static void try_first_value(const char *good_text, const char *value, int works, const char *what) {
-    char *text = malloc(200000);
-    const char *separator = strstr(good_text, " = "), *end = strchr(good_text, '\n');
-    int n = snprintf(text, 200000, "%.*s = %s%s", (int)(separator - good_text), good_text, value, end);
-    try_start_values(text, (size_t)n, works, what);
-    free(text);
-}
-
-static void check_start_values(void) {
-    char *text = text_of_start_values(), *other = malloc(300000), *line = strchr(text, '\n') + 1, first[256],
-         value[300];
-    size_t n = strlen(text), m = 0;
-    sprintf(first, "%.*s", (int)(line - 1 - strstr(text, " = ") - 3), strstr(text, " = ") + 3);
-    try_start_values(text, n, 1, "an intact file");
-    try_start_values(text, 0, 0, "an empty file");
-    try_start_values(text, n - 1, 1, "no newline at the end");
-    try_start_values(text, n / 2, 0, "half a file");
-    try_start_values(line, n - (size_t)(line - text), 0, "a missing name");
-    try_start_values("\n", 1, 0, "an empty line");
-    for (const char *c = text; *c; c++) {
-        if (*c == '\n') other[m++] = '\r';
-        other[m++] = *c;
-    }
-    try_start_values(other, m, 1, "CRLF line ends");
-    unsigned random = 1u;
-    for (m = 0; m < 5000; m++) other[m] = (char)((random = random * 1664525u + 1013904223u) >> 24);
-    percent_allowed = 1;
-    try_start_values(other, m, 0, "binary junk");
-    percent_allowed = 0;
-    memset(other, 'a', 10240);
-    try_start_values(other, 10240, 0, "a long line of letters");
-    memset(other, 0, 4096);
-    try_start_values(other, 4096, 0, "zero bytes");
-    memset(other, 'a', 10240);
-    other[10239] = '\n';
-    memcpy(other + 10240, text, n);
-    try_start_values(other, 10240 + n, 0, "a long line before the values");
-    sprintf(other, "%s%s", first, "                    ");
-    memset(other + strlen(other), ' ', 10240);
-    other[10240] = '\0';
-    try_first_value(text, other, 0, "10 kB of blanks after a number");
-    memset(other, '1', 10240);
-    try_first_value(text, other, 0, "a number of 10 kB");
-    static const char *const wrong[] = {"nan",    "NAN", "inf",     "-inf", "1e999", "-1e999", "",       "abc",
-                                        "1.5abc", "1,5", "1.5 2.5", "--1",  "%s%n",  "=",      "1.5 = 2"};
-    for (size_t i = 0; i < sizeof wrong / sizeof *wrong; i++) {
-        percent_allowed = 1;
-        try_first_value(text, wrong[i], 0, wrong[i]);
-        percent_allowed = 0;
-    }
-    snprintf(value, sizeof value, "  %s \t", first);
-    try_first_value(text, value, 1, "blanks around a number");
-    try_first_value(text, first, 1, "the same number");
-    snprintf(other, 300000, "no_such_name = 1.0\n%s", text);
-    try_start_values(other, strlen(other), 1, "an unknown name"); /* a newer file in an older FMU */
-    static const char *const commas[] = {"de_DE.UTF-8", "de_DE.utf8", "de_DE", "fr_FR.UTF-8",
-                                         "fr_FR.utf8",  "German",     "French"};
-    size_t k = 0;
-    while (k < sizeof commas / sizeof *commas && !setlocale(LC_NUMERIC, commas[k])) k++;
-    if (k < sizeof commas / sizeof *commas && *localeconv()->decimal_point == ',') {
-        printf("with a decimal comma (%s)\n", commas[k]);
-        try_first_value(text, "1,5", 0, "a decimal comma in a locale with one");
-        fmi3Instance c = at(INST, fmi3CoSimulation, "one");
-        double comma[N_PU + 1], point[N_PU + 1];
-        observe(c, comma);
-        setlocale(LC_NUMERIC, "C");
-        LEGAL(fmi3Reset(c));
-        observe(c, point);
-        for (int i = 0; i <= N_PU; i++)
-            expect(same(comma[i], point[i]), "the locale changes start values", "setlocale", INST, i);
-        fmi3FreeInstance(c);
-    } else {
-        printf("no locale with a decimal comma here\n");
-    }
-    free(other);
-    free(text);
-}
+#define ERROR fmi3Error
+#define CO_SIMULATION fmi3CoSimulation
+#define MODEL_EXCHANGE fmi3ModelExchange
+#define SCHEME ""
+#include "native_host_files.h"
 
 static void check_resources(void) {
-    static const struct {
-        const char *head, *tail;
-        int works;
-    } uris[] = {{"", "/good", 1},        {"", "/good/", 1},
-                {"", "/a b", 1},         {"", "/a%20b", 0},
-                {"", "/%zz", 1},         {"", "/%25zz", 0},
-                {"", "/50%", 1},         {"", "/\xc3\xbc", 1},
-                {"", "/nowhere", 0},     {"", "/good/start_values.txt", 0},
-                {"file://", "/good", 0}, {"", "/%n%s%d", 0}};
-    percent_allowed = foreign_allowed = 1;
-    for (size_t i = 0; i < sizeof uris / sizeof *uris; i++) {
-        char uri[4096];
-        snprintf(uri, sizeof uri, "%s%s%s", uris[i].head, folder, uris[i].tail);
-        long logged = messages;
-        fmi3Instance c = instantiate(fmi3ModelExchange, "one", uri);
-        expect(!c == !uris[i].works, "a wrong folder", uri, 0, 0);
-        expect((messages > logged) == !c, "a failure without a message, or the reverse", uri, 0, 0);
-        fmi3FreeInstance(c);
-    }
+    static const Place places[] = {{"", "/good", 1},        {"", "/good/", 1},
+                                   {"", "/a b", 1},         {"", "/a%20b", 0},
+                                   {"", "/%zz", 1},         {"", "/%25zz", 0},
+                                   {"", "/50%", 1},         {"", "/\xc3\xbc", 1},
+                                   {"", "/nowhere", 0},     {"", "/good/start_values.txt", 0},
+                                   {"file://", "/good", 0}, {"", "/%n%s%d", 0}};
     static const char *const none[] = {"", "file:///", "/", "//", "%", "%s%n"};
-    for (size_t i = 0; i < sizeof none / sizeof *none; i++)
-        expect(!instantiate(fmi3CoSimulation, "one", none[i]), "an instance from nowhere", none[i], 0, 0);
-    static const int lengths[] = {4000, 4070, 4078, 4079, 4080, 4081, 4094, 4095, 4096, 5000, 100000};
-    for (size_t i = 0; i < sizeof lengths / sizeof *lengths; i++) {
-        size_t n = (size_t)lengths[i];
-        char *path = malloc(n + 1);
-        memset(path, '/', n);
-        path[n] = '\0';
-        expect(!instantiate(fmi3CoSimulation, "one", path), "an instance from a long path", "long path", lengths[i], 0);
-        memset(path, 'a', n);
-        expect(!instantiate(fmi3CoSimulation, "one", path), "an instance from a long path", "long path", lengths[i], 0);
-        memset(path, '%', n);
-        expect(!instantiate(fmi3CoSimulation, "one", path), "an instance from a long path", "long path", lengths[i], 0);
-        free(path);
-    }
-    percent_allowed = foreign_allowed = 0;
+    try_places(places, sizeof places / sizeof *places);
+    try_no_places(none, sizeof none / sizeof *none);
 }
 
 static void check_instantiation(void) {
