@@ -272,6 +272,8 @@ def loop_library() -> ctypes.CDLL:
         function.argtypes = [c_void_p, POINTER(c_uint32), c_size_t, c_void_p, c_size_t]
     library.log_to.argtypes = [TakeMessage]
     library.log_to.restype = None
+    library.loop_evaluate_all.argtypes = [POINTER(Extrapolated), c_double, c_int32]
+    library.loop_evaluate_all.restype = None
     library.loop_rest_of_step.argtypes = [POINTER(Loop), c_int64, c_int64]
     library.loop_perform.restype = library.loop_run.restype = library.loop_rest_of_step.restype = c_bool
     return library

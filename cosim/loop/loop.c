@@ -337,6 +337,17 @@ void loop_evaluate(const Extrapolated *in, double since, int32_t n) {
     for (int32_t i = 0; i < n; i++) now[i] += last[i];
 }
 
+void loop_evaluate_all(const Extrapolated *in, double since, int32_t n) {
+    loop_evaluate(in, since, n);
+    for (int32_t of = 1; of <= in->degree; of++) {
+        double *now = in->buffer + of * n;
+        for (int32_t i = 0; i < n; i++) now[i] = 0.0;
+        for (int32_t d = in->degree; d > of; d--)
+            for (int32_t i = 0; i < n; i++) now[i] = (in->derivatives[(d - 1) * n + i] + now[i]) * (since / (d - of));
+        for (int32_t i = 0; i < n; i++) now[i] += in->derivatives[(of - 1) * n + i];
+    }
+}
+
 EXPORT void intermediate_update(void *environment, double time, bool set_requested, bool get_allowed,
                                 bool step_finished, bool can_return_early, bool *return_early, double *return_time) {
     (void)get_allowed, (void)step_finished, (void)can_return_early;

@@ -168,6 +168,9 @@ bool loop_carry(const Conversion *conversion, const double *source, double *targ
 /* Values of n inputs some time after a communication point, into their buffer: a Taylor series. */
 void loop_evaluate(const Extrapolated *in, double since, int32_t n);
 
+/* And their derivatives, order by order, behind the values. */
+EXPORT void loop_evaluate_all(const Extrapolated *in, double since, int32_t n);
+
 /* A STEP operation of this length; the status, or one of those beyond FMI's. */
 int loop_do_step(const Operation *op, double time, double step);
 

@@ -689,7 +689,7 @@ class Exchange:
         inputs.derivatives = self._arena.zeros(degree * n)
         if extrapolation.is_watched:
             inputs.watched = self._arena.zeros(4 * n)
-        inputs.buffer = self._arena.zeros(n)
+        inputs.buffer = self._arena.zeros((degree + 1) * n)  # values, and in steps of other lengths derivatives
         inputs.orders = self._arena.integers([order for order in orders for _ in range(n)])
         inputs.weights = self._arena.array(ctypes.c_double, _weights(extrapolation))
         inputs.degree, inputs.points = degree, points

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import ctypes
-import math
 import time as clock
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
 from cosim.fmi.instance import CallFailed, Instance, StepStatus
-from cosim.loop.binding import Extrapolated, Operation
+from cosim.loop.binding import Extrapolated, Operation, loop_library
 from cosim.master.failures import InterruptedInCall
 
 #: A discarded step is repeated in steps that are shorter by at most 2 to this power.
@@ -139,16 +138,10 @@ def _move(instance: Instance, operation: Operation, since: float) -> None:
     """
     if operation.version != 2 or since == 0.0:
         return
-    extrapolated, n = Extrapolated.from_address(operation.data), operation.n
-    taylor = [[extrapolated.history[i] for i in range(n)]]
-    taylor += [[extrapolated.derivatives[d * n + i] for i in range(n)] for d in range(extrapolated.degree)]
-    moved = [
-        [sum(taylor[k][i] * since ** (k - d) / math.factorial(k - d) for k in range(d, len(taylor))) for i in range(n)]
-        for d in range(len(taylor))
-    ]
-    values, *derivatives = moved
-    references = ctypes.cast(operation.references, ctypes.c_void_p)
-    instance.call("fmi2SetReal", references, n, (ctypes.c_double * n)(*values))
-    flat = [x for row in derivatives for x in row]
-    orders = ctypes.cast(extrapolated.orders, ctypes.c_void_p)
-    instance.call("fmi2SetRealInputDerivatives", references, len(flat), orders, (ctypes.c_double * len(flat))(*flat))
+    inputs, n = Extrapolated.from_address(operation.data), operation.n
+    loop_library().loop_evaluate_all(inputs, since, n)
+    references, values = (ctypes.cast(array, ctypes.c_void_p) for array in (operation.references, inputs.buffer))
+    instance.call("fmi2SetReal", references, n, values)
+    derivatives = ctypes.c_void_p((values.value or 0) + n * ctypes.sizeof(ctypes.c_double))
+    orders = ctypes.cast(inputs.orders, ctypes.c_void_p)
+    instance.call("fmi2SetRealInputDerivatives", references, n * inputs.degree, orders, derivatives)

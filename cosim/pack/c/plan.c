@@ -217,7 +217,7 @@ static void read_extrapolated(Reader *in, Operation *operation) {
     inputs->history = ROOM(double, (int64_t)inputs->points * operation->n);
     inputs->derivatives = ROOM(double, (int64_t)inputs->degree * operation->n);
     inputs->buffer =
-        ROOM(double, ((int64_t)inputs->degree + 1) * operation->n); /* derivatives, too; see unfinished.c */
+        ROOM(double, ((int64_t)inputs->degree + 1) * operation->n); /* derivatives, too; see loop_evaluate_all */
     packed->n_extrapolated_inputs[packed->n_extrapolated] = operation->n;
     packed->extrapolated[packed->n_extrapolated++] = inputs;
     operation->data = inputs;

@@ -86,19 +86,11 @@ static bool move_inputs(Packed *packed, Component *component, double since) {
         Extrapolated *inputs = operation->data;
         size_t n = (size_t)operation->n;
         SetReal *set = (SetReal *)component_function(component, "fmi2SetReal");
-        loop_evaluate(inputs, since, operation->n);
+        loop_evaluate_all(inputs, since, operation->n);
         if (!set || set(component->instance, operation->references, n, inputs->buffer) > WARNING) return false;
-        double *moved = inputs->buffer + n;
-        for (int32_t d = 1; d <= inputs->degree; d++)
-            for (size_t i = 0; i < n; i++) {
-                double sum = 0.0, factorial = 1.0;
-                for (int32_t k = d; k <= inputs->degree; factorial *= ++k - d)
-                    sum += inputs->derivatives[(size_t)(k - 1) * n + i] * pow(since, k - d) / factorial;
-                moved[(size_t)(d - 1) * n + i] = sum;
-            }
         SetDerivatives *change = (SetDerivatives *)operation->function;
-        if (change(component->instance, operation->references, n * (size_t)inputs->degree, inputs->orders, moved) >
-            WARNING)
+        if (change(component->instance, operation->references, n * (size_t)inputs->degree, inputs->orders,
+                   inputs->buffer + n) > WARNING)
             return false;
     }
     return true;
