@@ -8,7 +8,7 @@ import hashlib
 import math
 import time as clock
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from types import TracebackType
@@ -17,20 +17,15 @@ from typing import TYPE_CHECKING, Any, get_args
 import numpy as np
 
 from cosim.errors import SetupError, nearest
-from cosim.fmi.event_mode import EventInstance
 from cosim.fmi.fmu_file import LoadedFMU, load
-from cosim.fmi.instance import INITIALIZING, CallFailed, CallInterrupted, ExperimentSetup, Instance
+from cosim.fmi.instance import INITIALIZING, CallFailed, ExperimentSetup
 from cosim.fmi.interfaces import AUTO_INTERFACE, INTERFACES, MODEL_EXCHANGE, is_model_exchange, used_interface
-from cosim.fmi.isolation.library import IsolatedLibrary, PlacedLibrary
 from cosim.fmi.isolation.limits import Limits
 from cosim.fmi.isolation.process import can_isolate, check_platform
 from cosim.fmi.message_log import Log, LogWriter
 from cosim.fmi.messages import Messages, summary
-from cosim.fmi.model_exchange import ModelExchangeInstance
-from cosim.fmi.shared_library import Library, Loader
 from cosim.fmi.structure import depends_on_start_values, is_size
 from cosim.fmi.types import Texts
-from cosim.fmi.unpacking import folder_for_fmus
 from cosim.fmi.variable_buffer import VariableBuffer
 from cosim.loop.binding import loop_library
 from cosim.loop.current_calls import is_at, watched_calls
@@ -54,8 +49,8 @@ from cosim.master.coupling.variable_steps import (
     check_any_step,
 )
 from cosim.master.failures import Failing, InterruptedInCall, SimulationError, SimulationInterrupted
-from cosim.master.function_instance import FunctionInstance
 from cosim.master.interrupts import DeferredInterrupt
+from cosim.master.loaded_components import LoadedComponents, setting_up
 from cosim.master.operations import Exchange
 from cosim.master.pacing import Pacer
 from cosim.master.recording import (
@@ -81,7 +76,7 @@ from cosim.system.system import Signal, System
 from cosim.system.variables import LARGE, Element, Ports, variables_of
 
 if TYPE_CHECKING:
-    from cosim.fmi.isolation.placement import Hosts
+    pass
 
 #: By how many steps the stop time may miss a whole number of them, for rounding.
 _STEP_TOLERANCE = 1e-6
@@ -226,18 +221,15 @@ class Simulation:
         self._system = dataclasses.replace(system, signals=list(system.signals))
         self._order = order
         self._fmus = _loaded(system, interface)
-        self._build = build
         self._limits = Limits() if limits is None else limits
         self._places = {name: component.place for name, component in system.components.items() if component.place}
-        self._scheduler = scheduler
         if scheduler is not None and not self._places:
             raise SetupError(f"scheduler {scheduler}: no component has a place there; give one its place (--place)")
-        self._hosts: Hosts | None = None
-        self._isolated = self._to_isolate(isolate)
+        isolated = self._to_isolate(isolate)
         for name, fmu in self._fmus.items():
             if name in self._places:  # its machine has a look
                 continue
-            with self._setting_up(name):
+            with setting_up(name, fmu.path):
                 fmu.check_binary(build=build)
         self._functions = {name: c.function for name, c in system.components.items() if c.function is not None}
         descriptions = {name: fmu.description for name, fmu in self._fmus.items()}
@@ -273,13 +265,20 @@ class Simulation:
         self._large = _large(self._ports) if record is None else []
         self._refusals = Refusals()
         self._lay_out()
-        self._log, self._messages = self._taking_messages(log)
-        self._stack: ExitStack | None = None
-        self._interrupt: DeferredInterrupt | None = None
-        self._folders: dict[str, Path] = {}
-        self._instances: dict[str, Instance] = {}
+        self._components = LoadedComponents(
+            self._fmus,
+            self._functions,
+            self._ports,
+            isolated,
+            self._texts,
+            *self._taking_messages(log),
+            limits=self._limits,
+            places=self._places,
+            scheduler=scheduler,
+            build=build,
+            threads=self._threads,
+        )
         self._used = False
-        self._reset: set[str] = set()
         self._occupied_by = ""
         self._samples: tuple[Any, Samples] | None = None
         self._group: ModelExchangeGroup | None = None
@@ -317,9 +316,9 @@ class Simulation:
         SetupError
             The simulation is open, or the platform can't isolate FMUs.
         """
-        if self._stack is not None:
+        if self._components.is_open:
             raise SetupError("the simulation is open; isolate its FMUs before")
-        self._isolated = self._to_isolate(isolate=True)
+        self._components.isolated = self._to_isolate(isolate=True)
 
     def _lay_out(self) -> None:
         """Decide what is extrapolated and recorded, and where all values stand, by what the FMUs have not refused."""
@@ -388,33 +387,10 @@ class Simulation:
         SetupError
             An FMU can't be unpacked or instantiated, or the simulation is open already.
         """
-        if self._stack is not None:
+        if self._components.is_open:
             raise SetupError("the simulation is open already; make another one of the same system")
-        self._folders.clear()
-        with ExitStack() as opened:
-            self._reach_hosts(opened)
-            with watched_calls(), self._interruptible(), ExitStack() as stack:
-                if self._log is not None:
-                    self._log.open()
-                    stack.callback(self._log.close)
-                folders: dict[str, Path] = {}
-                for name, fmu in self._fmus.items():
-                    if name in self._places:
-                        continue
-                    # an instance of an FMU that allows one in a process has a library, and global variables, of its own
-                    alone = used_interface(fmu.description).canBeInstantiatedOnlyOncePerProcess
-                    if alone or fmu.sha256 not in folders:
-                        folders[fmu.sha256] = Path(stack.enter_context(folder_for_fmus()))
-                        with self._setting_up(name):
-                            fmu.unpack(folders[fmu.sha256], build=self._build)
-                    self._folders[name] = folders[fmu.sha256]
-                stack.callback(self._free)
-                for name in self._ports:
-                    self._load(name)
-                for name in self._ports:
-                    self._instantiate(name)
-                opened.push(stack.pop_all())
-                self._stack = opened.pop_all()
+        self._exchange, self._used = None, False
+        self._components.open(self._extrapolated.elements)
         return self
 
     def __exit__(
@@ -424,140 +400,23 @@ class Simulation:
 
     def close(self) -> None:
         """Free all instances and remove what was unpacked; the simulation can be entered again."""
-        if self._stack is not None:
-            with watched_calls(), self._interruptible():
-                self._stack.close()
-            self._stack = None
-
-    def _reach_hosts(self, stack: ExitStack) -> None:
-        """Become a client of the cluster where components have their places."""
-        if not self._places:
-            return
-        from cosim.fmi.isolation.placement import Hosts
-
-        self._hosts = Hosts(self._scheduler)
-        stack.callback(self._hosts.close)
-        for name, place in self._places.items():
-            with self._setting_up(name):
-                self._hosts.check(place)
-
-    def _load(self, name: str) -> None:
+        self._components.close()
         self._exchange = None
-        if name in self._functions:
-            self._instances[name] = FunctionInstance(name, self._functions[name])
-            return
-        fmu = self._fmus[name]
-        asks = [v.valueReference for v in variables_of(self._extrapolated.elements.get(name, ()))]
-        with self._setting_up(name):
-            port = self._ports[name]
-            kind: type[Instance] = EventInstance if port.uses_events else Instance
-            if port.is_model_exchange:
-                kind = ModelExchangeInstance
-            messages = self._messages[name]
-            folder, load = self._folders.get(name, Path()), self._loader(name)
-            self._instances[name] = kind(
-                name, folder, fmu.description, asks, self._texts, messages, fmu.path.name, load
-            )
-
-    def _loader(self, name: str) -> Loader:
-        """What loads the library of a component: into this process, one of its own, or one on another machine."""
-        if name not in self._isolated:
-            return partial(Library.of, own_variables=not self._fmus[name].shares_library)
-        messages, limits, stop = self._messages[name], self._limits, self._is_interrupted
-        if self._hosts is None or name not in self._places:
-            sides = 2 if self._threads != 1 else 1 + len(self._isolated - set(self._places))
-            return partial(IsolatedLibrary.starting, messages=messages, limits=limits, stop=stop, sides=sides)
-        process = self._hosts.process(self._places[name], self._fmus[name], name, build=self._build, limits=limits)
-        return partial(PlacedLibrary.on, process, messages=messages, limits=limits, stop=stop)
-
-    def _instantiate(self, name: str) -> None:
-        with self._setting_up(name):
-            self._instances[name].instantiate()
-
-    @contextmanager
-    def _interruptible(self) -> Iterator[None]:
-        """Context in which Ctrl-C ends a call of an isolated FMU that does not return."""
-        if not self._isolated:
-            yield
-            return
-        try:
-            with DeferredInterrupt() as interrupt:
-                self._interrupt = interrupt
-                yield
-        finally:
-            self._interrupt = None
-        if interrupt.requested:
-            raise KeyboardInterrupt
-
-    def _is_interrupted(self) -> bool:
-        return self._interrupt is not None and self._interrupt.requested
-
-    @contextmanager
-    def _setting_up(self, name: str) -> Iterator[None]:
-        try:
-            yield
-        except CallInterrupted as error:
-            raise KeyboardInterrupt(str(error)) from error
-        except CallFailed as error:
-            raise SetupError(f"component '{name}': {self._fmus[name].path} {error}") from error
-        except SetupError as error:
-            raise SetupError(f"component '{name}': {error}") from error
-
-    def _free(self) -> None:
-        for instance in reversed(self._instances.values()):
-            instance.close()
-        self._instances.clear()
-        self._exchange = None
-        self._used = False
-        self._reset = set()
-
-    def _renew(self) -> None:
-        """Bring all instances back to where they were, or make new ones: many FMUs keep more than their reset resets.
-
-        New ones are made once all old ones are gone: then libraries are loaded again, with fresh global variables.
-        """
-        self._reset = {name for name in self._resolved.components if self._is_reset(name)}
-        anew = [name for name in self._resolved.components if name not in self._reset]
-        try:
-            for name in reversed(anew):
-                self._instances.pop(name).close()
-            for name in anew:
-                self._load(name)
-            for name in anew:
-                self._instantiate(name)
-        except SetupError:
-            self.close()
-            raise
-
-    def _is_reset(self, name: str) -> bool:
-        """Reset an instance, if that is known to bring it back completely; whether it was."""
-        if name in self._fmus and not self._fmus[name].resets_completely:
-            return False
-        try:
-            self._instances[name].reset()
-        except CallFailed:
-            return False
-        return True
 
     def _fresh_exchange(self) -> Exchange:
         """Instances as they are after their instantiation, and the table of operations for them."""
-        if self._used:
-            for messages in self._messages.values():
-                messages.begin()
-            if self._log is not None:
-                self._log.heading("the FMUs start afresh")
-            self._renew()
+        if self._used and not self._components.renew(self._extrapolated.elements):
+            self._exchange = None
         self._used = True
-        self._instances = {name: self._instances[name] for name in self._resolved.components}
         if self._exchange is None:
             self._do_without_absent()
             try:
                 self._group = group_of(
-                    self._resolved, self._instances, self._extrapolated, self._solver, self._most_iterations
+                    self._resolved, self._components.instances, self._extrapolated, self._solver, self._most_iterations
                 )
                 self._exchange = Exchange(
                     self._resolved,
-                    self._instances,
+                    self._components.instances,
                     self._extrapolated,
                     self._layout,
                     self._group,
@@ -583,7 +442,7 @@ class Simulation:
         """
         found = Refusals()
         for component in self._extrapolated.elements:
-            instance = self._instances[component]
+            instance = self._components.instances[component]
             name = function_for_derivatives(instance.version)
             takes = instance.version == 3 or self._ports[component].is_model_exchange or not instance.lacks(name)
             if component not in self._fmus or takes:
@@ -599,7 +458,7 @@ class Simulation:
         for component, element in self._recorded if self._records_all else ():
             recorded.setdefault(component, []).append(element)
         for component, elements in recorded.items():
-            if component in self._fmus and (lacking := lacking_of(self._instances[component], elements)):
+            if component in self._fmus and (lacking := lacking_of(self._components.instances[component], elements)):
                 found.outputs |= self._that_nothing_needs(component, lacking)
         self._do_without(found)
 
@@ -791,7 +650,7 @@ class Simulation:
         number_of_steps(start_time, stop_time, stop_time - start_time)  # times that make sense
         if why := why_not_repeated(self._resolved, self._functions, to_other_points=True):
             raise SetupError(f"step_size = '{VARIABLE}': steps can't be repeated: {why}")
-        check_any_step(self._instances)
+        check_any_step(self._components.instances)
         drives = self._drives(signals)
         iterated = Iterated(self._resolved, self._extrapolated, self._layout)
         plan = VariablePlan(
@@ -814,7 +673,9 @@ class Simulation:
             results.info |= {"step_size": VARIABLE, "stop_time": stop_time}
             self._check_sink(sink, names)
             slots = None if sink is None else self._slot_sink(sink, run.marks)
-            steps = VariableRun(run, self._instances, plan, compared, results, slots, lambda: bool(interrupt.requested))
+            steps = VariableRun(
+                run, self._components.instances, plan, compared, results, slots, lambda: bool(interrupt.requested)
+            )
             with _timed(results, began):
                 return steps.to_end(progress)
 
@@ -916,7 +777,7 @@ class Simulation:
                 loop,
                 self._resolved,
                 self._layout,
-                self._instances,
+                self._components.instances,
                 grid,
                 growing,
                 record_every,
@@ -933,10 +794,10 @@ class Simulation:
         self._occupied_by = what
         try:
             with watched_calls(), DeferredInterrupt() as interrupt:
-                self._interrupt = interrupt
+                self._components.interrupt = interrupt
                 yield interrupt
         finally:
-            self._interrupt = None
+            self._components.interrupt = None
             is_at(None)
             self._occupied_by = ""
 
@@ -968,7 +829,7 @@ class Simulation:
             self._solver.check_states()
         for name, fmu in self._fmus.items():
             try:
-                self._instances[name].check_states()
+                self._components.instances[name].check_states()
             except CallFailed as error:
                 raise SetupError(f"component '{name}': {fmu.path} {error}; run without checkpoints") from error
 
@@ -976,7 +837,7 @@ class Simulation:
         self, grid: Grid, start: Mapping[str, Any], signals: Sequence[Signal], record_every: int
     ) -> tuple[Samples, list[StartValue]]:
         """Samples of the signals and start values of a run."""
-        if self._stack is None:
+        if not self._components.is_open:
             raise SetupError("the simulation is not open; use it in a with statement")
         if self._occupied_by:
             raise SetupError(f"{self._occupied_by}; end it first, or make another simulation")
@@ -1031,7 +892,7 @@ class Simulation:
             is_at(grid.start_time)
             exchange = self._fresh_exchange()
             run = Run(
-                self._instances,
+                self._components.instances,
                 exchange,
                 samples,
                 grid,
@@ -1110,11 +971,11 @@ class Simulation:
                 name: {
                     "path": str(f.path),
                     "sha256": f.sha256,
-                    "instance": "reset" if name in self._reset else "new",
+                    "instance": "reset" if name in self._components.reset else "new",
                     "tolerance": experiments[name].tolerance,
-                    **({"event_mode": True} if self._instances[name].uses_events else {}),
+                    **({"event_mode": True} if self._components.instances[name].uses_events else {}),
                     **({"interface": MODEL_EXCHANGE} if self._ports[name].is_model_exchange else {}),
-                    **({"isolated": True} if name in self._isolated else {}),
+                    **({"isolated": True} if name in self._components.isolated else {}),
                     **({"place": self._places[name]} if name in self._places else {}),
                 }
                 for name, f in self._fmus.items()
@@ -1124,7 +985,7 @@ class Simulation:
             "parameters": self._parameters(grid.start_time),
             "start_values": _said(starts),
             **self._refusals.about(),
-            **summary(self._messages.values()),
+            **summary(self._components.messages.values()),
         }
         if assumed:
             info["tolerance_assumed"] = list(assumed)
@@ -1251,7 +1112,7 @@ class Simulation:
             elements = [e for n in names for e in port.elements_of(n) if len(port.elements_of(n)) <= LARGE]
             if elements:
                 buffer = np.zeros(len(elements))
-                instance = self._instances[component]
+                instance = self._components.instances[component]
                 with Failing(component, time, instance):
                     VariableBuffer(instance, variables_of(elements), buffer).get()
                 values.update({f"{component}.{e.name}": v for e, v in zip(elements, buffer.tolist(), strict=True)})

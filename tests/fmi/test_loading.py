@@ -19,7 +19,7 @@ from pythonfmu.builder import FmuBuilder
 
 import cosim.fmi.compilation
 import cosim.fmi.unpacking
-import cosim.master.simulation
+import cosim.master.loaded_components
 from cosim import SetupError, Simulation, SimulationError, System, simulate
 from cosim.fmi.load_failure import why_not_loaded
 from cosim.fmi.own_variables import unique_symbols
@@ -416,7 +416,7 @@ def test_fmus_find_their_resources_by_uri(tmp_path: Path, monkeypatch: pytest.Mo
     """In whichever folder; the URI is escaped as the standard wants it."""
     fmu = tank(tmp_path / "tank.fmu", "RESOURCE", members={"resources/scale.txt": "7.0"})
     (folder := tmp_path / name).mkdir()
-    monkeypatch.setattr(cosim.master.simulation, "folder_for_fmus", lambda: TemporaryDirectory(dir=folder))
+    monkeypatch.setattr(cosim.master.loaded_components, "folder_for_fmus", lambda: TemporaryDirectory(dir=folder))
     assert levels(fmu) == [7.0]
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import cosim.master.simulation
+import cosim.master.loaded_components
 from cosim import (
     Results,
     SetupError,
@@ -280,7 +280,7 @@ def test_an_instance_that_cannot_be_made_anew_closes_the_simulation_and_is_freed
     with simulation:
         first = run(simulation)
         with monkeypatch.context() as patch:
-            patch.setattr(cosim.master.simulation, "Instance", no_instance)
+            patch.setattr(cosim.master.loaded_components, "Instance", no_instance)
             with pytest.raises(SetupError, match=r"component 'i': .*Integrator\.fmu .*no licence left"):
                 run(simulation)
         assert len(freed) == len(set(map(id, freed))) == 3
@@ -300,7 +300,7 @@ def test_a_simulation_that_could_not_be_opened_can_be_opened_later(
 ) -> None:
     simulation = Simulation(study(fmus / "fmi2"))
     with monkeypatch.context() as patch:
-        patch.setattr(cosim.master.simulation, "Instance", no_instance)
+        patch.setattr(cosim.master.loaded_components, "Instance", no_instance)
         with pytest.raises(SetupError, match="no licence left"):
             simulation.__enter__()
     assert list(temporary.iterdir()) == []

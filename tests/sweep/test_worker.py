@@ -190,7 +190,7 @@ def test_a_point_is_run_again_whose_fmu_something_else_has_killed(study, monkeyp
     def killing(simulation, *arguments, **options):
         if len(killed) < 1:
             killed.append(1)
-            os.kill(simulation._instances["counter"]._library._process.number, signal.SIGKILL)
+            os.kill(simulation._components.instances["counter"]._library._process.number, signal.SIGKILL)
         return real(simulation, *arguments, **options)
 
     monkeypatch.setattr(Simulation, "run", killing)

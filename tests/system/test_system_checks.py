@@ -506,7 +506,7 @@ def test_nothing_is_instantiated_before_all_checks_have_passed(system, monkeypat
     def instantiated(*_: object) -> None:
         raise AssertionError("an FMU was instantiated")
 
-    monkeypatch.setattr("cosim.master.simulation.Instance", instantiated)
+    monkeypatch.setattr("cosim.master.loaded_components.Instance", instantiated)
     system.connect("first.y", "second.u")
     refused(system, "fed twice")
     system.connections.pop()
