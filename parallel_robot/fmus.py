@@ -155,8 +155,9 @@ def _sources(*further: Path) -> str:
     root = Path(__file__).resolve().parents[1]
     packages = [root / name for name in ("plant_fmu", "controller_fmu", "trajectory_fmu", "fmu_export")]
     robot = [Path(__file__).with_name(name) for name in ("models.py", "wiring.py", "CLOSED_LOOP.md")]
-    licence = [path for path in [root / "LICENSE"] if path.is_file()]  # an installed package keeps it elsewhere
-    return fingerprint_of_sources([*packages, *robot, *licence, *further])
+    # in a checkout, or where an installed package keeps it: the same licence is the same source
+    licences = [root / "LICENSE", *root.glob("closed_chain_cosim-*.dist-info/licenses/LICENSE")]
+    return fingerprint_of_sources([*packages, *robot, *[p for p in licences if p.is_file()][:1], *further])
 
 
 def build_continuous(folder: Path) -> Path:

@@ -662,6 +662,21 @@ def test_changed_sources_are_noted(here, no_figures, capsys, monkeypatch):
     assert "RobotController.fmu was built" in capsys.readouterr().out
 
 
+def test_a_checkout_and_an_installed_package_are_the_same_sources(tmp_path, monkeypatch):
+    """FMUs that a clone built are not outdated for the package installed from it, which keeps the licence elsewhere."""
+    root, ours = Path(fmus.__file__).parents[1], fmus._sources()
+    for name in ("plant_fmu", "controller_fmu", "trajectory_fmu", "fmu_export", "parallel_robot"):
+        shutil.copytree(root / name, tmp_path / name, ignore=shutil.ignore_patterns("__pycache__"))
+    licence = tmp_path / "closed_chain_cosim-1.2.3.dist-info" / "licenses" / "LICENSE"
+    licence.parent.mkdir(parents=True)
+    shutil.copy(root / "LICENSE", licence)
+    monkeypatch.setattr(fmus, "__file__", str(tmp_path / "parallel_robot" / "fmus.py"))
+    assert fmus._sources() == ours
+    licence.write_text("other terms")
+    assert fmus._sources() != ours
+
+
+
 @pytest.mark.parametrize("damage", ["truncated", "empty", "text", "without description", "without binaries"])
 def test_a_broken_fmu_is_one_line(here, no_figures, capsys, damage):
     import zipfile
