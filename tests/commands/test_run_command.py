@@ -676,7 +676,6 @@ def test_a_checkout_and_an_installed_package_are_the_same_sources(tmp_path, monk
     assert fmus._sources() != ours
 
 
-
 @pytest.mark.parametrize("damage", ["truncated", "empty", "text", "without description", "without binaries"])
 def test_a_broken_fmu_is_one_line(here, no_figures, capsys, damage):
     import zipfile

@@ -130,7 +130,7 @@ def theorem_section(checks: Sequence[TheoremCheck], runs: Runs) -> Section:
         "|Z| at start, largest, steady",
         "bound at all times, d",
         "bound in the end (63), and T (64) to twice that: computed, in the run (s)",
-        "largest V over its envelope (74): printed, corrected",
+        "V over its envelope (74), printed and corrected: largest; at the end",
     )
     names = dict(zip((c.key for c in runs.controllers), controller_names(runs), strict=True))
     cells = [
@@ -142,17 +142,61 @@ def theorem_section(checks: Sequence[TheoremCheck], runs: Runs) -> Section:
             f"{number(t.Z_start)}, {number(t.Z_max)}, {number(t.Z_steady)}",
             number(t.d_chi),
             f"{number(t.chi_min)}; {number(t.T_chi, 3)}, {number(t.below_from, 3)}",
-            f"{number(t.envelope_printed, 3)}, {number(t.envelope_corrected, 3)}",
+            f"{number(t.envelope_printed, 3)}, {number(t.envelope_corrected, 3)}; "
+            + ", ".join(number(t.V_curves["V"][-1] / t.V_curves[name][-1], 3) for name in ("printed", "corrected")),
         )
         for t in checks
     ]
+    drawn = next((t for t in checks if t.controller == "1"), checks[0])
     html = f"""<details class="folded"><summary>{len(checks)} runs</summary>
 <p>The theorem says that V′ ≤ −λ|Z|² + h at all times, and so bounds |Z|. The largest V′ + λ|Z|² − h of a run shows
 whether it does: above zero, the inequality is violated. Printed: with h of (59) as it stands; corrected: with the h
-that the proof supports.</p>
+that the proof supports. The ball that the proof guarantees in the end is large: a run that begins within twice its
+radius has T = 0.</p>
 {table(heads, cells, "Theorem 1 along the runs", "cards")}
+{_envelope(drawn, names[drawn.controller])}
 </details>"""
     return Section("theorem1", "Theorem 1", html)
+
+
+#: Size of the drawing of V (px), and its margins: left, right, top, bottom.
+_PLOT, _MARGINS = (340, 240), (44, 8, 8, 40)
+
+
+def _envelope(check: TheoremCheck, name: str) -> str:
+    """V of a run and its envelopes by time, V on a logarithmic scale."""
+    curves = check.V_curves
+    values = [v for which in ("V", "printed", "corrected") for v in curves[which]]
+    low, high = math.floor(math.log10(min(values))), math.ceil(math.log10(max(values)))
+    (width, height), (left, right, top, bottom), end = _PLOT, _MARGINS, curves["time"][-1]
+
+    def across(t: float) -> float:
+        return left + (width - left - right) * t / end
+
+    def down(v: float) -> float:
+        return top + (height - top - bottom) * (high - math.log10(v)) / max(high - low, 1)
+
+    def line(which: str) -> str:
+        points = zip(curves["time"], curves[which], strict=True)
+        return f'<path class="{which}" d="M{"L".join(f"{across(t):.1f} {down(v):.1f}" for t, v in points)}"/>'
+
+    decades = "".join(
+        f'<path class="grid" d="M{left} {down(10.0**n):.1f}H{width - right}"/><text x="{left - 4}" '
+        f'y="{down(10.0**n) + 4:.1f}" text-anchor="end">{10.0**n:g}</text>'
+        for n in range(low, high + 1)
+    )
+    seconds = "".join(
+        f'<text x="{across(t):.1f}" y="{height - bottom + 15}" text-anchor="middle">{t:g}</text>'
+        for t in (0.0, end / 3.0, 2.0 * end / 3.0, end)
+    )
+    ends = {which: number(curves[which][-1], 3) for which in ("V", "printed", "corrected")}
+    return f"""<figure class="envelope"><svg viewBox="0 0 {width} {height}" role="img" aria-label="V and its envelopes">
+{decades}{seconds}<text x="{left + 4}" y="{top + 10}">V (J)</text>
+<text x="{width - right}" y="{height - 6}" text-anchor="end">t (s)</text>
+{line("printed")}{line("corrected")}{line("V")}</svg>
+<figcaption>V of the run of {escape(name)} (solid) and its envelope (74), with the printed h (dashed) and the corrected
+one (dotted). After {number(end, 3)} s V is {ends["V"]} J, and the envelopes are {ends["printed"]} and
+{ends["corrected"]} J. V contains k/2 |ψ − ψ̄|² with the least ψ̄ that meets (35).</figcaption></figure>"""
 
 
 def _sign(excess: float) -> str:
@@ -207,7 +251,7 @@ def readings_section(readings: Sequence[Reading]) -> Section:
     )
     cells = [
         (
-            prose(r.assumption),
+            prose(r.assumption) + _command(r.command),
             CONDITION_NAMES[r.condition],
             _errors(r),
             _axes(r),
@@ -228,10 +272,21 @@ says otherwise: {reached} of {len(readings)} have steady errors as small as the 
 {prose(f"10^{_LEAST}")} to {prose(f"10^{_MOST}")}; the line marks 1. Feedforward adds to (38) the torque that the
 nominal robot of (27) needs for the desired motion, the least that its three motors can do it with. Feedforward, torque
 limits, the velocity at the start, the leakage of (37) and the bounding function Π of (89) are parameters of the FMUs,
-whose defaults are the paper's law.</p>
+whose defaults are the paper's law. The fuzzy set (91) of the estimate ψ ends at 0.5. Each command runs the same law
+with coupled FMUs; where there is none, coupling would take hours, or a scenario of your own has to say what acts on
+the robot.</p>
 {table(heads, cells, "Steady errors, axes and torques by assumption", "cards readings")}
 </details>"""
     return Section("readings", "What the figures may have been", html)
+
+
+def _command(command: str) -> str:
+    """A command below what it runs, broken between its options only."""
+    if not command:
+        return ""
+    words, *options = command.split(" --")
+    spans = " ".join(f"<span>{escape(part)}</span>" for part in (words, *(f"--{option}" for option in options)))
+    return f"<br><code>{spans}</code>"
 
 
 def _best(readings: Sequence[Reading]) -> str:

@@ -36,8 +36,10 @@ _WORDS = {
     "step_size": "communication step (s)",
     "stop_time": "duration (s)",
     "order": "order of the exchange",
-    "linear": "inputs linear between communication points",
-    "held": "inputs held",
+    "extrapolation": "inputs between communication points",
+    "adaptive": "inputs by cubics where these predict them better than lines",
+    "linear": "inputs by lines",
+    "hold": "inputs held",
     "disturbance": "disturbance torque, a random-phase multisine",
     "mass_change": "mass change, a sine",
     "rms": "rms (N m)",
@@ -88,7 +90,8 @@ def page(content: Reproduction, study: tuple[Robustness, Path] | None = None, li
 
 def _header(content: Reproduction) -> str:
     runs = content.runs
-    n_runs = len(runs.closed_loop) + len(runs.accumulated) + len(runs.pd_same_beta) + len(runs.readings) + 1
+    further = (runs.pd_same_beta, runs.pd_same_effort, runs.disturbed, runs.readings, runs.least_bound)
+    n_runs = len(runs.closed_loop) + len(runs.accumulated) + sum(map(len, further)) + 1
     return f"""<p class="over">closed-chain-cosim {escape(content.versions.get("closed-chain-cosim", ""))}</p>
 <h1>The paper, reproduced</h1>
 <p class="lead">Han et al. 2021 (<a href="https://doi.org/{_DOI}">doi</a>), computed again from {n_runs} co-simulation

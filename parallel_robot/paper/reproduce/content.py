@@ -108,8 +108,12 @@ class Reading:
         Root mean square and largest torque of all motors once steady (N m).
     torque_max : float
         Largest torque of all motors in the whole run (N m).
+    psi_max : float
+        Largest component of the estimate in the whole run.
     breaks : tuple of str
         Conditions and equations of the paper that the assumption does not keep to.
+    command : str
+        The command that runs the same law with coupled FMUs, empty where no command alone does.
     """
 
     assumption: str
@@ -120,7 +124,9 @@ class Reading:
     torque_rms: float
     torque_steady: float
     torque_max: float
+    psi_max: float = 0.0
     breaks: tuple[str, ...] = ()
+    command: str = ""
 
     @property
     def over_insets(self) -> float:
@@ -392,6 +398,8 @@ class TheoremCheck:
         Time (s) from which it does.
     envelope_printed, envelope_corrected : float
         Largest V over its envelope (74) along the run, with either h.
+    V_curves : mapping
+        "time" (s), "V" (J), and both envelopes (J) by time, "printed" and "corrected": some points of each.
     """
 
     controller: str
@@ -413,6 +421,7 @@ class TheoremCheck:
     below_from: float
     envelope_printed: float
     envelope_corrected: float
+    V_curves: Mapping[str, tuple[float, ...]]
 
 
 @dataclass(frozen=True)

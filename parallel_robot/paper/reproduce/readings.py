@@ -59,14 +59,20 @@ class Assumption:
     start : mapping
         Other start values, `component.variable`.
     step_size, stop_time : float or None
-        In s; None: those of the scenario.
+        In s; None: those of the scenario. In a continuous run the step is that by which coupled FMUs give the same.
     continuous : bool
         Integrate the continuous closed loop by an implicit method, instead of coupling FMUs: for gains that need
         steps of a microsecond.
+    too_stiff : bool
+        Coupled FMUs would take hours.
     mass_at_rest : bool
         The changing mass arrives at rest; only in a continuous run.
     other_law : str
         What it changes in the law itself, in words.
+    k : float or None
+        The k of the paper, where `controller.k` stands in for another law; None: it is `controller.k`.
+    psi_unit : float
+        What the estimate of the run is divided by for that of the law.
     """
 
     label: str
@@ -78,8 +84,11 @@ class Assumption:
     step_size: float | None = None
     stop_time: float | None = None
     continuous: bool = False
+    too_stiff: bool = False
     mass_at_rest: bool = False
     other_law: str = ""
+    k: float | None = None
+    psi_unit: float = 1.0
 
 
 def desired_start_velocity() -> dict[str, float]:
@@ -105,8 +114,11 @@ _BESIDE = {"controller.bound_constant": 1.0}
 #: regressor are then that factor times as large each, so that Pi is what it is for radians and k over its fourth power.
 _DEGREES = 180.0 / math.pi
 
-#: The printed k.
-_K = float(CONTROLLER.unpack(CONTROLLER.starts).k)
+#: The printed k, and one far below it.
+_K, _SMALL_K = float(CONTROLLER.unpack(CONTROLLER.starts).k), {"controller.k": 1e-3}
+
+#: Where the fuzzy set (91) of the estimate ends.
+_PSI_MOST = 0.5
 
 COUPLED = (
     Assumption("as printed"),
@@ -144,14 +156,27 @@ COUPLED = (
 CONTINUOUS = tuple(
     dataclasses.replace(assumption, continuous=True)
     for assumption in (
-        Assumption("k = 0.1", start={"controller.k": 0.1}),
-        Assumption("k = 0.01", start={"controller.k": 0.01}),
-        Assumption("k = 0.001", start={"controller.k": 1e-3}),
-        Assumption("k = 0.001, gains of mu/nu = 0.1", key="0.1", start={"controller.k": 1e-3}),
-        Assumption("k = 0.001, gains of mu/nu = 10", key="10", start={"controller.k": 1e-3}),
-        Assumption("k = 0.0001", start={"controller.k": 1e-4}),
-        Assumption("k = 12 multiplies in (37): k in place of 1/k", start={"controller.k": 1.0 / _K}, other_law="(37)"),
-        Assumption("angles in degrees in (89) and (90)", start={"controller.k": _K / _DEGREES**4}, other_law="(89)"),
+        Assumption("k = 0.1", start={"controller.k": 0.1}, step_size=1e-4),
+        Assumption("k = 0.01", start={"controller.k": 0.01}, step_size=1e-5),
+        Assumption("k = 0.001", start=_SMALL_K, step_size=1e-6),
+        Assumption("k = 0.001, gains of mu/nu = 0.1", key="0.1", start=_SMALL_K, step_size=1e-6),
+        Assumption("k = 0.001, gains of mu/nu = 10", key="10", start=_SMALL_K, step_size=1e-6),
+        Assumption("k = 0.0001", start={"controller.k": 1e-4}, too_stiff=True),
+        Assumption(
+            "k = 12 multiplies in (37): k in place of 1/k",
+            start={"controller.k": 1.0 / _K},
+            step_size=1e-4,
+            other_law="(37)",
+            k=_K,
+        ),
+        Assumption(
+            "angles in degrees in (89) and (90)",
+            start={"controller.k": _K / _DEGREES**4},
+            too_stiff=True,
+            other_law="(89)",
+            k=_K,
+            psi_unit=_DEGREES**2,
+        ),
         Assumption("Pi = psi_1 + psi_2 |theta_a'|^2", start=_CONSTANT, other_law="Pi of (89)"),
         Assumption(
             "Pi = psi_1 (1 + |theta_a|^2) + psi_2 |theta_a'|^2",
@@ -160,29 +185,45 @@ CONTINUOUS = tuple(
         ),
         Assumption(
             "Pi = psi_1 + psi_2 |theta_a'|^2, and k = 0.001",
-            start={**_CONSTANT, "controller.k": 1e-3},
+            start={**_CONSTANT, **_SMALL_K},
+            step_size=1e-4,
             other_law="Pi of (89)",
         ),
         Assumption("no leakage in (37)", start={"controller.leakage": 0.0}, other_law="(37)"),
         Assumption(
-            "no leakage, and k = 0.001", start={"controller.leakage": 0.0, "controller.k": 1e-3}, other_law="(37)"
+            "no leakage, and k = 0.001",
+            start={"controller.leakage": 0.0, **_SMALL_K},
+            step_size=1e-6,
+            other_law="(37)",
         ),
         Assumption(
             "no leakage, and k = 12 multiplies",
             start={"controller.leakage": 0.0, "controller.k": 1.0 / _K},
+            step_size=1e-4,
             other_law="(37)",
+            k=_K,
         ),
         Assumption("psi(0) = (0.25, 0.25)", start={"controller.psi_start": 0.25}),
-        Assumption("psi(0) = (0.25, 0.25), and k = 0.001", start={"controller.psi_start": 0.25, "controller.k": 1e-3}),
+        Assumption(
+            "psi(0) = (0.25, 0.25), and k = 0.001",
+            start={"controller.psi_start": 0.25, **_SMALL_K},
+            step_size=1e-6,
+        ),
         Assumption("mass arrives at rest", mass_at_rest=True),
         Assumption(
             f"{THROUGH_INSET}: centre ({_X_C:.4f}, {_Y_C:.4f}) m, phase {PHASE_OF_INSET} rad",
             start={"trajectory.x_c": _X_C, "trajectory.y_c": _Y_C, "trajectory.phase": PHASE_OF_INSET},
         ),
         Assumption("start with the desired velocity", start=_MOVING),
-        Assumption("start with the desired velocity, gains of mu/nu = 0.1", key="0.1", start=_MOVING),
-        Assumption("start with the desired velocity, gains of mu/nu = 10", key="10", start=_MOVING),
-        Assumption("start with the desired velocity, and k = 0.001", start={**_MOVING, "controller.k": 1e-3}),
+        *(
+            Assumption(f"start with the desired velocity, gains of mu/nu = {key}", key=key, start=_MOVING)
+            for key in ("0.1", "0.2", "5", "10")
+        ),
+        Assumption(
+            "start with the desired velocity, and k = 0.001",
+            start={**_MOVING, **_SMALL_K},
+            step_size=1e-6,
+        ),
         Assumption("PD control, start with the desired velocity", alpha=0.0, start=_MOVING),
         Assumption(
             "PD control with beta = 3, start with the desired velocity",
@@ -229,7 +270,7 @@ def coupled_readings(
         start = _start(assumption, controllers)
         results = simulation.run(stop_time, step_size, start=start, signals=signals(scenario, assumption.condition))
         steady_after = stop_time - (scenario.stop_time - scenario.steady_after)
-        readings.append(_reading(assumption, start, results, steady_after))
+        readings.append(_reading(assumption, start, results, steady_after, scenario))
         progress(assumption.label)
     return tuple(readings)
 
@@ -257,7 +298,8 @@ def continuous_readings(
     with _continuous_loop(folder, scenario) as loop:
         for assumption in wanted:
             start = _start(assumption, controllers)
-            readings.append(_reading(assumption, start, loop(assumption, start), scenario.steady_after))
+            results = loop(assumption, start)
+            readings.append(_reading(assumption, start, results, scenario.steady_after, scenario))
             progress(assumption.label)
     return tuple(readings)
 
@@ -340,9 +382,16 @@ def _start(assumption: Assumption, controllers: Sequence[Controller]) -> dict[st
     return {**{f"controller.{name}": value for name, value in gains.items()}, **assumption.start}
 
 
-def _reading(assumption: Assumption, start: Mapping[str, float], results: Results, steady_after: float) -> Reading:
+def _reading(
+    assumption: Assumption,
+    start: Mapping[str, float],
+    results: Results,
+    steady_after: float,
+    scenario: RobotScenario,
+) -> Reading:
     errors, torque = tracking_errors(results), np.asarray(results["controller.tau_a"])
     steady = results.time >= steady_after
+    psi = float(np.max(results["controller.psi"])) / assumption.psi_unit
     return Reading(
         assumption=assumption.label,
         condition=assumption.condition,
@@ -352,16 +401,36 @@ def _reading(assumption: Assumption, start: Mapping[str, float], results: Result
         torque_rms=float(np.sqrt(np.mean(torque[steady] ** 2))),
         torque_steady=float(np.abs(torque[steady]).max()),
         torque_max=float(np.abs(torque).max()),
-        breaks=_broken(assumption, start),
+        psi_max=psi,
+        breaks=_broken(assumption, start, psi),
+        command=_command(assumption, start, scenario),
     )
 
 
-def _broken(assumption: Assumption, start: Mapping[str, float]) -> tuple[str, ...]:
-    """The conditions and equations of the paper that an assumption does not keep to."""
+def _broken(assumption: Assumption, start: Mapping[str, float], psi: float) -> tuple[str, ...]:
+    """The conditions and equations of the paper that an assumption does not keep to, with the largest estimate."""
     p = CONTROLLER.unpack(CONTROLLER.starts)
-    k, beta = start.get("controller.k", float(p.k)), start["controller.beta"]
+    k = start.get("controller.k", float(p.k)) if assumption.k is None else assumption.k
     largest = start.get("controller.S", float(p.S.max()))
     found = [assumption.other_law] if assumption.other_law else []
-    if not assumption.other_law.startswith(("(37)", "(89)")) and start["controller.alpha"] > 0.0:
-        found += ["k >= 2 beta max S_ii"] if k < 2.0 * beta * largest else []
+    if start["controller.alpha"] > 0.0:
+        found += ["k >= 2 beta max S_ii"] if k < 2.0 * start["controller.beta"] * largest else []
+        found += ["psi within (91)"] if psi > _PSI_MOST else []
     return tuple(found)
+
+
+def _command(assumption: Assumption, start: Mapping[str, float], scenario: RobotScenario) -> str:
+    """The command that runs the same law with coupled FMUs; empty where a scenario of one's own has to, or none can."""
+    scenarios = {"disturbed": "tracking", "nominal": "tracking-undisturbed"}
+    if assumption.too_stiff or assumption.mass_at_rest or assumption.condition not in scenarios:
+        return ""
+    p = CONTROLLER.unpack(CONTROLLER.starts)
+    own = {"controller.alpha": float(p.alpha), "controller.beta": float(p.beta)}
+    parts = [f"cosim run {scenarios[assumption.condition]}"]
+    parts += [f"--set {n}={round(v, 15):.10g}" for n, v in start.items() if not math.isclose(v, own.get(n, math.inf))]
+    step = assumption.step_size or scenario.step_size
+    if step != scenario.step_size:
+        parts += [f"--step {np.format_float_positional(step)}", f"--record-every {round(scenario.step_size / step)}"]
+    if assumption.stop_time is not None:
+        parts.append(f"--stop {assumption.stop_time:g}")
+    return " ".join(parts)

@@ -22,6 +22,9 @@ from trajectory_fmu import model as trajectory
 EVERY = 2
 
 
+#: Every so many-th of these points is drawn.
+_DRAWN = 50
+
 #: Far larger beta (N m s/rad) than those of Table 1.
 STIFF = (100.0, 400.0)
 
@@ -238,6 +241,8 @@ def check(m: Motion, controller: Controller, steady_after: float) -> TheoremChec
     c = constants(controller.alpha, m.beta, psi_bar, m.k, min(*m.S.tolist(), 1.0), lambda_M_min)
     Z = m.Z(psi_bar)
     V = m.V(psi_bar)
+    printed, corrected = (c.envelope(m.time, float(V[0]), corrected=which) for which in (False, True))
+    curves = {"time": m.time, "V": V, "printed": printed, "corrected": corrected}
     below = np.less(Z, 2.0 * c.Gamma * c.stretch)
     excess = np.gradient(V, m.time, edge_order=2) + c.rate * Z**2
     return TheoremCheck(
@@ -258,8 +263,9 @@ def check(m: Motion, controller: Controller, steady_after: float) -> TheoremChec
         d_chi=max(float(Z[0]), c.Gamma) * c.stretch,
         T_chi=c.time_to(2.0 * c.Gamma * c.stretch, float(Z[0])),
         below_from=0.0 if below.all() else float(m.time[np.flatnonzero(~below)[-1]]),
-        envelope_printed=float((V / c.envelope(m.time, float(V[0]))).max()),
-        envelope_corrected=float((V / c.envelope(m.time, float(V[0]), corrected=True)).max()),
+        envelope_printed=float((V / printed).max()),
+        envelope_corrected=float((V / corrected).max()),
+        V_curves={name: tuple(map(float, curve[::_DRAWN])) for name, curve in curves.items()},
     )
 
 

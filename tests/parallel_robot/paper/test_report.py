@@ -79,7 +79,8 @@ def results(robot_fmus: Path):
 def reading(assumption: str, condition: Condition, x: float, y: float) -> Reading:
     """A reading with these steady errors (m) of the end effector, which are also its largest."""
     return Reading(
-        assumption, condition, "coupled FMUs", {"x": x, "y": y}, {"x": (-x, x), "y": (-y, y)}, 0.07, 0.2, 0.5, ("(38)",)
+        *(assumption, condition, "coupled FMUs", {"x": x, "y": y}, {"x": (-x, x), "y": (-y, y)}, 0.07, 0.2, 0.5, 0.1),
+        *(("(38)",), "cosim run tracking --stop 60" if "60 s" in assumption else ""),
     )
 
 
@@ -106,6 +107,9 @@ def content(results, tmp_path_factory: pytest.TempPathFactory) -> Reproduction:
         open_loop=results[None],
         accumulated={},
         pd_same_beta={},
+        pd_same_effort={},
+        disturbed=(),
+        least_bound={},
         readings=(
             reading("as printed, for 60 s", "disturbed", 3.75e-3, 4.43e-3),
             reading("nominal feedforward <b>", "nominal", 4.4e-8, 5e-12),
@@ -115,7 +119,8 @@ def content(results, tmp_path_factory: pytest.TempPathFactory) -> Reproduction:
         info={"flavour": DEFAULT_FLAVOUR, "step_size": 1e-3, "extrapolation": {"mode": "auto", "hold": []}},
     )
     check = TheoremCheck(
-        "10", "disturbed", (0.25, 0.25), 1.6, 2.0, 3.0, 0.5, -1.0, 0.1, 1.0, 2.0, 0.5, 3.0, 4.0, 5.0, 0.0, 0.0, 1.0, 1.0
+        *("10", "disturbed", (0.25, 0.25), 1.6, 2.0, 3.0, 0.5, -1.0, 0.1, 1.0, 2.0, 0.5, 3.0, 4.0, 5.0, 0.0, 0.0, 1.0),
+        *(1.0, {"time": (0.0, 15.0), "V": (0.02, 0.004), "printed": (0.02, 0.4), "corrected": (0.02, 0.5)}),
     )
     verdicts = ("holds", "holds in part", "does not hold", "cannot be judged", "does not hold")
     return Reproduction(
@@ -284,9 +289,25 @@ def test_readings_say_which_reach_what_is_printed(html):
     assert ["not within" in row for row in rows] == [True, False]
     assert "3.75·10<sup>−3</sup>, 4.43·10<sup>−3</sup>" in rows[0]
     assert "nominal feedforward &lt;b&gt;" in rows[1]
+    commands = [re.sub("<[^>]*>", "", "".join(re.findall("<code>.*?</code>", row))) for row in rows]
+    assert commands == ["cosim run tracking --stop 60", ""]
     bars = [float(w) for w in re.findall(r'class="bar" y="4" width="([\d.]+)"', section)]
     line = float(re.search(r"M([\d.]+) 0V", section)[1])
     assert bars[0] > line > bars[1] > 0.0
+
+
+def test_V_is_drawn_below_its_envelopes(html):
+    """Four decades for 0.004 to 0.5 J would be one too many; equal values lie at one height."""
+    figure = re.search(r'<figure class="envelope">.*?</figure>', html, re.S)[0]
+    ends = {}
+    for name in ("V", "printed", "corrected"):
+        points = re.search(rf'<path class="{name}" d="M([^"]*)"', figure)[1].split("L")
+        ends[name] = [tuple(map(float, point.split())) for point in points]
+    assert len({first for first, _ in ends.values()}) == 1
+    last = {name: y for name, (_, (_, y)) in ends.items()}
+    assert last["V"] > last["printed"] > last["corrected"]  # y points downwards
+    assert re.findall(r'text-anchor="end">([\d.]+)</text>', figure) == ["0.001", "0.01", "0.1", "1"]
+    assert "After 15 s V is 0.004 J, and the envelopes are 0.4 and 0.5 J" in figure
 
 
 def test_texts_stay_texts(html, elements):

@@ -7,6 +7,7 @@ import csv
 import dataclasses
 import hashlib
 import json
+import re
 import shutil
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
@@ -17,16 +18,18 @@ import matplotlib.image
 import numpy as np
 import pytest
 
+from cosim.__main__ import main
 from cosim.errors import CosimError
 from cosim.master.simulation import Simulation
 from parallel_robot.commands import reproduce as command
 from parallel_robot.fmus import build
+from parallel_robot.models import MODELS
 from parallel_robot.paper.reproduce import figures, run, table
 from parallel_robot.paper.reproduce import runs as command_runs
 from parallel_robot.paper.reproduce.content import CONDITIONS, PaperFigure, Reproduction, Runs
 from parallel_robot.paper.reproduce.figures import style
 from parallel_robot.paper.reproduce.material import Material
-from parallel_robot.paper.reproduce.readings import Assumption, coupled_readings
+from parallel_robot.paper.reproduce.readings import ASSUMPTIONS, Assumption, _command, _start, coupled_readings
 from parallel_robot.paper.reproduce.runs import Plan
 from parallel_robot.scenario import load_scenario
 from tests.support import some
@@ -140,11 +143,17 @@ def test_which_readings_fit(runs: Runs) -> None:
     within = [r for r in runs.readings if r.within_axes and r.condition == "disturbed"]
     best = min(within, key=lambda r: r.misfit)
     assert "k = 0.001" in best.assumption
-    assert best.breaks == ("k >= 2 beta max S_ii",)
+    assert best.breaks == ("k >= 2 beta max S_ii", "psi within (91)")
+    assert best.psi_max == pytest.approx(16.0, rel=0.02)
+    # k of the paper is that of the run, unless it stands in for another law
+    assert "k >= 2 beta max S_ii" in readings["no leakage, and k = 0.001"].breaks
+    assert readings["no leakage, and k = 12 multiplies"].breaks == ("(37)", "psi within (91)")
+    assert readings["angles in degrees in (89) and (90)"].breaks == ("(89)", "psi within (91)")
+    assert readings["as printed"].breaks == ()
     assert best.misfit < 2.0
     assert not readings["as printed"].within_axes
     assert readings["PD control with beta = 3, start with the desired velocity"].within_axes
-    for label in ("", ", gains of mu/nu = 0.1", ", gains of mu/nu = 10"):
+    for label in ("", *(f", gains of mu/nu = {key}" for key in ("0.1", "0.2", "5", "10"))):
         span = readings["start with the desired velocity" + label].span
         assert -5.2e-3 < span["x"][0] <= -5.0e-3
         assert span["theta_a[1]"][1] == pytest.approx(0.035, rel=0.01)
@@ -164,6 +173,36 @@ def test_the_implicit_method_gives_what_coupled_fmus_give(tmp_path: Path, runs: 
     implicit = next(r for r in runs.readings if r.assumption == "k = 0.1")
     for name, error in some(coupled.steady.items()):
         assert error == pytest.approx(implicit.steady[name], rel=1e-4)
+
+
+@needs_whole
+def test_commands_of_readings_run_the_same_law(
+    runs: Runs, reproduction_fmus: Path, tmp_path: Path, no_figures: None
+) -> None:
+    """Those that take some seconds, of 15 s in steps of 0.1 ms and longer."""
+    quick = [r for r in runs.readings if r.command and "0.00001" not in r.command and "0.000001" not in r.command]
+    assert len(quick) > 20
+    for number, reading in enumerate(r for r in quick if "--stop" not in r.command):
+        folder = tmp_path / str(number)
+        assert main([*reading.command.split()[1:], "--fmus", str(reproduction_fmus), "--out", str(folder)]) == 0
+        found = json.loads((folder / "summary.json").read_text())["metrics"]["tracking"]
+        for name, error in some(reading.steady.items()):
+            assert found[name]["steady_max"] == pytest.approx(error, rel=2e-3, abs=1e-12), reading.assumption
+
+
+def test_commands_of_readings_set_what_there_is() -> None:
+    """Every reading has its command, but those that coupling would take hours for, or that need other signals."""
+    readings = {a.label: _command(a, _start(a, table.controllers()), load_scenario("tracking")) for a in ASSUMPTIONS}
+    without = {label for label, command in readings.items() if not command}
+    assert without == {
+        *("k = 0.0001", "angles in degrees in (89) and (90)", "mass arrives at rest"),
+        *("nominal feedforward, and no disturbance torque", "nominal feedforward, and no mass change"),
+    }
+    assert readings["k = 0.001"] == ("cosim run tracking --set controller.k=0.001 --step 0.000001 --record-every 1000")
+    assert readings["as printed, and the robot is as the model says"] == "cosim run tracking-undisturbed"
+    known = {f"{component}.{v.name}" for component, model in MODELS.items() for v in model.parameters.variables}
+    for name in some(re.findall(r"--set ([^=]+)=", " ".join(readings.values()))):
+        assert name in known
 
 
 @needs_whole
