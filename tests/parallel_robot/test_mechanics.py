@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.special import ellipj, ellipk
 
+from cosim import System, simulate
 from fmu_export import DefaultExperiment, Layout, Model, Variable
 from fmu_export.errors import ArgumentError
+from fmu_export.native.backend import build_native
 from fmu_export.trace.trace import trace
 from parallel_robot.mechanics import inconsistency, udwadia_kalaba
 from plant_fmu.dynamics import closed_chain, coriolis_matrix, mass_matrix
 from plant_fmu.kinematics import constraint_bias, constraint_matrix
 from plant_fmu.model import MODEL, PARAMETERS
+from tests.support.native_fmus import require_compiler
 
 G = 9.81
 
@@ -155,8 +160,8 @@ def constrained_velocity(theta: np.ndarray, l: float) -> np.ndarray:
     return np.linalg.svd(constraint_matrix(theta, l))[2][4:].T @ np.array([0.4, -0.7])
 
 
-def test_a_model_that_calls_it_can_be_traced() -> None:
-    """The pendulum as a `Model`, with its constraint written twice; symbols give what numbers give."""
+def pendulum() -> Model:
+    """The pendulum in Cartesian coordinates, with its constraint written twice."""
 
     def derivatives(t, x, u, p):
         q, v = x[:2], x[2:]
@@ -166,7 +171,7 @@ def test_a_model_that_calls_it_can_be_traced() -> None:
         )
         return np.concatenate([v, motion.acceleration])
 
-    model = Model(
+    return Model(
         name="Pendulum",
         description="Pendulum in Cartesian coordinates",
         parameters=Layout([Variable("m", "kg", "Mass", start=2.0)]),
@@ -180,6 +185,24 @@ def test_a_model_that_calls_it_can_be_traced() -> None:
         output_values=lambda t, x, u, p: x,
         default_experiment=DefaultExperiment(stop_time=1.0, step_size=0.01),
     )
-    x = np.array([0.5, -0.4, 0.4, 0.5])
+
+
+def test_a_model_that_calls_it_can_be_traced() -> None:
+    """Symbols give what numbers give."""
+    model, x = pendulum(), np.array([0.5, -0.4, 0.4, 0.5])
     found = trace(model).derivatives(0.0, x, [], [2.0]).full().ravel()
-    np.testing.assert_allclose(found, derivatives(0.0, x, np.zeros(0), np.array([2.0])), rtol=1e-12)
+    np.testing.assert_allclose(found, model.derivatives(0.0, x, np.zeros(0), np.array([2.0])), rtol=1e-12)
+
+
+@pytest.mark.slow
+def test_a_model_that_calls_it_becomes_an_fmu(tmp_path: Path) -> None:
+    """Let go level, the pendulum swings as Jacobi's elliptic function says."""
+    require_compiler()
+    system = System()
+    system.add("pendulum", build_native(pendulum(), tmp_path, "fmi2"))
+    results = simulate(system, 1.0, 0.01)
+    modulus = np.sin(np.pi / 4.0) ** 2
+    sn, *_ = ellipj(ellipk(modulus) - np.sqrt(G / 0.7) * results.time, modulus)
+    angle = 2.0 * np.arcsin(np.sqrt(modulus) * sn)
+    np.testing.assert_allclose(results["pendulum.x"], 0.7 * np.sin(angle), atol=1e-5)
+    np.testing.assert_allclose(results["pendulum.y"], -0.7 * np.cos(angle), atol=1e-5)

@@ -7,7 +7,8 @@
 //   });                                                    // also colour, dash, hidden, stepped, dots, alpha
 //
 // Further settings: `bands` [{ lower, upper }] of series by number, `log`, `events` [{ time, text }], `height`, `range`
-// [low, high] of the values, `say` (whether the legend is shown), and `resolution` (seconds a value stands for).
+// [low, high] of the values, `say` (whether the legend is shown), `named` (whether the axis of values has the unit beside
+// it), and `resolution` (seconds a value stands for).
 // `plot.set({ series, ... })` changes them. Values may be many: lines are thin and solid where they are dense.
 
 const COLOURS = 8; // --line-0 ... of the style sheet
@@ -173,7 +174,7 @@ class Plot {
     this.uplot = null;
     const width = this.area.clientWidth;
     if (!width) return;
-    const { series, log, bands, height, range, unit } = this.settings;
+    const { series, log, bands, height, range, unit, named } = this.settings;
     const data = this.table();
     const ink = () => theme.get("muted");
     const grid = { stroke: () => theme.get("grid"), width: 1 };
@@ -192,6 +193,7 @@ class Plot {
         { ...axis, label: "time (s)", labelSize: 18, labelGap: 0, labelFont: axis.font, size: 26, values: (u, v) => distinct(v) },
         {
           ...axis,
+          ...(named && unit ? { label: unit, labelSize: 18, labelGap: 0, labelFont: axis.font } : {}),
           values: (u, ticks) => (log ? ticks.map(power) : distinct(self.factor === 1 ? ticks : ticks.map((v) => Number((v * self.factor).toPrecision(12))))),
           size: (u, values) => 14 + 7 * Math.max(3, ...(values ?? []).map((v) => v.length)),
           space: height < 180 ? 22 : 34,

@@ -9,6 +9,7 @@ from html import escape
 _GREEK = {
     "alpha": "α",
     "beta": "β",
+    "delta": "δ",
     "gamma": "γ",
     "lambda": "λ",
     "mu": "μ",
@@ -20,6 +21,7 @@ _GREEK = {
     "rho": "ρ",
     "tau": "τ",
     "theta": "θ",
+    "zeta": "ζ",
     "chi": "χ",
     "Gamma": "Γ",
     "Lambda": "Λ",
@@ -31,7 +33,7 @@ _SYMBOL = re.compile(r"(?<![A-Za-z_])(" + "|".join(_GREEK) + r")(?![a-z])")
 
 _INDEX = re.compile(r"(?<!\w)([A-Za-zΓΛΠα-ω])_([A-Za-z0-9]{1,3}(?:_min|_max)?)(?:\[(\d)\])?(?!\w)")
 
-_POWER = re.compile(r"(?<=[\w)|])\^(?:\(([^()]+)\)|(-?\d+|T\b))")
+_POWER = re.compile(r"(?<=[\w)|])\^(?:\(([^()]+)\)|(-?\d+|[Tmn]\b))")
 
 _EXPONENT = re.compile(r"(?<![\w.])(-?\d+(?:\.\d+)?)e([+-]?\d+)(?!\w)")
 

@@ -209,6 +209,7 @@ def test_data_of_the_page_are_those_of_the_runs(html, content, results):
         ("A M^(-1/2), |Z|^2", "A M<sup>−1/2</sup>, |Z|<sup>2</sup>"),
         ("max_step, alphabet, x-y, 0.1-0.3", "max_step, alphabet, x-y, 0.1-0.3"),
         ("V >= lambda_M_min, g = -C theta_e'", "V ≥ λ<sub>M min</sub>, g = −C θ<sub>e</sub>'"),
+        ("c in R^n, F(theta', delta)", "c in R<sup>n</sup>, F(θ', δ)"),
         ("<b> & c", "&lt;b&gt; &amp; c"),
     ],
 )

@@ -50,7 +50,7 @@ function startErrors(root) {
     const title = logarithmic.checked ? `Magnitude of ${label.toLowerCase()}` : label;
     return { title, unit, series: series(), events: events(), log: logarithmic.checked };
   };
-  const plot = new Plot(find(".curves"), view, { ...settings(), say: false, height: 360 });
+  const plot = new Plot(find(".curves"), view, { ...settings(), say: false, named: true, height: 360 });
 
   function redraw() {
     for (const row of rows) {
