@@ -962,6 +962,7 @@ class Simulation:
             "order": self._order,
             "extrapolation": self._extrapolated.summary(),
             "inputs_kept": list(self._resolved.kept),
+            **({"inputs_driven": [s.target for s in self._system.signals]} if self._system.signals else {}),
             **({"arrays_not_recorded": self._large} if self._large else {}),
             **({"steps_not_iterated": self._not_iterated} if self._not_iterated else {}),
             **({"clocks_without_source": list(self._resolved.unticked)} if self._resolved.unticked else {}),

@@ -26,7 +26,7 @@ def diagram_section(info: Mapping[str, Any]) -> Section | None:
     Parameters
     ----------
     info : mapping
-        As results have it: `fmus`, `functions`, `connections` (target -> source), `signals`, `places`.
+        As results have it: `fmus`, `functions`, `connections` (target -> source), `inputs_driven`, `signals`, `places`.
     """
     bundles: dict[tuple[str, str], list[list[str]]] = {}
     fmus = [*info.get("fmus", {}), *info.get("functions", {})]
@@ -35,7 +35,7 @@ def diagram_section(info: Mapping[str, Any]) -> Section | None:
         bundles.setdefault(ends, []).append([source.removeprefix(f"{ends[0]}."), target.removeprefix(f"{ends[1]}.")])
     driven: dict[str, list[str]] = {}
     for target in dict.fromkeys(
-        [*info.get("signals", {}), *info.get("disturbances", {}), *info.get("breakpoints", {})]
+        target for key in ("inputs_driven", "signals", "disturbances", "breakpoints") for target in info.get(key, ())
     ):
         driven.setdefault(_component(target, fmus), []).append(target)
     components = list(dict.fromkeys([*fmus, *(c for ends in bundles for c in ends)]))

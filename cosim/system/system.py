@@ -305,7 +305,7 @@ class System:
                 "fmus": {name: {"path": str(c.fmu)} for name, c in self.components.items() if c.fmu is not None},
                 "functions": {name: True for name, c in self.components.items() if c.fmu is None},
                 "connections": {c.target: c.source for c in self.connections},
-                "signals": {signal.target: True for signal in self.signals},
+                "inputs_driven": [signal.target for signal in self.signals],
             }
         )
         return None if page is None else frame(page, "Diagram of the system", min(220 + 30 * len(self.components), 640))

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cosim import Results, System
+from cosim import Results, System, simulate
+from cosim.page.diagram import diagram_section
 from cosim.page.notebook import frame
 from tests.support.browser import until
 from tests.support.html import Elements
@@ -40,6 +41,19 @@ def test_a_system_is_shown_as_its_diagram() -> None:
         {"from": "law", "to": "<plant>", "pairs": [["u", "u"]]},
     ]
     assert System()._repr_html_() is None
+
+
+def test_the_diagram_of_a_run_has_what_functions_drive() -> None:
+    made = System()
+    made.add_function("law", lambda t, y: y, inputs=["y"], outputs=["u"])
+    made.add_function("further", lambda t, u: u, inputs=["u"], outputs=["v"])
+    made.connect("law.u", "further.u")
+    made.drive("law.y", lambda t: t)
+    made.disturb("further.u", lambda t: 0.0)
+    section = diagram_section(simulate(made, 1.0, 0.5).info)
+    assert section is not None
+    found = {c["name"]: c["signals"] for c in section.data["diagram"]["components"]}
+    assert found == {"law": ["law.y"], "further": ["further.u"]}
 
 
 def test_a_page_in_a_frame_is_that_page() -> None:
