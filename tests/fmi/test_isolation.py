@@ -74,7 +74,7 @@ def round_trips(simulation: Simulation) -> dict[str, int]:
     """How often each isolated FMU has been asked for something."""
     return {
         name: int.from_bytes(instance._library._process.memory[:4], sys.byteorder)
-        for name, instance in simulation._instances.items()
+        for name, instance in simulation._components.instances.items()
     }
 
 
