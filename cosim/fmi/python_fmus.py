@@ -74,6 +74,7 @@ def prepare(folder: Path, description: ModelDescription) -> None:
     paths = {file.relative_to(resources).as_posix(): file for file in resources.rglob("*") if file.is_file()}
     modules = {path: file.read_bytes() for path, file in paths.items() if is_module(path)}
     for path, content in entry_members(name, script, modules, slave=name).items():
+        (resources / path).parent.mkdir(exist_ok=True)
         (resources / path).write_bytes(content)
 
 

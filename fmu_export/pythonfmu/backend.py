@@ -185,7 +185,10 @@ def _modules(traced: TracedModel, interface: Interface) -> dict[str, bytes]:
         "__init__.py": b"",
         "equations.py": python_source(functions, traced.tables).encode(),
         "interface.py": _interface_source(traced.model, interface).encode(),
-        "slave.py": Path(__file__).with_name("slave.py").read_text(encoding="utf-8").encode(),
+        **{
+            f"{name}.py": Path(__file__).with_name(f"{name}.py").read_text(encoding="utf-8").encode()
+            for name in ("slave", "life_cycle")
+        },
         **{f"{name}.py": files(modelling).joinpath(f"{name}.py").read_bytes() for name in _MODULES_OF.get(solver, ())},
     }
 

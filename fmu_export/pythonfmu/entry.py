@@ -26,7 +26,7 @@ _ENTRY = '''{begins}{name}; generated, do not edit."""
 
 import ctypes
 
-from {runtime} import Fmi2Slave, new_instance
+from {runtime}.script_slave import Fmi2Slave, new_instance
 
 # pythonfmu's binary runs this file at every instantiation and then drops a reference to this dictionary that it does
 # not own; without this line it is freed at the second instantiation.
@@ -72,8 +72,9 @@ def entry_members(name: str, script: str, resources: Mapping[str, bytes], slave:
     slave : str, optional
         Name of the script's slave class; otherwise that furthest down from Fmi2Slave.
     """
-    source = Path(__file__).with_name("script_slave.py").read_bytes()
-    runtime = f"script_slave_{hashlib.sha256(source).hexdigest()[:12]}"
+    package = {"__init__.py": b""}
+    package |= {f"{n}.py": Path(__file__).with_name(f"{n}.py").read_bytes() for n in ("script_slave", "life_cycle")}
+    runtime = f"script_slave_{_digest(package)}"
     identifier = re.sub(r"\W", "_", name)
     text = _ENTRY.format(
         begins=ENTRY_BEGINS,
@@ -85,7 +86,8 @@ def entry_members(name: str, script: str, resources: Mapping[str, bytes], slave:
     )
     # FMUs of one process share sys.modules: the name of the entry says what is in it
     entry = f"{identifier}_{_digest({'entry': text.encode()})}"
-    return {f"{runtime}.py": source, f"{entry}.py": text.encode(), MODULE_FILE: entry.encode()}
+    members = {f"{runtime}/{file}": content for file, content in package.items()}
+    return {**members, f"{entry}.py": text.encode(), MODULE_FILE: entry.encode()}
 
 
 def _digest(files: Mapping[str, bytes]) -> str:

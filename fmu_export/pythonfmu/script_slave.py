@@ -38,6 +38,8 @@ from opcode import opmap
 from types import CodeType, FrameType, ModuleType
 from typing import Any
 
+from .life_cycle import ANY, OVER, LifeCycle, Phase  # in the archive it lies beside this file
+
 _IMPORT_NAME = opmap["IMPORT_NAME"]
 _STANDARD: frozenset[str] = getattr(sys, "stdlib_module_names", frozenset())
 
@@ -471,45 +473,64 @@ def new_instance() -> None:
 
 
 class _State:
-    """A state of an FMU: what the script gives, or the bytes of it."""
+    """A state of an FMU: what the script gives, or the bytes of it.
 
-    def __init__(self, slave: Fmi2Slave | None, value: Any) -> None:
+    `life` is the name of its phase, its time (s), and whether the experiment is set up; empty where that can't be read.
+    """
+
+    def __init__(self, slave: Fmi2Slave | None, value: Any, life: tuple[Any, ...]) -> None:
         self.slave = slave
         self.value = value
+        self.life = life
 
 
-def _guarded(method: Callable[..., Any]) -> Any:
-    """Let a method raise without harm to the host; see the head of this file."""
+def _allowed(phases: Phase) -> Callable[[Any], Any]:
+    """Refuse a method in other phases, and let it raise without harm to the host; see the head of this file."""
+    each = tuple(phase for phase in Phase if phase in phases)  # a flag takes ten times as long to look into
 
-    @wraps(method)
-    def guarded(self: Fmi2Slave, *arguments: Any) -> Any:
-        try:
-            if self._refusal:
-                raise ScriptError(self._refusal)
-            value = method(self, *arguments)
-        except BaseException as error:  # also Ctrl-C, which a Python host delivers here
-            raise self._failure(error) from None
-        finally:
-            if self._namespace is not None:
-                self._namespace.hide()
-        if self._log_queue:
-            self._make_log_printable()
-        return value
+    def decorate(method: Any) -> Any:
+        @wraps(method)
+        def guarded(self: Fmi2Slave, *arguments: Any) -> Any:
+            try:
+                if self._refusal:
+                    raise ScriptError(self._refusal)
+                if self._phase not in each:
+                    raise ScriptError(self._not_in_this_phase(method.__name__))
+                value = method(self, *arguments)
+            except BaseException as error:  # also Ctrl-C, which a Python host delivers here
+                self._phase = Phase.FAILED
+                raise self._failure(error) from None
+            finally:
+                if self._namespace is not None:
+                    self._namespace.hide()
+            if self._log_queue:
+                self._make_log_printable()
+            return value
 
-    return guarded
+        return guarded
+
+    return decorate
 
 
-def _passed_on(name: str, result: Callable[[Any], Any] = lambda value: value) -> Any:
+def _getter(name: str) -> Any:
     """A method that calls that of the script's slave; the binary reads no sequences but lists."""
 
-    @_guarded
-    def method(self: Fmi2Slave, *arguments: Any) -> Any:
-        return result(getattr(self._slave, name)(*arguments))
+    def method(self: Fmi2Slave, references: list[int]) -> list[Any]:
+        return list(getattr(self._slave, name)(references))
 
-    return method
+    method.__name__ = name
+    return _allowed(Phase.INITIALIZATION | Phase.STEP | OVER)(method)
 
 
-class Fmi2Slave:
+def _setter(name: str) -> Any:
+    def method(self: Fmi2Slave, references: list[int], values: list[Any]) -> None:
+        getattr(self._slave, name)(references, values)
+
+    method.__name__ = name
+    return _allowed(Phase.INSTANTIATED | Phase.INITIALIZATION | Phase.STEP)(method)
+
+
+class Fmi2Slave(LifeCycle):
     """A script's slave behind pythonfmu's binary, which looks for a class of just this name among the bases.
 
     A subclass sets `script` (its file without `.py`), `slave` (name of its class) and `bundle` (see `namespace_of`).
@@ -520,6 +541,7 @@ class Fmi2Slave:
     bundle: Mapping[str, Any]
 
     def __init__(self, **arguments: Any) -> None:
+        super().__init__()
         new, _thread.new = getattr(_thread, "new", False), False
         folder = arguments["resources"]
         # The binary puts the resources on the host's path at each instantiation; the imports are done, so take it off,
@@ -572,46 +594,76 @@ class Fmi2Slave:
     def _get_log_queue(self) -> list[Any]:
         return self._log_queue
 
-    @_guarded
-    def setup_experiment(self, *arguments: Any) -> None:
+    @staticmethod
+    def _check(problem: str) -> None:
+        if problem:
+            raise ScriptError(problem)
+
+    @_allowed(Phase.INSTANTIATED)
+    def setup_experiment(self, start_time: float, stop_time: float | None = None, *further: Any) -> None:
         """Start time (s), stop time (s) and tolerance; scripts for older releases of pythonfmu take the first only."""
         from inspect import signature
 
-        method = self._slave.setup_experiment
+        self._check(self._begin_at(start_time, stop_time))
+        method, arguments = self._slave.setup_experiment, (start_time, stop_time, *further)
         try:
             signature(method).bind(*arguments)
         except TypeError:
             arguments = arguments[:1]
         method(*arguments)
 
-    @_guarded
+    @_allowed(Phase.INSTANTIATED)
+    def enter_initialization_mode(self) -> None:
+        """Begin the initialisation."""
+        self._check(self._begin_initialization())
+        self._slave.enter_initialization_mode()
+
+    @_allowed(Phase.INITIALIZATION)
+    def exit_initialization_mode(self) -> None:
+        """End the initialisation."""
+        self._slave.exit_initialization_mode()
+        self._phase = Phase.STEP
+
+    @_allowed(Phase.STEP | Phase.DISCARDED)
+    def terminate(self) -> None:
+        """End the run."""
+        self._phase = Phase.TERMINATED
+        self._slave.terminate()
+
+    @_allowed(Phase.STEP)
     def do_step(self, time: float, h: float) -> bool:
         """Advance by one communication step (s); False ends the simulation."""
+        self._check(self._why_no_step(time, h))
         done = self._slave.do_step(time, h)
         if done is None:
             raise ScriptError("do_step returned None; it must return True, or False to end the simulation")
+        if done:
+            self._time = time + h
+        else:
+            self._phase = Phase.DISCARDED
         return bool(done)
 
-    enter_initialization_mode = _passed_on("enter_initialization_mode")
-    exit_initialization_mode = _passed_on("exit_initialization_mode")
-    terminate = _passed_on("terminate")
-    get_real, get_integer = _passed_on("get_real", list), _passed_on("get_integer", list)
-    get_boolean, get_string = _passed_on("get_boolean", list), _passed_on("get_string", list)
-    set_real, set_integer = _passed_on("set_real"), _passed_on("set_integer")
-    set_boolean, set_string = _passed_on("set_boolean"), _passed_on("set_string")
+    get_real, get_integer, get_boolean = _getter("get_real"), _getter("get_integer"), _getter("get_boolean")
+    get_string = _getter("get_string")
+    set_real, set_integer, set_boolean = _setter("set_real"), _setter("set_integer"), _setter("set_boolean")
+    set_string = _setter("set_string")
 
     # State: the binary asks the class for its bytes, so the state knows whose it is
 
-    @_guarded
+    @_allowed(ANY)
     def _get_fmu_state(self) -> _State:
-        return _State(self, self._slave._get_fmu_state())
+        return _State(self, self._slave._get_fmu_state(), (self._phase.name or "", self._time, self._set_up))
 
-    @_guarded
+    @_allowed(ANY)
     def _set_fmu_state(self, state: _State) -> None:
+        if not state.life:
+            raise ScriptError("the FMU state is damaged, or of no FMU that build_script makes")
         value = self._slave._fmu_state_from_bytes(state.value) if state.slave is None else state.value
         self._slave._set_fmu_state(value)
+        phase, self._time, self._set_up = state.life
+        self._phase = Phase[phase]
 
-    @_guarded
+    @_allowed(ANY)
     def _bytes_of(self, value: Any) -> bytes:
         data: bytes = self._slave._fmu_state_to_bytes(value)
         return data
@@ -619,8 +671,16 @@ class Fmi2Slave:
     @staticmethod
     def _fmu_state_to_bytes(state: _State) -> bytes:
         data: bytes = state.value if state.slave is None else state.slave._bytes_of(state.value)
-        return data
+        return b"%s %s %d\n" % (state.life[0].encode(), state.life[1].hex().encode(), state.life[2]) + data
 
     @staticmethod
     def _fmu_state_from_bytes(data: bytes) -> _State:
-        return _State(None, data)
+        """Read a state; damaged bytes give one that `_set_fmu_state` refuses, for here a raise can't be guarded."""
+        head, _, own = data.partition(b"\n")
+        life: tuple[Any, ...] = ()
+        try:
+            phase, time, set_up = head.decode("ascii").split(" ")
+            life = (Phase[phase].name or "", float.fromhex(time), set_up == "1")
+        except (ValueError, KeyError, OverflowError):
+            pass
+        return _State(None, own, life)

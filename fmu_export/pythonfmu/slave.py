@@ -15,29 +15,15 @@ import zlib
 from collections import namedtuple
 from collections.abc import Callable
 from contextlib import suppress
-from enum import Flag, auto
 from functools import wraps
-from math import ceil, inf, isfinite, isnan, nan
+from math import ceil, inf, isfinite, nan
 from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
+from .life_cycle import ANY, OVER, LifeCycle, Phase  # in the archive it lies beside this file
+
 ERROR = 3  # fmi2Error
-
-#: Relative precision of a float.
-EPSILON = 2.0**-52
-
-
-class Phase(Flag):
-    """States of the standard's state machine of co-simulation; here "state" is that of the model."""
-
-    INSTANTIATED = auto()
-    INITIALIZATION = auto()
-    STEP = auto()
-    DISCARDED = auto()  # after a step that was discarded, until a saved state is restored
-    TERMINATED = auto()
-    FAILED = auto()  # after an error, until a saved state is restored or the instance reset
-
 
 LogMessage = namedtuple("LogMessage", "status category msg")
 
@@ -52,15 +38,6 @@ class SlaveError(Exception):
 def _printf_format(message: str) -> str:
     """Escape a message for FMI's loggers, which take it for a printf format."""
     return message.replace("%", "%%")
-
-
-_OVER = Phase.DISCARDED | Phase.TERMINATED | Phase.FAILED
-_ANY = Phase.INSTANTIATED | Phase.INITIALIZATION | Phase.STEP | _OVER
-_WHEN = dict.fromkeys(Phase, "in this state; see the state machine of the FMI standard") | {
-    Phase.INSTANTIATED: "before the initialisation mode",
-    Phase.DISCARDED: "after a discarded step; restore the FMU state from before the step, or reset the instance",
-    Phase.FAILED: "after an error; restore a saved FMU state, or reset the instance",
-}
 
 
 def _all_finite(values: list[float]) -> bool:
@@ -81,7 +58,7 @@ def _allowed(phases: Phase) -> Callable[[Any], Any]:
         def guarded(self: Any, *arguments: Any) -> Any:
             try:
                 if self._phase not in each:
-                    raise SlaveError(f"{method.__name__} can't be called {_WHEN[self._phase]}")
+                    raise SlaveError(self._not_in_this_phase(method.__name__))
                 return method(self, *arguments)
             except BaseException as error:  # also Ctrl-C, which a Python host delivers here
                 self._phase = Phase.FAILED
@@ -96,7 +73,7 @@ def _allowed(phases: Phase) -> Callable[[Any], Any]:
     return decorate
 
 
-class Fmi2Slave:
+class Fmi2Slave(LifeCycle):
     """A model behind pythonfmu's binary, which looks for a class of just this name among the bases.
 
     A subclass sets `equations` and `interface`, the two modules generated from the model, and for a solver that chooses
@@ -109,6 +86,7 @@ class Fmi2Slave:
     internal_steps: Any = None
 
     def __init__(self, **arguments: Any) -> None:
+        super().__init__()
         self.log_queue: list[LogMessage] = []
         resources = arguments["resources"]
         # The binary puts the resources on the host's path at each instantiation; the imports are done, so take it off,
@@ -120,9 +98,6 @@ class Fmi2Slave:
         self._n_pu = self._n_p + self.interface.N_INPUTS
         self._values = [nan] * len(names)
         self._x: list[float] = []
-        self._time = 0.0
-        self._stop = inf  # of the experiment, and so of no saved state
-        self._phase = Phase.INSTANTIATED
         self._outputs_valid = False
         self._tuned = False  # parameters were set since they were checked
         self._arrived = False  # nothing was set since the last step
@@ -159,16 +134,11 @@ class Fmi2Slave:
     @_allowed(Phase.INSTANTIATED)
     def setup_experiment(self, start_time: float, stop_time: float | None, tolerance: float | None) -> None:
         """Take the start time, and if there are these the stop time (s) and the relative tolerance."""
-        if not isfinite(start_time):
-            raise SlaveError(f"start time {start_time} is not a finite number")
-        if stop_time is not None and isnan(stop_time):
-            raise SlaveError(f"stop time {stop_time} is not a number")
+        self._check(self._begin_at(start_time, stop_time))
         if self._steps and tolerance is not None:
             if not tolerance > 0.0:
                 raise SlaveError(f"the relative tolerance {tolerance!r} is not positive; leave it undefined")
             self._tolerance = min(tolerance, self.interface.LIMITS[-2][1])
-        self._time = start_time
-        self._stop = inf if stop_time is None else stop_time
         self._outputs_valid = False
 
     @_allowed(Phase.INSTANTIATED)
@@ -176,7 +146,7 @@ class Fmi2Slave:
         """Nothing to compute: that is done when it is asked for, or at the end of the initialisation."""
         if self._refusal is not None:
             raise SlaveError(self._refusal)
-        self._phase = Phase.INITIALIZATION
+        self._check(self._begin_initialization())
 
     @_allowed(Phase.INITIALIZATION)
     def exit_initialization_mode(self) -> None:
@@ -195,7 +165,7 @@ class Fmi2Slave:
     @_allowed(Phase.STEP)
     def do_step(self, time: float, h: float) -> bool:
         """Integrate over one communication step (s) with the inputs held; False keeps the state as it was."""
-        self._check_times(time, h)
+        self._check(self._why_no_step(time, h))
         try:
             self._integrate(time, h)
         except BaseException as error:  # also Ctrl-C, which a Python host delivers here
@@ -204,21 +174,10 @@ class Fmi2Slave:
             return False
         return True
 
-    def _check_times(self, time: float, h: float) -> None:
-        """Refuse a step that begins elsewhere or ends too late; importers' times differ by rounding from those here."""
-        size = 1.0 + abs(time)
-        if not (isfinite(time) and isfinite(time + h) and h > 0.0):
-            raise SlaveError(f"communication step {h!r} s at {time!r} s is not positive and finite")
-        if abs(time - self._time) > min(1e-9 * size, 1e-2 * h) + 4.0 * EPSILON * size:
-            raise SlaveError(
-                f"communication step from {time!r} s: this FMU is at {self._time!r} s; go on there, or restore an FMU "
-                "state"
-            )
-        if time + h > self._stop + 1e-9 * size + 1e-3 * h:
-            raise SlaveError(
-                f"communication step {h!r} s from {time!r} s goes past {self._stop!r} s, which is the stop time of the "
-                "experiment; define a later one, or none"
-            )
+    @staticmethod
+    def _check(problem: str) -> None:
+        if problem:
+            raise SlaveError(problem)
 
     def _integrate(self, time: float, h: float) -> None:
         self._check_step(time)
@@ -316,7 +275,7 @@ class Fmi2Slave:
 
     # Values
 
-    @_allowed(Phase.INITIALIZATION | Phase.STEP | _OVER)
+    @_allowed(Phase.INITIALIZATION | Phase.STEP | OVER)
     def get_real(self, references: list[int]) -> list[float]:
         """Values of variables."""
         key = tuple(references)
@@ -403,7 +362,7 @@ class Fmi2Slave:
             return f"output '{name}' can't be set"
         return f"parameter '{name}' is fixed after the initialisation; reset the instance to change it"
 
-    @_allowed(Phase.INITIALIZATION | Phase.STEP | _OVER)
+    @_allowed(Phase.INITIALIZATION | Phase.STEP | OVER)
     def get_integer(self, references: list[int]) -> list[int]:
         """Refuse: all variables are Real."""
         return self._no_such_type(references)
@@ -424,7 +383,7 @@ class Fmi2Slave:
 
     # FMU state: everything that changes, so that a restored instance goes on exactly as the saved one would
 
-    @_allowed(_ANY)
+    @_allowed(ANY)
     def _get_fmu_state(self) -> dict[str, Any]:
         return {
             "fingerprint": self.interface.FINGERPRINT,
@@ -432,6 +391,7 @@ class Fmi2Slave:
             "x": list(self._x),
             "time": self._time,
             "phase": self._phase.name,
+            "set_up": self._set_up,
             "outputs_valid": self._outputs_valid,
             "tuned": self._tuned,
             "arrived": self._arrived,
@@ -440,7 +400,7 @@ class Fmi2Slave:
             "steps": dict(vars(self._steps)) if self._steps else {},
         }
 
-    @_allowed(_ANY)
+    @_allowed(ANY)
     def _set_fmu_state(self, state: dict[str, Any]) -> None:
         if state.get("fingerprint") != self.interface.FINGERPRINT:
             raise SlaveError("the FMU state is damaged or belongs to another FMU")
@@ -448,6 +408,7 @@ class Fmi2Slave:
         self._x = list(state["x"])
         self._time = state["time"]
         self._phase = Phase[state["phase"]]
+        self._set_up = state["set_up"]
         self._outputs_valid = state["outputs_valid"]
         self._tuned = state["tuned"]
         self._arrived = state["arrived"]

@@ -10,11 +10,15 @@ It is strict where the standard is: no value is read before the initialisation m
 
 #include "fmi3FunctionTypes.h"
 
+#ifndef LENGTH
+#define LENGTH 3 /* of the arrays */
+#endif
+
 enum { TIME, U, Y, K, V, X, N, N_OUT, B, B_OUT, F, F_OUT, FAIL_AT, FAILURE, JOURNAL };
 enum { FAILS = 0, ENDS = 1, RETURNS_EARLY = 2, FAILS_AT_START = 3 };
 
 typedef struct {
-    double time, u[3], y[3], k, v, x, fail_at;
+    double time, u[LENGTH], y[LENGTH], k, v, x, fail_at;
     int32_t n, failure;
     float f;
     bool b, initializing, stepping, asking;
@@ -44,11 +48,11 @@ static void *address(Model *m, fmi3ValueReference reference, size_t *count) {
         case TIME:
             return &m->time;
         case U:
-            *count = 3;
+            *count = LENGTH;
             return m->u;
         case Y:
-            *count = 3;
-            for (int i = 0; i < 3; i++) m->y[i] = m->k * m->u[i];
+            *count = LENGTH;
+            for (int i = 0; i < LENGTH; i++) m->y[i] = m->k * m->u[i];
             return m->y;
         case K:
             return &m->k;

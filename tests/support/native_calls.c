@@ -47,7 +47,9 @@ typedef fmi3Boolean Flag;
 
 enum { OK, WARNING, DISCARD, ERROR };
 enum { N_VALUES = N_P + N_U + N_Y + N_X, MOST = 12, SLOTS = 3 };
-enum { INST = 1, INIT = 2, STEP = 4, EVENT = 8, CONT = 16, TERM = 32, DISC = 64, FAIL = 128 };
+/* SET_UP is after fmi2SetupExperiment. */
+enum { NEW = 1, INIT = 2, STEP = 4, EVENT = 8, CONT = 16, TERM = 32, DISC = 64, FAIL = 128, SET_UP = 256 };
+enum { INST = NEW | SET_UP };
 enum { RUN = STEP | EVENT | CONT, OVER = TERM | DISC | FAIL, ANY = INST | INIT | RUN | OVER };
 enum { SEEN = (FMI_VERSION == 2 ? 0 : INST) | INIT | RUN | OVER }; /* where values can be got */
 
@@ -271,8 +273,8 @@ static void life(Instance *instance) {
         case 2:
 #if FMI_VERSION == 2
             if (take() > 20 && CALL(INST, fmi2SetupExperiment, has_tolerance, tolerance, start, has_stop, stop))
-                instance->time = start;
-            done = PLAIN(INST, fmi2EnterInitializationMode);
+                instance->time = start, instance->phase = SET_UP;
+            done = PLAIN(SET_UP, fmi2EnterInitializationMode);
 #else
             done = CALL(INST, fmi3EnterInitializationMode, has_tolerance, tolerance, start, has_stop, stop);
             if (done) instance->time = start;
@@ -289,7 +291,7 @@ static void life(Instance *instance) {
             break;
         default:
             if ((take() < 64 || instance->phase & OVER) && PLAIN(ANY, FMI(Reset)))
-                instance->phase = INST, instance->time = 0.0;
+                instance->phase = NEW, instance->time = 0.0;
     }
 }
 
@@ -419,8 +421,8 @@ static void one_call(Instance *instance) {
 
 /* A life of two instances, as the bytes say. */
 static void live(const uint8_t *data, size_t size) {
-    Instance both[2] = {{.fmu = instantiate(false), .phase = INST},
-                        {.fmu = instantiate(true), .exchange = true, .phase = INST}};
+    Instance both[2] = {{.fmu = instantiate(false), .phase = NEW},
+                        {.fmu = instantiate(true), .exchange = true, .phase = NEW}};
     bytes = data, left = size;
     if (!both[0].fmu || !both[1].fmu) fail(&both[0], "instantiate", ERROR, "no instance");
     while (left) one_call(&both[take() % 3 == 0]);

@@ -45,6 +45,12 @@ def twice(h: Host) -> int:
     return h.call("Terminate")
 
 
+def enter_after_reset(h: Host) -> int:
+    h.run_up()
+    h.must(h.call("Reset"))
+    return h.call(*INIT[h.version])
+
+
 def after_terminate(call: Callable[[Host], int]) -> Callable[[Host], int]:
     def run(h: Host) -> int:
         h.run_up()
@@ -111,6 +117,10 @@ CASES = [
     Misuse("nan stop time", lambda h: h.enter(stop=NAN), "stop time -?nan"),
     Misuse("step after terminate", after_terminate(lambda h: h.step(0.0, 1e-3)), STATE_MACHINE),
     Misuse("set after terminate", after_terminate(lambda h: h.set({"dm": 0.1})), STATE_MACHINE),
+    Misuse(
+        "enter without setup", lambda h: h.call(*INIT[h.version]), "fmi2SetupExperiment must be called before", **ONLY_2
+    ),
+    Misuse("enter after a reset", enter_after_reset, "fmi2SetupExperiment must be called before", **ONLY_2),
     Misuse("enter twice", lambda h: h.enter() or h.call(*INIT[h.version]), STATE_MACHINE),
     Misuse("exit without enter", lambda h: h.exit(), STATE_MACHINE),
     Misuse("exit twice", lambda h: h.run_up().exit(), STATE_MACHINE),

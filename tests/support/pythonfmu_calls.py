@@ -10,10 +10,11 @@ names, statuses, kept = list(host.vr), collections.Counter(), []
 phase, time = "instantiated", 0.0
 numbers = [0.0, 0.25, -0.5, 1.0, 2.0, -3.0, 1e-3, 30.0, 1e3, 1e300, math.nan, math.inf]
 ALLOWED = {
-    "SetupExperiment": "instantiated", "EnterInitializationMode": "instantiated",
+    "SetupExperiment": "instantiated set_up", "EnterInitializationMode": "set_up",
     "ExitInitializationMode": "initialising",
     "Terminate": "stepping discarded", "GetReal": "initialising stepping discarded terminated failed",
-    "SetReal": "instantiated initialising stepping", "DoStep": "stepping", "Reset": "", "save": "", "restore": "",
+    "SetReal": "instantiated set_up initialising stepping", "DoStep": "stepping",
+    "Reset": "", "save": "", "restore": "",
 }
 
 def references():
@@ -67,7 +68,8 @@ while sum(statuses.values()) < A.calls:
         phase, time = before
     else:
         assert status == 0, (call, phase, status, said)
-        phase = {"EnterInitializationMode": "initialising", "ExitInitializationMode": "stepping",
+        phase = {"SetupExperiment": "set_up", "EnterInitializationMode": "initialising",
+                 "ExitInitializationMode": "stepping",
                  "Terminate": "terminated", "Reset": "instantiated"}.get(call, phase)
         if call == "Reset":
             time = 0.0

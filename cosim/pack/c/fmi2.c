@@ -86,12 +86,14 @@ EXPORTED fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean tolerance_d
     packed->now.time = start;
     packed->now.has_stop = stop_defined;
     packed->now.stop = stop;
+    packed->now.set_up = true;
     return fmi2OK;
 }
 
 EXPORTED fmi2Status fmi2EnterInitializationMode(fmi2Component c) {
     CHECK(c, INSTANTIATED);
     const Progress now = packed->now;
+    if (!now.set_up) return FAIL("%s: fmi2SetupExperiment must be called before", __func__);
     WITHIN(packed_enter_initialization(packed, now.has_tolerance, now.tolerance, now.time, now.has_stop, now.stop));
 }
 

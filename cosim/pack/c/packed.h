@@ -132,6 +132,7 @@ typedef struct {
     bool stale;     /* inputs have been set since */
     bool begun;     /* a step has been made, so that the grid of the points is known */
     bool has_stop, has_tolerance;
+    bool set_up; /* FMI 2.0: the importer has said when the experiment starts */
     bool wants_to_end, discarded, said; /* the last step failed, and why has been said */
     double reached; /* time of the last point that the whole system has reached */
 } Progress;

@@ -170,8 +170,8 @@ static Status write_state(Packed *packed, const State *state, Stream *to) {
     now.max_step = state->now.max_step, now.stop = state->now.stop, now.tolerance = state->now.tolerance;
     now.point = state->now.point, now.phase = state->now.phase, now.exchanged = state->now.exchanged;
     now.stale = state->now.stale, now.begun = state->now.begun, now.has_stop = state->now.has_stop;
-    now.has_tolerance = state->now.has_tolerance, now.wants_to_end = state->now.wants_to_end;
-    now.discarded = state->now.discarded, now.reached = state->now.reached;
+    now.has_tolerance = state->now.has_tolerance, now.set_up = state->now.set_up;
+    now.wants_to_end = state->now.wants_to_end, now.discarded = state->now.discarded, now.reached = state->now.reached;
     put(to, &now, sizeof now);
     put(to, state->numbers, (size_t)(packed->n_numbers + n_of_history(packed)) * sizeof(double));
     put(to, state->known, (size_t)packed->n_extrapolated * sizeof(int32_t));

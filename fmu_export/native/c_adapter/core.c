@@ -109,6 +109,7 @@ CoreStatus core_start_at(Core *core, double time, int has_stop, double stop) {
     if (has_stop && isnan(stop)) return core_fail(core, CORE_ERROR, "stop time %g is not a number", stop);
     core->stop = has_stop ? stop : INFINITY;
     core->state.time = time;
+    core->state.set_up = 1;
 #if ADAPTIVE
     core->state.tolerance = 0.0; /* an importer that has one says it next */
 #endif

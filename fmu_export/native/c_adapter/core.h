@@ -89,6 +89,7 @@ typedef struct {
     int valid; /* which computed values belong to the present state and inputs: OUTPUTS_VALID, RATES_VALID */
     int arrived; /* nothing has been set since the last step */
     int degree;  /* highest order of the derivatives of the inputs, 0 for linear or held ones */
+    int set_up;  /* FMI 2.0: the importer has said when the experiment starts */
 #if ADAPTIVE
     StepControl control;
     double tolerance; /* relative, of the importer, 0 if it gives none */

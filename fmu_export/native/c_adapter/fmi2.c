@@ -100,6 +100,7 @@ fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean tolerance_defined, f
 
 fmi2Status fmi2EnterInitializationMode(fmi2Component c) {
     CHECK(c, INSTANTIATED);
+    if (!instance->core.state.set_up) return FAIL("%s: fmi2SetupExperiment must be called before", __func__);
     instance->core.state.phase = INITIALIZATION;
     return fmi2OK;
 }

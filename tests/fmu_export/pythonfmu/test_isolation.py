@@ -289,12 +289,12 @@ def test_two_unpacked_copies_that_differ_in_start_values_keep_their_own(fmus, tm
     script = """
 import shutil
 first, second, third = Host(A.one), Host(A.other), Host(A.one)
-values = [host.enter() or host.get("alpha")[0] for host in (first, second, third)]
+values = [host.setup() or host.enter() or host.get("alpha")[0] for host in (first, second, third)]
 first.free()
 shutil.rmtree(first.folder)
 fourth = Host(A.other)
 assert [h.reset() for h in (second, third, fourth)] == [0, 0, 0]
-values += [host.enter() or host.get("alpha")[0] for host in (second, third, fourth)]
+values += [host.setup() or host.enter() or host.get("alpha")[0] for host in (second, third, fourth)]
 report(values)
 """
     one = CONTROLLER.parameters.starts[CONTROLLER.parameters.names.index("alpha")]

@@ -125,3 +125,79 @@ report(host.said())
 def test_a_step_that_returns_false_is_discarded(tmp_path: Path) -> None:
     fmu = scripted(tmp_path / "fmu", slave("self.y = 1.0").replace("return True", "return False"))
     assert fresh(tmp_path, "h = Host(A.fmu); h.initialize(); report(h.step(0.0, 0.1))", fmu=fmu) == 2
+
+
+def test_calls_out_of_order_are_refused_and_after_one_only_a_reset_or_a_restored_state_helps(tmp_path: Path) -> None:
+    """In every phase what the standard's table does not allow there; the script is not called."""
+    fmu = scripted(tmp_path / "fmu", slave("self.y += 1.0"))
+    run = """
+ways = {
+    "new": [], "set up": ["setup"], "initialising": ["setup", "enter"], "stepping": ["setup", "enter", "leave"],
+    "terminated": ["setup", "enter", "leave", "terminate"],
+}
+wrong = {
+    "new": ["enter", "leave", "step", "terminate", "get"],
+    "set up": ["leave", "step", "terminate", "get"],
+    "initialising": ["setup", "enter", "step", "terminate"],
+    "stepping": ["setup", "enter", "leave", "jump", "back", "past"],
+    "terminated": ["setup", "enter", "leave", "step", "terminate", "set"],
+}
+host = Host(A.fmu)
+values = (ctypes.c_double * 1)()
+calls = {
+    "setup": lambda: host.call("SetupExperiment", 0, 0.0, 0.5, 1, 0.7), "enter": host.enter, "leave": host.leave,
+    "step": lambda: host.step(0.5, 0.1), "jump": lambda: host.step(0.6, 0.1), "back": lambda: host.step(0.4, 0.1),
+    "past": lambda: host.step(0.5, 0.3), "terminate": lambda: host.call("Terminate"),
+    "set": lambda: host.set({"y": 1.0}), "get": lambda: host.call("GetReal", host._references(["y"]), 1, values),
+}
+texts = {}
+for phase, way in ways.items():
+    for name in wrong[phase]:
+        assert host.reset() == 0
+        for step in way:
+            assert calls[step]() == 0, (phase, step, host.said())
+        kept = host.save()
+        assert calls[name]() == 4, (phase, name)
+        texts[f"{phase}: {name}"] = host.said()
+        for other in ("setup", "enter", "leave", "step", "terminate", "set"):
+            assert calls[other]() == 4, (phase, name, other)
+            assert "after an error; restore a saved FMU state, or reset" in host.said()
+        assert calls["get"]() == 0  # after an error values can be looked at
+        data = host.to_bytes(kept)
+        for state in (kept, host.from_bytes(data)[1]):
+            assert host.restore(state) == 0 and host.drop(state) == 0, host.said()
+            assert calls[name]() == 4
+            assert host.said() == texts[f"{phase}: {name}"]
+assert host.reset() == 0 and host.initialize() == 0
+host.run(2)
+assert host.get() == [2.0]
+damaged = host.from_bytes(b"STEP nonsense 1\\nrest")[1]
+assert host.restore(damaged) == 4
+texts["damaged"] = host.said()
+report(texts)
+"""
+    said = fresh(tmp_path, run, fmu=fmu)
+    assert len(said) == 26
+    assert "damaged" in said.pop("damaged")
+    assert "(fmi2SetupExperiment) must be called before" in said.pop("new: enter")
+    assert "this FMU is at 0.5 s; go on there" in said.pop("stepping: jump")
+    assert "this FMU is at 0.5 s; go on there" in said.pop("stepping: back")
+    assert "goes past 0.7 s" in said.pop("stepping: past")
+    assert all("can't be called" in text for text in said.values())
+
+
+def test_after_a_discarded_step_only_a_restored_state_goes_on(tmp_path: Path) -> None:
+    fmu = scripted(tmp_path / "fmu", slave("self.y += 1.0").replace("return True", "return h < 0.2"))
+    run = """
+host = Host(A.fmu)
+assert host.initialize() == 0
+kept = host.save()
+assert host.step(0.0, 0.5) == 2 and host.get() == [1.0]
+assert host.step(0.0, 0.1) == 4
+said = host.said()
+assert host.restore(kept) == 0 and host.step(0.0, 0.1) == 0
+report([said, host.get()])
+"""
+    said, values = fresh(tmp_path, run, fmu=fmu)
+    assert "after a discarded step; restore the FMU state" in said
+    assert values == [1.0]

@@ -245,8 +245,8 @@ a, b = Host(A.fmu), Host(A.fmu)
 values = []
 for host in (a, b):
     assert host.initialize() == 0
-for host in (a, a, b, a):
-    assert host.step(0.0, 0.1) == 0
+for host, time in ((a, 0.0), (a, 0.1), (b, 0.0), (a, 0.2)):
+    assert host.step(time, 0.1) == 0
     values += host.get()
 assert a.reset() == 0 and a.initialize() == 0 and a.step(0.0, 0.1) == 0
 report(values + a.get())
