@@ -79,6 +79,7 @@ class Extrapolated(ctypes.Structure):
         ("derivatives", POINTER(c_double)),
         ("watched", POINTER(c_double)),
         ("buffer", POINTER(c_double)),
+        ("ahead", POINTER(c_double)),
         ("orders", POINTER(c_int32)),
         ("weights", POINTER(c_double)),
         ("time", c_double),
@@ -87,6 +88,7 @@ class Extrapolated(ctypes.Structure):
         ("known", c_int32),
         ("refused", c_int32),
         ("first_rate", c_int32),
+        ("left", c_int32),
     )
 
 
@@ -198,6 +200,7 @@ class Loop(ctypes.Structure):
         ("call", c_void_p),
         ("team", c_void_p),
         ("profile", POINTER(Profile)),
+        ("start", c_void_p),
         ("warned", Warned),
         ("looks", Looks),
         ("point", c_int64),

@@ -9,6 +9,7 @@
 #include "loop.h"
 
 #include "clock.h"
+#include "starting_block.h"
 
 #ifndef WITHOUT_TEAM
 #include "team.h"
@@ -258,6 +259,16 @@ static void interpolate(const Loop *loop, int64_t row, int64_t next, int32_t col
     }
 }
 
+/* The derivatives that a starting block has found for the step ahead; signals have their own. */
+static void take_from_block(const Operation *op) {
+    Extrapolated *in = op->data;
+    int32_t n = op->n, first = n - op->n_targets;
+    const double *found = in->ahead + (int64_t)--in->left * in->degree * n;
+    for (int32_t i = 0; i < n; i++)
+        for (int32_t d = 0; d < in->degree && (i < first || op->targets[i - first] == EXTRAPOLATED); d++)
+            in->derivatives[d * n + i] = found[d * n + i];
+}
+
 /* How inputs of an FMU change over its next step. */
 static int extrapolate(const Loop *loop, const Operation *op, int64_t point, double time) {
     Extrapolated *in = op->data;
@@ -291,6 +302,7 @@ static int extrapolate(const Loop *loop, const Operation *op, int64_t point, dou
         else if (column != HELD)
             in->derivatives[i] = (loop->samples[row * loop->n_samples + column] - now[i]) * per_second;
     }
+    if (in->left) take_from_block(op);
     in->time = time;
     if (op->version == 3) { /* the FMU asks for its inputs during the step */
         if (point == 0) in->refused = 0;
@@ -555,6 +567,7 @@ bool loop_rest_one_by_one(Loop *loop, int64_t failed, int64_t point) {
 }
 
 static bool step(Loop *loop, int64_t point) {
+    if (loop->start && starts_anew(loop, point) && !start_block(loop, point)) return false;
     if (is_measured(loop, point)) {
         loop->profile->n_steps++;
         return perform_measured(loop, loop->at_step, loop->codes_at_step, loop->n_at_step, point, true,
@@ -588,6 +601,7 @@ static const Field layout[] = {
     FIELD(Extrapolated, derivatives),
     FIELD(Extrapolated, watched),
     FIELD(Extrapolated, buffer),
+    FIELD(Extrapolated, ahead),
     FIELD(Extrapolated, orders),
     FIELD(Extrapolated, weights),
     FIELD(Extrapolated, time),
@@ -596,6 +610,7 @@ static const Field layout[] = {
     FIELD(Extrapolated, known),
     FIELD(Extrapolated, refused),
     FIELD(Extrapolated, first_rate),
+    FIELD(Extrapolated, left),
     STRUCT(Rates),
     FIELD(Rates, function),
     FIELD(Rates, knowns),
@@ -669,6 +684,7 @@ static const Field layout[] = {
     FIELD(Loop, call),
     FIELD(Loop, team),
     FIELD(Loop, profile),
+    FIELD(Loop, start),
     FIELD(Loop, warned),
     FIELD(Loop, looks),
     FIELD(Loop, point),

@@ -34,6 +34,9 @@ typedef struct {
         *watched; /* four rows of n: what was foretold for this point, by the polynomials and by lines through the last
                         two values, and how wrong both have been lately; NULL where polynomials are used however that is */
     double *buffer; /* FMI 3.0: n values during the step */
+    double
+        *ahead; /* derivatives over the steps that a starting block has found, those of the last one first; NULL where
+                      none is looked for */
     const int32_t *orders; /* of the derivatives, as fmi2SetRealInputDerivatives wants them */
     const double
         *weights; /* for 1, 2, ... points known values: degree rows of points, times the step^-order; then, where
@@ -42,6 +45,7 @@ typedef struct {
     int32_t points, degree, known;
     int32_t refused; /* FMI 3.0: status with which the FMU refused a value during a step; -1 once that was told */
     int32_t first_rate; /* position of the first of n rates */
+    int32_t left; /* so many steps of the block are left */
 } Extrapolated;
 
 /* What rates of outputs depend on besides time and states: the rates of inputs with direct feedthrough. */
@@ -101,6 +105,7 @@ typedef struct {
 } Profile;
 
 struct Team;
+struct StartingBlock;
 
 typedef struct Loop {
     double start_time, step_size, per_second; /* steps in a second, if each is one of step_size */
@@ -122,6 +127,7 @@ typedef struct Loop {
     CurrentCall *call; /* where they are noted: that of the thread that the loop runs in */
     struct Team *team; /* which performs the operations at_step (team.h); NULL: they are performed one by one */
     Profile *profile; /* NULL: nothing is measured */
+    struct StartingBlock *start; /* how steps begin of which inputs know little; NULL: as all others */
     void (*warned)(const Operation *); /* told of each operation that returns a warning */
     void (*looks)(void); /* called now and then while it waits for its team; NULL: it only waits */
     /* where it is or was, and how it ended */

@@ -20,7 +20,7 @@ _NO_PARTS = (
     *("channel_master.c", "channel_relay.c", "channel_worker.c", "current_calls.c"),
     *(
         f"{name}.{ending}"
-        for name in ("algebraic_loop", "core", "iterated_step", "kept_states", "model_exchange", "team")
+        for name in ("algebraic_loop", "core", "iterated_step", "model_exchange", "team")
         for ending in ("c", "h")
     ),
 )

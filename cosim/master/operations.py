@@ -32,6 +32,7 @@ from cosim.master.coupling.algebraic_loops import TornExchange, first_guesses
 from cosim.master.coupling.algorithm import ORDERS, Extrapolation, spacing
 from cosim.master.coupling.extrapolated_inputs import ExtrapolatedInputs
 from cosim.master.coupling.iterated_steps import Iterated, IteratedSteps, Iteration
+from cosim.master.coupling.starting_blocks import StartingBlocks
 from cosim.master.events import Events, events_of
 from cosim.master.function_instance import FunctionInstance
 from cosim.master.value_layout import ExtrapolatedGroup, Transfer, ValueLayout
@@ -140,6 +141,8 @@ class Exchange:
         At a communication point, to solve algebraic loops.
     iterated : Iteration
         Whether steps are repeated until inputs go to what comes out.
+    steps_of_block : int
+        Steps of a starting block; 0 without.
 
     Attributes
     ----------
@@ -168,7 +171,10 @@ class Exchange:
         group: Group | None = None,
         most_iterations: int = 0,
         iterated: Iteration = Iteration(),  # noqa: B008 (frozen)
+        steps_of_block: int = 0,
     ) -> None:
+        self._steps_of_block = steps_of_block
+        self._starting: StartingBlocks | None = None
         self._system = system
         self._group = group
         self._instances = instances
@@ -269,15 +275,19 @@ class Exchange:
 
     def history(self) -> np.ndarray:
         """Values of extrapolated inputs at earlier communication points, as numbers (n,)."""
-        numbers = [number for inputs, n in self._extrapolated for number in _history_of(inputs, n)]
+        numbers = [number for inputs, n in self._extrapolated for number in self._history_of(inputs, n)]
         numbers += self.numbers_of_loops()
         numbers += [] if self._iterated is None else self._iterated.numbers()
         return np.array(numbers if self._group is None else [*numbers, *self._group.numbers()])
 
+    def _history_of(self, inputs: Extrapolated, n: int) -> list[float]:
+        arrays = _arrays_of(inputs, n, self._steps_of_block)
+        return [inputs.known, inputs.left, inputs.time, *(p[i] for p, count in arrays for i in range(count))]
+
     def forget_history(self) -> None:
         """Hold extrapolated inputs over their next step, as after a jump; the values after it count again."""
         for inputs, _ in self._extrapolated:
-            inputs.known = 0
+            inputs.known = inputs.left = 0
 
     def space_history(self, ratio: float, last_step: float) -> None:
         """Have extrapolated inputs know values at another distance, so many times that of the last step (s).
@@ -309,8 +319,8 @@ class Exchange:
         """Give extrapolated inputs what `history` gave."""
         rest = numbers.tolist()
         for inputs, n in self._extrapolated:
-            inputs.known, inputs.time = int(rest.pop(0)), rest.pop(0)
-            for pointer, count in _arrays_of(inputs, n):
+            inputs.known, inputs.left, inputs.time = int(rest.pop(0)), int(rest.pop(0)), rest.pop(0)
+            for pointer, count in _arrays_of(inputs, n, self._steps_of_block):
                 for i in range(count):
                     pointer[i] = rest.pop(0)
         self.restore_loops(rest)
@@ -435,6 +445,29 @@ class Exchange:
             torn.begin()
         if self._iterated is not None:
             self._iterated.begin()
+        if self._starting is not None:
+            self._starting.begin()
+        for inputs, _ in self._extrapolated:
+            inputs.left = 0
+
+    def start_in_blocks(self) -> None:
+        """Have starting blocks, of instances that keep their states, where inputs lack steps.
+
+        Raises
+        ------
+        CallFailed
+            One can't.
+        """
+        if self._steps_of_block:
+            inputs = [each for each, _ in self._extrapolated]
+            self._starting = StartingBlocks(
+                self._instances, inputs, self._steps_of_block, self._layout.size, self._arena
+            )
+
+    @property
+    def starting(self) -> StartingBlocks | None:
+        """The starting blocks, where there are some."""
+        return self._starting
 
     def numbers_of_loops(self) -> list[float]:
         """What of its algebraic loops belongs to the state of a run."""
@@ -690,6 +723,8 @@ class Exchange:
         if extrapolation.is_watched:
             inputs.watched = self._arena.zeros(4 * n)
         inputs.buffer = self._arena.zeros((degree + 1) * n)  # values, and in steps of other lengths derivatives
+        if self._steps_of_block and extrapolation.starting_steps and EXTRAPOLATED in sources:
+            inputs.ahead = self._arena.zeros(self._steps_of_block * degree * n)
         inputs.orders = self._arena.integers([order for order in orders for _ in range(n)])
         inputs.weights = self._arena.array(ctypes.c_double, _weights(extrapolation))
         inputs.degree, inputs.points = degree, points
@@ -800,14 +835,11 @@ def _describe(conversion: Conversion, source: FmiType, code: int, bounds: tuple[
         conversion.smallest, conversion.largest = int(bounds[0]), max(0, int(bounds[1]))
 
 
-def _arrays_of(inputs: Extrapolated, n: int) -> list[tuple[Any, int]]:
-    arrays = [(inputs.history, max(1, inputs.points - 1) * n), (inputs.derivatives, inputs.degree * n)]
+def _arrays_of(inputs: Extrapolated, n: int, steps_of_block: int) -> list[tuple[Any, int]]:
+    arrays = [(inputs.ahead, steps_of_block * inputs.degree * n)] if inputs.ahead else []
+    arrays += [(inputs.history, max(1, inputs.points - 1) * n), (inputs.derivatives, inputs.degree * n)]
     arrays += [(inputs.rates, inputs.points * n)] if inputs.rates else []
     return [*arrays, (inputs.watched, 4 * n)] if inputs.watched else arrays
-
-
-def _history_of(inputs: Extrapolated, n: int) -> list[float]:
-    return [inputs.known, inputs.time, *(p[i] for p, count in _arrays_of(inputs, n) for i in range(count))]
 
 
 def _weights(extrapolation: Extrapolation) -> list[float]:

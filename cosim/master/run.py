@@ -161,6 +161,7 @@ class Run:
             codes_at_point=exchange.at_point.codes,
             codes_at_step=exchange.at_step.codes,
             profile=None if self._times is None else ctypes.pointer(self._times.profile),
+            start=None if exchange.starting is None else exchange.starting.address,
             team=None if self._team is None else self._team.address,
             warned=_counting_warnings(instances, {} if group is None else group.addresses),
             **({"looks": _looks} if any(instance.is_isolated for instance in instances.values()) else {}),
@@ -377,6 +378,8 @@ class Run:
             results.info["iterations"] = iterations
         if iterated := self._exchange.iterated_steps():
             results.info["iterated_steps"] = iterated
+        if self._exchange.starting is not None and (starts := self._exchange.starting.summary()):
+            results.info["starting_blocks"] = starts
         if self._group is not None:
             results.info["model_exchange"] = self._group.summary()
         results.info |= summary(instance.messages for instance in self._instances.values())
@@ -560,6 +563,10 @@ class Run:
             begin = self._recorded_until(recorder, rows, begin, _rows(point + stepping, record_every))
             if not stepping:
                 raise self._failure(self._exchange.at_point)
+            if self._exchange.starting is not None and (stuck := self._exchange.starting.failure()):
+                component, failure = stuck
+                reason = reason_of(failure)
+                raise SimulationError(component, self._grid.time(point), reason, self._instances[component].log())
             self._finish_step(point)
             first, exchanged = point + 1, False
             if self.ended_by is not None:

@@ -41,6 +41,7 @@ from cosim.master.coupling.coupling_tolerance import (
 from cosim.master.coupling.extrapolated_inputs import extrapolated_inputs
 from cosim.master.coupling.iterated_steps import Iterated, Iteration, iteration_of_steps, why_not_repeated
 from cosim.master.coupling.model_exchange import ModelExchangeGroup, Solver, check_components, group_of
+from cosim.master.coupling.starting_blocks import steps_of_block, why_no_block
 from cosim.master.coupling.variable_steps import (
     DEFAULT_TOLERANCE,
     Compared,
@@ -324,6 +325,9 @@ class Simulation:
         """Decide what is extrapolated and recorded, and where all values stand, by what the FMUs have not refused."""
         orders = {name: fmu.input_derivative_order for name, fmu in self._fmus.items()}
         self._extrapolated = extrapolated_inputs(self._resolved, self._algorithm, self._refusals.derivatives, orders)
+        needed = 0 if self._iterated.most else steps_of_block(self._resolved, self._extrapolated)
+        self._no_block = why_no_block(self._resolved, self._functions) if needed else ""
+        self._steps_of_block = 0 if self._no_block else needed
         recorded = [(c, e) for c, e in self._recorded if f"{c}.{e.name}" not in self._refusals.outputs]
         self._layout = ValueLayout(self._resolved, recorded, self._extrapolated)
         self._names = [f"{component}.{element.name}" for component, element in recorded]
@@ -422,11 +426,16 @@ class Simulation:
                     self._group,
                     self._most_iterations,
                     self._iterated,
+                    self._steps_of_block,
                 )
                 if self._group is not None:
                     self._group.attach(self._exchange, self._layout)
             except CallFailed as error:
                 raise SetupError(f"an FMU {error}") from error
+            try:
+                self._exchange.start_in_blocks()
+            except CallFailed as error:
+                self._no_block, self._steps_of_block = f"an FMU {error}", 0
         self._exchange.begin()
         return self._exchange
 
@@ -965,6 +974,7 @@ class Simulation:
             **({"inputs_driven": [s.target for s in self._system.signals]} if self._system.signals else {}),
             **({"arrays_not_recorded": self._large} if self._large else {}),
             **({"steps_not_iterated": self._not_iterated} if self._not_iterated else {}),
+            **({"starts_not_iterated": self._no_block} if self._no_block else {}),
             **({"clocks_without_source": list(self._resolved.unticked)} if self._resolved.unticked else {}),
             "record_every": record_every,
             "units": dict(self._units),
@@ -1066,7 +1076,7 @@ class Simulation:
     def _new_samples(self, drives: tuple[Drive, ...], grid: Grid, **kept: int) -> Samples:
         ahead = self._iterated.most > 0  # what is exchanged at the end of a step
         ahead = ahead or any((d.component, e.name) in self._extrapolated.moving for d in drives for e in d.targets)
-        reach = max(component.every for component in self._resolved.components.values())
+        reach = max(self._steps_of_block, *(c.every for c in self._resolved.components.values()))
         inside = ahead and any(each.degree > 1 for each in self._extrapolated.moving.values())
         return Samples(
             drives,
@@ -1074,7 +1084,7 @@ class Simulation:
             grid.step_size,
             grid.last_point,
             reach,
-            ahead=ahead,
+            ahead=ahead or self._steps_of_block > 0,
             inside=inside,
             texts=self._texts,
             **kept,

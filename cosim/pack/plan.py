@@ -21,6 +21,7 @@ from cosim.fmi.structure import is_structural
 from cosim.fmi.types import FmiType, Texts
 from cosim.loop.binding import Conversion, Extrapolated, OperationKind, Rates
 from cosim.master.coupling.extrapolated_inputs import ExtrapolatedInputs
+from cosim.master.coupling.starting_blocks import steps_of_block, why_no_block
 from cosim.master.operations import Exchange, NamedOperation, OperationTable
 from cosim.master.value_layout import ValueLayout
 from cosim.pack.interface import Interface, PackedVariable, start_in_description
@@ -125,7 +126,15 @@ class Plan:
         instances = {
             c.name: _NoInstance(c.fmu.description.fmiMajorVersion, i + 1, texts) for i, c in enumerate(components)
         }
-        self._exchange = Exchange(resolved, cast(Mapping[str, Instance], instances), extrapolated, layout)
+        needed = steps_of_block(resolved, extrapolated)
+        self._steps_of_block = 0 if why_no_block(resolved, ()) else needed
+        self._exchange = Exchange(
+            resolved,
+            cast(Mapping[str, Instance], instances),
+            extrapolated,
+            layout,
+            steps_of_block=self._steps_of_block,
+        )
         self._starts = list(self._all_starts())
         self._place = {(s.component, s.element.variable.name): i for i, s in enumerate(self._starts)}
 
@@ -147,8 +156,9 @@ class Plan:
             ],
             [
                 _real(max_step),
-                max(every),
+                max(*every, self._steps_of_block),
                 math.lcm(*every),
+                self._steps_of_block,
                 int(not self._extrapolated.algorithm.order.needs_levels),
             ],
             *(self._component(c) for c in self._components),
@@ -344,7 +354,7 @@ class Plan:
             inputs = Extrapolated.from_address(operation.data)
             degree, points, rates = inputs.degree, inputs.points, bool(inputs.rates)
             weights = inputs.weights[: (1 + rates) * points * degree * points]
-            more = [int(rates), int(bool(inputs.watched)), inputs.first_rate]
+            more = [int(rates), int(bool(inputs.watched)), int(bool(inputs.ahead)), inputs.first_rate]
             return [degree, points, *more, *inputs.orders[: operation.n_references], *map(_real, weights)]
         if kind == OperationKind.DIFFERENTIATE:
             through = Rates.from_address(operation.data)

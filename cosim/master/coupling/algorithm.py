@@ -94,6 +94,13 @@ class Extrapolation:
         """Whether it goes by derivatives of outputs, too."""
         return bool(self.rate_weights)
 
+    @property
+    def starting_steps(self) -> int:
+        """Steps whose ends must be known for it to have its order; 0 where its first step has it already."""
+        if self.degree < 2:
+            return 0
+        return 1 if self.uses_rates else self.degree
+
     def used(self, known: int) -> Extrapolation:
         """The extrapolation that is used while `known` values are known, at least 1."""
         return self if known >= self.points else EXTRAPOLATIONS[self.start].used(known)

@@ -191,7 +191,7 @@ class IteratedSteps:
         step.n_values, step.n, step.n_held, step.n_states = n_values, n, held, len(self._states)
         step.most, step.columns = asked.most, self._columns
         step.must_converge, step.demanded = asked.must_converge, demanded
-        self._rows_of_states = [_function_names(instances[name]) for name in self._stepped]
+        self._rows_of_states = [functions_of_states(instances[name]) for name in self._stepped]
 
     def operation(self) -> Operation:
         """What is to be done to go on to the next communication point."""
@@ -274,7 +274,8 @@ class IteratedSteps:
         return row.operation.kind == OperationKind.STEP and status in _UNFINISHED
 
 
-def _function_names(instance: Instance) -> dict[Doing, str]:
+def functions_of_states(instance: Instance) -> dict[Doing, str]:
+    """Names of the functions that keep the state of an FMU, and go back to it."""
     word = "state" if instance.version == 2 else "State"
     return {
         Doing.KEEPING: f"fmi{instance.version}GetFMU{word}",

@@ -266,9 +266,13 @@ void component_free(Component *component) {
     if (component->instance && !component->broken) { /* after a fatal error no function may be called any more */
         void (*release)(void *) =
             (void (*)(void *))find(component, component->version == 3 ? "fmi3FreeInstance" : "fmi2FreeInstance");
+        typedef int FreeState(void *, void **);
+        FreeState *drop =
+            (FreeState *)find(component, component->version == 3 ? "fmi3FreeFMUState" : "fmi2FreeFMUstate");
+        if (component->kept && drop) drop(component->instance, &component->kept);
         if (release) release(component->instance);
     }
-    component->instance = NULL;
+    component->instance = component->kept = NULL;
 }
 
 Status component_call(Component *component, const char *function2, const char *function3) {

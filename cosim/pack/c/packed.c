@@ -121,6 +121,14 @@ static bool bind(Packed *packed) {
             if (operation->kind == EXTRAPOLATE && operation->version == 3 && !component->asked)
                 component->asked = operation; /* the others of this component stand behind it */
         }
+    for (int32_t i = 0; i < packed->block.n_states; i++) {
+        KeptState *state = &packed->block.states[i];
+        Component *component = &packed->components[i];
+        state->instance = component->instance;
+        state->get = component_function(component, component->version == 3 ? "fmi3GetFMUState" : "fmi2GetFMUstate");
+        state->set = component_function(component, component->version == 3 ? "fmi3SetFMUState" : "fmi2SetFMUstate");
+        if (!state->get || !state->set) return false;
+    }
     return true;
 }
 
@@ -138,9 +146,10 @@ static void begin_anew(Packed *packed) {
         memset(inputs->derivatives, 0, (size_t)inputs->degree * (size_t)n * sizeof *inputs->derivatives);
         if (inputs->rates) memset(inputs->rates, 0, (size_t)inputs->points * (size_t)n * sizeof *inputs->rates);
         if (inputs->watched) memset(inputs->watched, 0, 4 * (size_t)n * sizeof *inputs->watched);
-        inputs->known = inputs->refused = 0;
+        inputs->known = inputs->refused = inputs->left = 0;
         inputs->time = 0.0;
     }
+    packed->block.failed = -1;
     packed->now.phase = INSTANTIATED;
     packed->now.max_step = packed->default_step;
     packed->warned = packed->within_step = false;
@@ -182,6 +191,7 @@ static bool begin(Packed *packed) {
     loop->at_step = packed->at_step;
     loop->n_at_point = packed->n_at_point;
     loop->n_at_step = packed->n_at_step;
+    loop->start = packed->block.steps ? &packed->block : NULL;
     loop->warned = warned;
     loop->call = &packed->call;
     loop->codes_at_point = loop->codes_at_step = packed->no_codes;
@@ -348,6 +358,11 @@ static Status loop_failed(Packed *packed, const Operation operations[], int32_t 
     Component *component = packed->owners[done + loop->failed];
     const char *function = packed->functions[done + loop->failed];
     double time = loop->start_time + (double)loop->point * loop->step_size;
+    if (packed->block.failed >= 0) {
+        component = &packed->components[packed->block.failed];
+        function = component->version == 3 ? "fmi3SetFMUState" : "fmi2SetFMUstate";
+        return component_failed(component, (Status)packed->block.status, function);
+    }
     switch (loop->status) {
         case NOT_FINITE:
             for (int32_t i = 0; i < operation->n_targets; i++)
@@ -486,7 +501,8 @@ static void go_on_from(Packed *packed, double time, double step) {
         now->point = packed->cycle + now->point % packed->cycle;
         now->origin = time - (double)now->point * step;
         if (step != now->step && !packed->follows_other_steps)
-            for (int32_t i = 0; i < packed->n_extrapolated; i++) packed->extrapolated[i]->known = 0;
+            for (int32_t i = 0; i < packed->n_extrapolated; i++)
+                packed->extrapolated[i]->known = packed->extrapolated[i]->left = 0;
     }
     now->step = step;
     now->begun = true;

@@ -9,7 +9,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "loop.h"
+#include "starting_block.h"
 
 /* The numbers of fmi2Status and fmi3Status. */
 typedef enum { OK = 0, WARNING = 1, DISCARD = 2, FAILURE = 3, FATAL = 4, PENDING = 5 } Status;
@@ -58,6 +58,7 @@ typedef struct {
     void *library, **further;
     void *callbacks; /* FMI 2.0: fmi2CallbackFunctions */
     void *instance;
+    void *kept;  /* its state at the beginning of a starting block */
     bool broken; /* a fatal error: it must not be called again */
     char said[512]; /* its last message that was more than information */
 } Component;
@@ -190,6 +191,7 @@ typedef struct Packed {
     int32_t *n_extrapolated_inputs;
     int32_t n_extrapolated;
     Loop loop;
+    StartingBlock block; /* without steps: there is none */
     CurrentCall call; /* nobody reads it here, so the codes of the operations are all 0 */
     uint32_t *no_codes;
     double *samples; /* rows of columns */

@@ -208,12 +208,14 @@ static void read_extrapolated(Reader *in, Operation *operation) {
     if (!inputs) return;
     inputs->degree = count(in);
     inputs->points = count(in);
-    int32_t uses_rates = number(in), is_watched = number(in);
+    int32_t uses_rates = number(in), is_watched = number(in), is_in_block = number(in);
     inputs->first_rate = number(in);
     inputs->orders = integers(in, operation->n_references);
     inputs->weights = reals(in, (uses_rates ? 2 : 1) * (int64_t)inputs->points * inputs->degree * inputs->points);
     if (uses_rates) inputs->rates = ROOM(double, (int64_t)inputs->points * operation->n);
     if (is_watched) inputs->watched = ROOM(double, 4 * (int64_t)operation->n);
+    if (is_in_block) inputs->ahead = ROOM(double, (int64_t)packed->block.steps * inputs->degree * operation->n);
+    if (is_in_block && !packed->block.first) packed->block.first = inputs;
     inputs->history = ROOM(double, (int64_t)inputs->points * operation->n);
     inputs->derivatives = ROOM(double, (int64_t)inputs->degree * operation->n);
     inputs->buffer =
@@ -310,6 +312,22 @@ static void gather_breakpoints(Reader *in) {
             packed->breakpoints[packed->n_breakpoints++] = packed->breakpoints[i];
 }
 
+/* Room for a starting block; its functions come with the components. */
+static void read_block(Reader *in) {
+    Packed *packed = in->packed;
+    StartingBlock *block = &packed->block;
+    block->n_values = packed->n_values;
+    block->n_states = packed->n_components;
+    block->states = ROOM(KeptState, packed->n_components);
+    block->rows = ROOM(double, (int64_t)(block->steps + 1) * packed->n_values);
+    block->before = ROOM(double, (int64_t)(block->steps + 1) * packed->n_values);
+    block->known = ROOM(int32_t, packed->n_extrapolated);
+    block->refused = ROOM(int32_t, packed->n_extrapolated);
+    for (int32_t i = 0; i < packed->n_components && !in->failed; i++)
+        block->states[i].state = &packed->components[i].kept;
+    if (!block->first && !in->failed) in->failed = true, in->why = "nothing is in its starting block";
+}
+
 static void read_all(Reader *in) {
     Packed *packed = in->packed;
     expect(in, "cosim-pack");
@@ -330,6 +348,7 @@ static void read_all(Reader *in) {
     packed->default_step = real(in);
     packed->reach = count(in);
     packed->cycle = count(in);
+    packed->block.steps = count(in);
     packed->parallel = number(in);
     packed->n_numbers = (int64_t)packed->n_values + 2 * (int64_t)packed->n_columns + packed->n_start_slots;
     packed->numbers = ROOM(double, packed->n_numbers);
@@ -373,6 +392,7 @@ static void read_all(Reader *in) {
             read_operation(in, &(*operations[k])[i], &packed->owners[done + i], &packed->functions[done + i]);
     }
     expect(in, "end");
+    if (packed->block.steps) read_block(in);
     packed->follows_other_steps = packed->reach == 1;
     for (int32_t i = 0; i < packed->n_extrapolated; i++)
         if (packed->extrapolated[i]->points > 2 || packed->extrapolated[i]->rates) packed->follows_other_steps = false;

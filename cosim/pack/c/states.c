@@ -7,7 +7,7 @@
 struct State {
     Progress now;
     double *numbers; /* and the histories behind them */
-    int32_t *known;
+    int32_t *known; /* of each, and then how many steps of a starting block are left */
     double *times;
     bool *set;
     void **of_components;
@@ -28,7 +28,8 @@ static int64_t n_of_history(const Packed *packed) {
     for (int32_t i = 0; i < packed->n_extrapolated; i++)
         n += (int64_t)packed->n_extrapolated_inputs[i] *
              ((packed->extrapolated[i]->rates ? 2 : 1) * packed->extrapolated[i]->points +
-              packed->extrapolated[i]->degree + (packed->extrapolated[i]->watched ? 4 : 0));
+              packed->extrapolated[i]->degree + (packed->extrapolated[i]->watched ? 4 : 0) +
+              (packed->extrapolated[i]->ahead ? packed->block.steps * packed->extrapolated[i]->degree : 0));
     return n;
 }
 
@@ -37,10 +38,12 @@ static void pass_history(Packed *packed, double numbers[], bool save) {
     for (int32_t i = 0; i < packed->n_extrapolated; i++) {
         Extrapolated *inputs = packed->extrapolated[i];
         size_t n = (size_t)packed->n_extrapolated_inputs[i];
-        double *arrays[] = {inputs->history, inputs->derivatives, inputs->rates, inputs->watched};
+        double *arrays[] = {inputs->history, inputs->derivatives, inputs->rates, inputs->watched, inputs->ahead};
+        size_t steps = (size_t)packed->block.steps;
         size_t sizes[] = {n * (size_t)inputs->points, n * (size_t)inputs->degree,
-                          inputs->rates ? n * (size_t)inputs->points : 0, inputs->watched ? 4 * n : 0};
-        for (int k = 0; k < 4; numbers += sizes[k], k++)
+                          inputs->rates ? n * (size_t)inputs->points : 0, inputs->watched ? 4 * n : 0,
+                          inputs->ahead ? n * steps * (size_t)inputs->degree : 0};
+        for (int k = 0; k < 5; numbers += sizes[k], k++)
             if (!sizes[k]) continue;
             else if (save) memcpy(numbers, arrays[k], sizes[k] * sizeof *numbers);
             else memcpy(arrays[k], numbers, sizes[k] * sizeof *numbers);
@@ -61,7 +64,7 @@ static State *new_state(const Packed *packed) {
     State *state = calloc(1, sizeof *state);
     if (!state) return NULL;
     state->numbers = calloc((size_t)(packed->n_numbers + n_of_history(packed)) + 1, sizeof(double));
-    state->known = calloc((size_t)packed->n_extrapolated + 1, sizeof(int32_t));
+    state->known = calloc(2 * (size_t)packed->n_extrapolated + 1, sizeof(int32_t));
     state->times = calloc((size_t)packed->n_extrapolated + 1, sizeof(double));
     state->set = calloc((size_t)packed->n_starts + 1, sizeof(bool));
     state->of_components = calloc((size_t)packed->n_components + 1, sizeof(void *));
@@ -90,6 +93,7 @@ Status state_get(Packed *packed, State **state) {
     pass_history(packed, found->numbers + packed->n_numbers, true);
     for (int32_t i = 0; i < packed->n_extrapolated; i++) {
         found->known[i] = packed->extrapolated[i]->known;
+        found->known[packed->n_extrapolated + i] = packed->extrapolated[i]->left;
         found->times[i] = packed->extrapolated[i]->time;
     }
     for (int32_t i = 0; i < packed->n_starts; i++) found->set[i] = packed->starts[i].set;
@@ -115,6 +119,7 @@ Status state_set(Packed *packed, const State *state) {
     pass_history(packed, state->numbers + packed->n_numbers, false);
     for (int32_t i = 0; i < packed->n_extrapolated; i++) {
         packed->extrapolated[i]->known = state->known[i];
+        packed->extrapolated[i]->left = state->known[packed->n_extrapolated + i];
         packed->extrapolated[i]->time = state->times[i];
     }
     for (int32_t i = 0; i < packed->n_starts; i++) packed->starts[i].set = state->set[i];
@@ -174,7 +179,7 @@ static Status write_state(Packed *packed, const State *state, Stream *to) {
     now.wants_to_end = state->now.wants_to_end, now.discarded = state->now.discarded, now.reached = state->now.reached;
     put(to, &now, sizeof now);
     put(to, state->numbers, (size_t)(packed->n_numbers + n_of_history(packed)) * sizeof(double));
-    put(to, state->known, (size_t)packed->n_extrapolated * sizeof(int32_t));
+    put(to, state->known, 2 * (size_t)packed->n_extrapolated * sizeof(int32_t));
     put(to, state->times, (size_t)packed->n_extrapolated * sizeof(double));
     put(to, state->set, (size_t)packed->n_starts * sizeof(bool));
     for (int32_t i = 0; i < packed->n_text_slots; i++) {
@@ -231,7 +236,7 @@ Status state_deserialize(Packed *packed, const char bytes[], size_t size, State 
     Stream in = {NULL, bytes, length, checked, false};
     take_from(&in, &found->now, sizeof found->now);
     take_from(&in, found->numbers, (size_t)(packed->n_numbers + n_of_history(packed)) * sizeof(double));
-    take_from(&in, found->known, (size_t)packed->n_extrapolated * sizeof(int32_t));
+    take_from(&in, found->known, 2 * (size_t)packed->n_extrapolated * sizeof(int32_t));
     take_from(&in, found->times, (size_t)packed->n_extrapolated * sizeof(double));
     take_from(&in, found->set, (size_t)packed->n_starts * sizeof(bool));
     for (int32_t i = 0; i < packed->n_text_slots && !in.failed; i++) {

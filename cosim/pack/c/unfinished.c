@@ -151,6 +151,7 @@ static bool finish_component(Packed *packed, Component *component, const Operati
 }
 
 bool finish_step(Packed *packed) {
+    if (packed->block.failed >= 0) return false;
     int64_t k = packed->loop.failed;
     int32_t before = packed->n_at_start + packed->n_at_point; /* owners stand behind those of the other tables */
     for (;;) {
