@@ -32,7 +32,8 @@ def add_algorithm_options(parser: argparse._ActionsContainer) -> None:
         "--extrapolation",
         "--coupling",
         choices=(AUTO, *EXTRAPOLATIONS),
-        help=f"inputs between communication points: {AUTO} (linear where the FMU can, else hold), {extrapolations}",
+        help=f"inputs between communication points: {AUTO} (in sequential order adaptive where the FMUs can, "
+        f"else linear, else hold), {extrapolations}",
     )
 
 
