@@ -238,11 +238,14 @@ def _adapter_sources(
 
 
 def _units(code: Mapping[str, bytes], flavour: str) -> list[Unit]:
-    """The adapter's C files in two parts: what runs in a step, and what translates calls or runs at the start."""
+    """What runs in a step, what translates calls or runs at the start, and what no step calls of the model's C."""
     steps = dict.fromkeys((*_CORE, *(name for method in _METHODS.values() for name in method), *_EVENTS, *_TABLES))
     seldom = _FACES[flavour] + _FILES + _TABLE_FILES
     present = [tuple(name for name in names if name.endswith(".c") and name in code) for names in (steps, seldom)]
-    return [Unit(present[0]), Unit(present[1], seldom=True)]
+    # the loops over states of the Runge-Kutta methods of fixed order stand in the model's own source
+    has_loops = not {"dopri5.c", "rodas4.c"}.isdisjoint(present[0])
+    adjoint = [Unit(("model_adjoint.c",), level=1)] if "model_adjoint.c" in code else []
+    return [Unit(present[0], level=3 if has_loops else 2), Unit(present[1], level=1), *adjoint]
 
 
 def core_sources(solver: Solver, *, hybrid: bool, tables: bool) -> dict[str, bytes]:

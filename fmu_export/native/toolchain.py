@@ -55,8 +55,9 @@ class Unit:
     """C files that are compiled as one, so that their headers are read once and calls among them cost nothing."""
 
     files: tuple[str, ...]
-    #: Whether what they do is called so seldom that optimising it is not worth the compiler's time.
-    seldom: bool = False
+    #: How far gcc and clang optimise them at most, as in -O3: what has no loops over states, or is called seldom, is
+    #: not worth all of the compiler's time.
+    level: int = 3
 
 
 #: glibc 2.17 is that of manylinux2014, macOS 11 the first on aarch64. FMI 2.0 knows no aarch64; its darwin64 could
@@ -76,9 +77,6 @@ _COMPILERS = ("cc", "gcc", "clang")
 
 #: How far gcc and clang optimise; the bits of the results are the same at any level.
 OPTIMISATION = "-O3"
-
-#: How far gcc and clang optimise what is called seldom.
-_OPTIMISATION_OF_SELDOM = "-O1"
 
 #: What gcc, clang and zig are told for any target, beside how far they optimise.
 _OPTIONS = (
@@ -218,8 +216,7 @@ def compile_library(
         return _compile(sources, [[*compiler, *options, OPTIMISATION, *linking, *others, *wholes, *linked]], library)
     commands = [[*compiler, *options, OPTIMISATION, "-c", *others]] if others else []
     for whole, unit in wholes.items():
-        level = min(OPTIMISATION, _OPTIMISATION_OF_SELDOM) if unit.seldom else OPTIMISATION
-        commands.append([*compiler, *options, level, "-c", whole])
+        commands.append([*compiler, *options, min(OPTIMISATION, f"-O{unit.level}"), "-c", whole])
     objects = [Path(source).stem + ".o" for source in (*others, *wholes)]
     return _compile(sources, commands, library, [*compiler, *linking, *objects, *linked])
 

@@ -119,12 +119,12 @@ def test_optimisation_is_that_of_the_moment(host_library: bytes, monkeypatch: py
     assert compile_library(SOURCES, "gain") != host_library
 
 
-@pytest.mark.parametrize("seldom", [False, True])
-def test_files_of_a_unit_are_compiled_as_one(host_library: bytes, seldom: bool, tmp_path: Path) -> None:
+@pytest.mark.parametrize("level", [1, 3])
+def test_files_of_a_unit_are_compiled_as_one(host_library: bytes, level: int, tmp_path: Path) -> None:
     """What one of them keeps to itself the next one sees, beside files that are compiled for themselves."""
     second = b'#include "gain.h"\ndouble gain(double x) { return five() * inner(x); }\n'
     sources = SOURCES | {"first.c": b"static double five(void) { return 5.0; }\n", "gain.c": second}
-    units = [Unit(("first.c", "gain.c"), seldom=seldom)]
+    units = [Unit(("first.c", "gain.c"), level=level)]
     library = compile_library(sources, "gain", units=units)
     assert load(library, tmp_path).gain(2.0) == 20.0
     assert compile_library(sources, "gain", units=units) == library
