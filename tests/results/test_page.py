@@ -462,6 +462,26 @@ def test_numbers_of_any_size_have_ticks_and_points_alone_are_drawn(tabs, page):
     assert tab.evaluate("valueAt({ times: [0, 1], values: [-1.7e308, 1.7e308] }, 0.5)") == 0.0
 
 
+#: In the page: a plot gets other values, then another label; whether it stays the same, with its hidden curve.
+_ANEW = """(() => {
+    const plot = [...signals.plots].find((p) => p.settings.series.length > 1);
+    const first = plot.uplot;
+    plot.settings.series[0].hidden = true;
+    const changed = (change) => plot.settings.series.map((s) => ({ ...s, hidden: false, ...change }));
+    const others = (change) => plot.set({ series: changed(change) });
+    others({});
+    const kept = [plot.uplot === first, plot.settings.series[0].hidden];
+    others({ label: "another" });
+    return [...kept, plot.uplot === first, plot.settings.series[0].hidden];
+})()"""
+
+
+def test_a_plot_of_other_values_is_the_same_plot(tabs, page):
+    tab = tabs.open(page)
+    drawn(tab, 2)
+    assert tab.evaluate(_ANEW) == [True, True, False, False]
+
+
 def test_it_fits_a_phone(tabs, page):
     tab = tabs.open(page, width=390, height=844, is_mobile=True, has_touch=True)
     drawn(tab)

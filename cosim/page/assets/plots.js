@@ -127,8 +127,14 @@ class Plot {
 
   /** Show other curves, or the same ones in another way. */
   set(settings) {
-    this.settings = { height: 230, events: [], bands: [], log: false, say: true, ...this.settings, ...settings };
+    const before = this.settings;
+    this.settings = { height: 230, events: [], bands: [], log: false, say: true, ...before, ...settings };
     const { title, unit, series } = this.settings;
+    if (this.uplot && styles(before) === styles(this.settings)) { // other values only: no new plot, which takes long
+      series.forEach((s, i) => (s.hidden = before.series[i].hidden));
+      this.renewed();
+      return;
+    }
     this.area.setAttribute(
       "aria-label",
       `${title}${unit ? ` in ${unit}` : ""} over time. Arrow keys move the cursor, plus and minus zoom, Escape shows all.`,
@@ -142,9 +148,15 @@ class Plot {
   /** The same curves with further rows: drawn again where they are in view. */
   grown(series) {
     series.forEach((s, i) => Object.assign(this.settings.series[i], s));
-    if (!this.uplot || !this.visible) return;
+    if (this.uplot && this.visible) this.renewed();
+  }
+
+  /** Draw what the curves are now, or when they come into view. */
+  renewed() {
     this.uplot.setData(this.table(), false);
-    this.uplot.setScale("x", { min: this.view.from, max: this.view.to });
+    this.stale = !this.visible;
+    if (this.visible) this.uplot.setScale("x", { min: this.view.from, max: this.view.to });
+    if (this.view.cursor !== null) this.fill();
   }
 
   look(i) {
@@ -385,6 +397,11 @@ class Plot {
       this.uplot.setSelect({ left: 0, top: 0, width: 0, height: 0 }, false);
     });
   }
+}
+
+/** All of the settings of a plot but the values of its curves, as a text. */
+function styles({ series, ...others }) {
+  return JSON.stringify([others, series.map(({ times, values, hidden, ...style }) => style)]);
 }
 
 /** The power of ten that values are divided by to be drawn: uPlot has no ticks for very large and very small ones. */

@@ -54,8 +54,25 @@ class IndexMap {
     this.mark(c, this.gains.alpha, this.gains.beta, false);
   }
 
-  /** Bands: from one to the next the distance of J from its minimum doubles. */
+  /** Put the bands on the canvas; they are painted when the row, the size or the colours have changed. */
   paintValues(c) {
+    const { width, height } = this.canvas;
+    const key = [this.row.alpha, this.row.beta, width, height, theme.get("accent")].join();
+    if (this.painted?.key !== key) {
+      const bands = Object.assign(document.createElement("canvas"), { width, height });
+      const context = bands.getContext("2d");
+      context.setTransform(c.getTransform());
+      this.paintBands(context);
+      this.painted = { key, bands };
+    }
+    c.save();
+    c.resetTransform();
+    c.drawImage(this.painted.bands, 0, 0);
+    c.restore();
+  }
+
+  /** Bands: from one to the next the distance of J from its minimum doubles. */
+  paintBands(c) {
     const size = 2; // pixels of a cell
     const [columns, rows] = [Math.ceil(this.width / size), Math.ceil(this.height / size)];
     const { powers } = this.data;
