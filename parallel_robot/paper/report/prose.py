@@ -51,12 +51,12 @@ def prose(text: str) -> str:
 
 
 def number(value: float, digits: int = 4) -> str:
-    """HTML of a number: so many digits, powers of ten where they help."""
+    """HTML of a number: so many digits, or all before the point; powers of ten where they help."""
     size = abs(value)
     if size >= 1e5 or 0 < size < 1e-3:
         factor, power = f"{value:.{digits - 1}e}".split("e")
         return _times_power(factor.rstrip("0").rstrip("."), int(power))
-    return f"{value:.{digits}g}".replace("-", "−")
+    return (f"{value:.0f}" if size >= 10.0**digits else f"{value:.{digits}g}").replace("-", "−")
 
 
 def _times_power(digits: str, power: int) -> str:

@@ -219,7 +219,14 @@ def test_plain_notation_is_set_for_the_page(text, expected):
 
 @pytest.mark.parametrize(
     ("value", "expected"),
-    [(0.0, "0"), (-0.5, "−0.5"), (123.456, "123.5"), (3.1e-5, "3.1·10<sup>−5</sup>"), (1e-12, "10<sup>−12</sup>")],
+    [
+        (0.0, "0"),
+        (-0.5, "−0.5"),
+        (123.456, "123.5"),
+        (-12345.6, "−12346"),
+        (3.1e-5, "3.1·10<sup>−5</sup>"),
+        (1e-12, "10<sup>−12</sup>"),
+    ],
 )
 def test_numbers_are_set_for_the_page(value, expected):
     assert number(value) == expected
