@@ -29,6 +29,8 @@ with needs("export"):
 RELATIVE_TOLERANCE = 1e-11
 #: Differences below this many bounds of the rounding errors are no differences: what cancels keeps few digits.
 ROUNDING = 1e3
+#: Whole numbers below it are exact.
+MOST_WHOLE = 2.0**53
 #: Points at which numpy is evaluated: so many for a graph without instructions, half of it for one of the usual size,
 #: and so on. They follow from the model alone, so that the verdict is the same on every machine.
 MOST_POINTS, FEWEST_POINTS, USUAL_SIZE = 360, 24, 600
@@ -124,7 +126,7 @@ def _is_exact(operation: int, values: Sequence[Any], value: Any) -> Any:
     if operation in (ca.OP_ADD, ca.OP_SUB):
         a, b = values[0], values[1] if operation == ca.OP_ADD else -values[1]
         return (value - a == b) & (value - b == a)
-    whole = np.abs(value) < 2.0**53
+    whole = np.abs(value) < MOST_WHOLE
     for v in (*values, value):
         whole = whole & (v == np.floor(v))
     return whole
@@ -405,11 +407,14 @@ class _Check:
             for n, v in zip("txup", point, strict=True)
             if np.size(v)
         )
-        cause = (
-            "there the equations have no finite value, such as a division by 0 in a branch that is not taken"
-            if not np.isfinite(found)
-            else "a value that was fixed while tracing, or a numpy function that acts otherwise on symbols"
-        )
+        if not np.isfinite(found):
+            cause = "there the equations have no finite value, such as a division by 0 in a branch that is not taken"
+        elif abs(found) >= MOST_WHOLE and found == np.floor(found) and expected == np.floor(expected):
+            cause = (
+                "whole numbers beyond 2^53, which numpy keeps in 64 bits; compute with floats, or bound them by np.clip"
+            )
+        else:
+            cause = "a value that was fixed while tracing, or a numpy function that acts otherwise on symbols"
         raise TraceError(
             f"{self.model.name}: {name}, element {element}: numpy computes {float(expected)!r}, the traced equations "
             f"{float(found)!r} at {where}; likely cause: {cause}; write it with what the page "

@@ -133,6 +133,7 @@ _EQUAL = {
         np.rint(x)
         np.round(x)
         np.round(x, 1)
+        np.round(t, 1) * x
         np.around(x, 2)
         np.fix(x)
         x.round()
@@ -442,6 +443,8 @@ _EQUAL = {
         np.searchsorted(C[[1, 3, 0, 2]], x, side="right")
         np.digitize(x, [-1.0, 0.0, 0.5])
         np.digitize(x, [-1.0, 0.0, 0.5], right=True)
+        np.digitize(x, [0.3, 0.1, -1.0])
+        np.digitize(x, [0.3, 0.3, -1.0], right=True)
     """,
     "branches on types and shapes": """
         x if isinstance(x, np.ndarray) else 0.0 * x
@@ -525,6 +528,12 @@ _EQUAL = {
         d = np.zeros(4)\\nnp.dot(M, x, out=d)\\nreturn d
         d = np.zeros(4)\\nnp.maximum(x, 0.0, out=d)\\nreturn d
         d = np.zeros(4)\\nnp.copyto(d, x, where=x > 0)\\nreturn d
+        d = np.zeros(4)\\nnp.put(d, [0, 2], x[:2])\\nreturn d
+        d = np.eye(4)\\nnp.put(d, [3], 5.0)\\nreturn d @ x
+        d = np.zeros((4, 1))\\nnp.put_along_axis(d, np.array([[2]]), 5.0, axis=0)\\nreturn d.ravel() * x
+        d = np.outer(x, C)\\nnp.fill_diagonal(d, x)\\nreturn d.ravel()
+        d = x.copy()\\nnp.place(d, C > 0, [1.0, 2.0])\\nreturn d
+        np.clip(x > 0, 0, 1)
         np.sum(x.reshape(2, 2), axis=(0, 1))
         np.nansum(np.sqrt(x))
         np.nanmean(np.log(x))
@@ -744,6 +753,7 @@ _REFUSED = {
         np.vectorize(lambda v: v + 1.0)(x)
         np.array(x, dtype=np.float32) * 2.0
         x.astype(complex).real
+        round(t, 1) * x
         x * complex(x[0]).real
     """,
     "the sign of a zero": """
@@ -804,6 +814,8 @@ _REFUSED = {
         C[x > 0].sum() * x
         np.concatenate([x[x > 0], x[x <= 0]])
         d = x.copy()\\nd[x > 0] = C[:2]\\nreturn d
+        d = x.copy()\\nd[x > 0][0] = 5\\nreturn d
+        d = x.copy()\\nnp.place(d, x > 0, [1.0])\\nreturn d
         np.where(x > 0)[0]
         np.nonzero(x)[0]
         np.argwhere(x > 0).ravel()

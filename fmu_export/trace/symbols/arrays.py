@@ -22,6 +22,9 @@ with needs("export"):
 
 FLOAT, INT, BOOL = np.dtype(float), np.dtype(np.int64), np.dtype(bool)
 
+#: Names of the symbols of what depends on the time alone, when it is traced once and again.
+_OF_TIME = ({"t"}, {"t_"})
+
 
 class Scalar:
     """One element: an expression and its type. It can't be changed, as a number can't."""
@@ -100,6 +103,10 @@ class Scalar:
         return np.trunc(self)
 
     def __round__(self, n: int | None = None) -> Any:
+        if n is not None and {str(s) for s in ca.symvar(self.sx)} in _OF_TIME:
+            refuse(
+                "round(t, n) can't be traced: the time is a Python number, which rounds otherwise; use np.round(t, n)"
+            )
         return np.round(self, n or 0)
 
     def __getitem__(self, key: Any) -> Any:
@@ -300,6 +307,9 @@ class Selection:
                 "what a Boolean mask selects can be combined with single numbers and the same mask only; use np.where"
             )
         return value
+
+    def __setitem__(self, key: Any, value: Any) -> None:
+        refuse("what a Boolean mask selects is a copy, and what is written into it is lost; write d[mask] = ...")
 
     def __array_function__(self, f: Any, types: Any, args: Any, kwargs: Any) -> Any:
         if f in _TOTALS and len(args) == 1 and not kwargs:

@@ -9,14 +9,14 @@ import numpy as np
 
 from fmu_export.trace.symbols.arrays import BOOL, FLOAT, INT, Array, as_array, cast_elements, elements_of, elementwise
 from fmu_export.trace.symbols.expressions import either
-from fmu_export.trace.symbols.refusal import STORED, refuse
+from fmu_export.trace.symbols.refusal import refuse
 from fmu_export.trace.symbols.ufuncs import stored
 
 
 def _clip(a: Any, a_min: Any = None, a_max: Any = None, out: Any = None, min: Any = None, max: Any = None) -> Any:
     low, high = (None if v is np._NoValue else v for v in (a_min, a_max))
     low, high = low if min in (None, np._NoValue) else min, high if max in (None, np._NoValue) else max
-    result = np.positive(a)
+    result = a if low is not None or high is not None else np.positive(a)
     if low is not None:
         result = np.maximum(result, low)
     if high is not None:
@@ -59,12 +59,6 @@ def _choose(a: Any, choices: Sequence[Any]) -> Any:
     return result
 
 
-def _copyto(dst: Any, src: Any, casting: str = "same_kind", where: Any = True) -> None:
-    if type(dst) is not Array or casting != "same_kind":
-        refuse(STORED)
-    stored(src, dst, "np.copyto", where)
-
-
 def _nan_to_num(x: Any, copy: bool = True, nan: float = 0.0, posinf: Any = None, neginf: Any = None) -> Any:
     if not copy:
         refuse("np.nan_to_num with copy=False can't be traced")
@@ -80,7 +74,5 @@ HANDLERS: dict[Any, Callable[..., Any]] = {
     np.select: _select,
     np.piecewise: _piecewise,
     np.choose: _choose,
-    np.copyto: _copyto,
-    np.putmask: lambda a, mask, values: _copyto(a, np.broadcast_to(values, np.shape(a)), where=mask),
     np.nan_to_num: _nan_to_num,
 }

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from fmu_export.errors import needs
-from fmu_export.trace.symbols import choices, matrices, reductions, tables
+from fmu_export.trace.symbols import choices, matrices, reductions, tables, writes
 from fmu_export.trace.symbols.arrays import (
     BOOL,
     FLOAT,
@@ -196,6 +196,7 @@ _HANDLERS: dict[Any, Callable[..., Any]] = {
     **choices.HANDLERS,
     **matrices.HANDLERS,
     **tables.HANDLERS,
+    **writes.HANDLERS,
     np.round: _round,
     np.around: _round,
     np.linspace: _linspace,

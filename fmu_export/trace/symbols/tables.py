@@ -117,6 +117,16 @@ def _searchsorted(a: Any, v: Any, side: str = "left", sorter: Any = None) -> Any
     return place
 
 
+def _digitize(x: Any, bins: Any, right: bool = False) -> Any:
+    side = "left" if right else "right"
+    edges = bins if depends(bins) else np.asarray(plain(bins))
+    if depends(bins) or np.all(np.diff(edges) >= 0.0):
+        return _searchsorted(edges, x, side)
+    if not np.all(np.diff(edges) <= 0.0):
+        refuse("np.digitize with bins that neither grow nor fall can't be traced")
+    return len(edges) - _searchsorted(edges[::-1], x, side)
+
+
 def _interp(x: Any, xp: Any, fp: Any, left: Any = None, right: Any = None, period: Any = None) -> Any:
     if depends(xp) or depends(period):
         refuse("np.interp with symbols as places of its table can't be traced; the places must be numbers")
@@ -152,6 +162,6 @@ def _interp(x: Any, xp: Any, fp: Any, left: Any = None, right: Any = None, perio
 
 HANDLERS: dict[Any, Callable[..., Any]] = {
     np.searchsorted: _searchsorted,
-    np.digitize: lambda x, bins, right=False: _searchsorted(bins, x, "left" if right else "right"),
+    np.digitize: _digitize,
     np.interp: _interp,
 }
