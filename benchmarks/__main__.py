@@ -17,7 +17,7 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from benchmarks.coupling import measure_coupling, measure_other_systems
+from benchmarks.coupling import measure_coupling, measure_iterated, measure_other_systems
 from benchmarks.equations import measure_equations
 from benchmarks.exporters import measure_exporters
 from benchmarks.isolation import measure_isolation
@@ -45,6 +45,7 @@ PARTS: dict[str, Callable[[Path], Section | list[Section]]] = {
     "pythonfmu": measure_pythonfmu,
     "coupling": measure_coupling,
     "couplings_of_others": measure_other_systems,
+    "iterated": lambda _: measure_iterated(),
     "chain": lambda _: measure_chain(),
     "many": measure_many,
     "program": measure_program,

@@ -18,12 +18,22 @@ from benchmarks.measure import Section, interleaved
 from benchmarks.system import STOP_TIME, disturbed
 from cosim import Results, Simulation, SimulationError, System
 from cosim import analysis as cosim_analysis
+from cosim.analysis.stability import search
 from cosim.errors import ArgumentError
 from cosim.master.coupling.algorithm import EXTRAPOLATIONS, ORDERS
 from fmu_export import build_native
 from parallel_robot.stability import largest_stable_step
 from tests.support.continuous_loop import end_effector, solve
-from tests.support.oscillators import FORCED, FORCING, coupled, linear, oscillator
+from tests.support.oscillators import (
+    FORCED,
+    FORCING,
+    Oscillator,
+    coupled,
+    fastest_period,
+    linear,
+    oscillator,
+    splits,
+)
 from tests.support.tiny_models import LAG
 
 STEPS = (20e-3, 10e-3, 4e-3, 2e-3, 1e-3, 0.5e-3)
@@ -40,6 +50,9 @@ OSCILLATORS = [(d, k, m) for d in (0.02, 0.1, 0.5) for k in (0.1, 1.0, 10.0) for
 STIFF = (0.1, 1e4, 1e-3)
 
 LAGS, LAG_STOP = 100, 10.0
+
+#: Longer steps are not looked at.
+_MOST_PERIODS = 10.0
 
 
 def measure_coupling(folder: Path) -> Section:
@@ -171,6 +184,46 @@ def measure_other_systems(folder: Path) -> Section:  # noqa: ARG001 -- as all se
         rows,
         data,
     )
+
+
+def measure_iterated() -> Section:
+    """Stable steps without and with iteration, in periods of the fastest motion."""
+    rows: list[tuple[str, ...]] = []
+    data: dict[str, Any] = {}
+    oscillators = splits()
+    for name in EXTRAPOLATIONS:
+        row = [name]
+        for iterated in (False, True):
+            limits = [_periods(o, name, iterated=iterated) for o in oscillators]
+            damped = [n for n, o in zip(limits, oscillators, strict=True) if o[2]]
+            unlimited = sum(map(math.isinf, limits))
+            row += [f"{min(limits):.3f}", f"{min(damped):.3f}", f"{unlimited}"]
+            data[f"{name}, {'iterated' if iterated else 'not iterated'}"] = limits
+        rows.append(tuple(row))
+    n = len(oscillators)
+    return Section(
+        "Coupling schemes: iterated steps",
+        f"Least stable step of {n} two-mass oscillators (masses 1 to 20, the force on either, springs 0.1 to 100, "
+        "damping 0, 0.02 and 0.1), in periods of the fastest motion: of all, of those with damping, and how many have "
+        f"no limit up to {_MOST_PERIODS:g}; without iteration, and with it. Sequential order.",
+        ("scheme", "all", "damped", "no limit", "iterated: all", "damped", "no limit"),
+        rows,
+        data,
+    )
+
+
+def _periods(o: Oscillator, name: str, *, iterated: bool) -> float:
+    """Largest stable step in periods; an undamped oscillator may keep what it has."""
+    system, period = linear(o), fastest_period(o)
+
+    def is_stable(step: float) -> bool:
+        radius = cosim_analysis.spectral_radius(system, step * period, extrapolation=name, iterated=iterated)
+        return bool(radius < (1.0 if o[2] else 1.0 + 1e-9))
+
+    try:
+        return search(is_stable, 1e-3, _MOST_PERIODS)
+    except ArgumentError:
+        return 0.0
 
 
 def _limit(which: tuple[float, float, float], name: str) -> float:

@@ -45,6 +45,7 @@ def largest_stable_step(
     *,
     order: str = "sequential",
     extrapolation: str = AUTO,
+    iterated: bool = False,
     shortest: float = SHORTEST,
     longest: float = LONGEST,
 ) -> float:
@@ -59,6 +60,9 @@ def largest_stable_step(
     extrapolation : str
         "hold" (zero-order hold) or "linear" (first-order hold, linear extrapolation), or another registered one.
         "auto" is analysed as linear, and so is "adaptive", the default of `Simulation`, which falls back to lines.
+    iterated : bool
+        Each step is repeated until inputs go to what comes out at its end, as `Simulation(iterations="auto")` does;
+        "adaptive" and "auto" then follow cubics.
     shortest, longest : float
         Between which steps (s) to search.
 
@@ -75,7 +79,7 @@ def largest_stable_step(
         The algorithm is unknown or can't couple the system.
     """
     chosen = algorithm(order, extrapolation)
-    return search(lambda step: stable(system, chosen, step), shortest, longest)
+    return search(lambda step: stable(system, chosen, step, iterated=iterated), shortest, longest)
 
 
 def largest_stable_step_along(
@@ -84,6 +88,7 @@ def largest_stable_step_along(
     *,
     order: str = "sequential",
     extrapolation: str = AUTO,
+    iterated: bool = False,
     growth: float = 3.0,
     shortest: float = SHORTEST,
     longest: float = LONGEST,
@@ -102,7 +107,7 @@ def largest_stable_step_along(
         Of the path (s).
     growth : float
         How much more a deviation may grow than with the shortest step.
-    order, extrapolation, shortest, longest
+    order, extrapolation, iterated, shortest, longest
         As in `largest_stable_step`.
 
     Returns
@@ -118,24 +123,33 @@ def largest_stable_step_along(
         The algorithm is unknown or can't couple the system.
     """
     chosen = algorithm(order, extrapolation)
-    bound = growth * growth_along(system, shortest, duration, order=order, extrapolation=extrapolation)
+    bound = growth * _growth(
+        _pieces(_Interpreter(system, chosen, shortest, iterated=iterated), duration), system.states
+    )
 
     def is_stable(step: float) -> bool:
-        pieces = _pieces(_Interpreter(system, chosen, step), duration)
+        pieces = _pieces(_Interpreter(system, chosen, step, iterated=iterated), duration)
         return bool(_radius(_product(pieces)) < 1.0) and _growth(pieces, system.states) <= bound
 
     return search(is_stable, shortest, longest)
 
 
 def growth_along(
-    system: LinearSystem, step: float, duration: float, *, order: str = "sequential", extrapolation: str = AUTO
+    system: LinearSystem,
+    step: float,
+    duration: float,
+    *,
+    order: str = "sequential",
+    extrapolation: str = AUTO,
+    iterated: bool = False,
 ) -> float:
     """By what factor a deviation of the states grows at most, from any point of a path to any later one.
 
     Measured by the Euclidean norm of all states. Parameters and errors are those
     of `largest_stable_step_along` and `transition_matrix`.
     """
-    return _growth(_pieces(_Interpreter(system, algorithm(order, extrapolation), step), duration), system.states)
+    interpreter = _Interpreter(system, algorithm(order, extrapolation), step, iterated=iterated)
+    return _growth(_pieces(interpreter, duration), system.states)
 
 
 def _pieces(interpreter: _Interpreter, duration: float) -> np.ndarray:
@@ -196,19 +210,19 @@ def search(is_stable: Callable[[float], bool], shortest: float = SHORTEST, longe
     return lower
 
 
-def stable(system: LinearSystem, chosen: Algorithm, step: float) -> bool:
+def stable(system: LinearSystem, chosen: Algorithm, step: float, *, iterated: bool = False) -> bool:
     """Whether all eigenvalues of all transition matrices lie inside the unit circle."""
-    return bool((_radius(_Interpreter(system, chosen, step).transition()) < 1.0).all())
+    return bool((_radius(_Interpreter(system, chosen, step, iterated=iterated).transition()) < 1.0).all())
 
 
 def spectral_radius(
-    system: LinearSystem, step: float, *, order: str = "sequential", extrapolation: str = AUTO
+    system: LinearSystem, step: float, *, order: str = "sequential", extrapolation: str = AUTO, iterated: bool = False
 ) -> np.ndarray:
     """Largest magnitude (...,) of the eigenvalues of the transition matrix; below 1 the co-simulation is stable.
 
     Parameters and errors are those of `transition_matrix`.
     """
-    return _radius(transition_matrix(system, step, order=order, extrapolation=extrapolation))
+    return _radius(transition_matrix(system, step, order=order, extrapolation=extrapolation, iterated=iterated))
 
 
 def _radius(matrix: np.ndarray) -> np.ndarray:
@@ -219,7 +233,7 @@ def _radius(matrix: np.ndarray) -> np.ndarray:
 
 
 def transition_matrix(
-    system: LinearSystem, step: float, *, order: str = "sequential", extrapolation: str = AUTO
+    system: LinearSystem, step: float, *, order: str = "sequential", extrapolation: str = AUTO, iterated: bool = False
 ) -> np.ndarray:
     """Transition matrix (..., n, n) of a co-simulation over one communication step.
 
@@ -230,7 +244,7 @@ def transition_matrix(
     system : LinearSystem
     step : float
         Communication step (s).
-    order, extrapolation : str
+    order, extrapolation, iterated
         As in `largest_stable_step`.
 
     Returns
@@ -244,7 +258,7 @@ def transition_matrix(
     SetupError
         The step isn't positive, or the algorithm is unknown or can't couple the system.
     """
-    return _Interpreter(system, algorithm(order, extrapolation), step).transition()
+    return _Interpreter(system, algorithm(order, extrapolation), step, iterated=iterated).transition()
 
 
 @dataclass(frozen=True)
@@ -263,13 +277,15 @@ class _Interpreter:
     as the identity and ends as the transition matrix.
     """
 
-    def __init__(self, system: LinearSystem, chosen: Algorithm, step: float) -> None:
+    def __init__(self, system: LinearSystem, chosen: Algorithm, step: float, *, iterated: bool = False) -> None:
         if not (step > 0.0 and math.isfinite(step)):
             raise SetupError(f"step = {step!r} must be a positive number of seconds")
         self._system = system
         self._step = step
-        # one that is watched leaves the choice to the run; it falls back to this, which is linear
-        watched = chosen.extrapolation.is_watched
+        self._iterated = iterated
+        # one that is watched leaves the choice to the run; it falls back to this, which is linear, unless steps end
+        # where inputs went: then it goes by them
+        watched = chosen.extrapolation.is_watched and not iterated
         self._extrapolation = EXTRAPOLATIONS["linear"] if watched else chosen.extrapolation
         self._every = {name: system.every.get(name, 1) for name in system.components}
         if system.levels is None and chosen.order.needs_levels:
@@ -277,6 +293,10 @@ class _Interpreter:
                 f"order '{chosen.order.name}' can't couple the algebraic loop {system.algebraic_loop()}; use an order "
                 "that needs no levels, as 'parallel'"
             )
+        if iterated and not chosen.order.needs_levels:
+            raise SetupError(f"order '{chosen.order.name}' does not iterate steps; use 'sequential'")
+        if iterated and (slow := [name for name, every in self._every.items() if every > 1]):
+            raise SetupError(f"steps can't be iterated: component '{slow[0]}' has a communication step of its own")
         sets, gets = self._levelled(sets=True), self._levelled(sets=False)
         self._at_point: list[_Transfer] = chosen.order.arrange(sets, gets)
         self._positions: dict[tuple[str, str, str], int] = {}
@@ -315,6 +335,10 @@ class _Interpreter:
         if self._extrapolation.uses_rates:
             keys += [("output rate", *node) for node in dict.fromkeys(system.sources[node] for node in moving)]
             keys += [(f"rate {j}", *node) for j in (0, *past) for node in moving]
+        if self._iterated:
+            keys += [("ahead", *node) for node in system.sources]
+            if self._extrapolation.uses_rates and self._extrapolation.degree > 2:
+                keys += [("rate ahead", *node) for node in moving]
         self._positions = {key: i for i, key in enumerate(keys)}
 
     def _is_extrapolated(self, node: Node) -> bool:
@@ -331,6 +355,8 @@ class _Interpreter:
         """Transition matrix over the common period of the components, without what it carries in vain."""
         size = len(self._positions)
         values = np.broadcast_to(np.eye(size), (*self._leading, size, size)).copy()
+        if self._iterated:
+            return _essential(self._solved(values), self._system.states)
         for point in range(math.lcm(*self._every.values())):
             for transfer in self._at_point:
                 if point % self._every[transfer.component] == 0:
@@ -341,6 +367,21 @@ class _Interpreter:
             for name in present:
                 self._step_component(name, values)
         return _essential(values, self._system.states)
+
+    def _solved(self, values: np.ndarray) -> np.ndarray:
+        """The matrix of a step that is followed by an exchange, where inputs went to what that says."""
+        for name in self._system.components:
+            self._step_component(name, values)
+        for transfer in self._at_point:
+            (self._set if transfer.sets else self._get)(transfer, values)
+        if self._extrapolation.uses_rates:
+            self._exchange_rates(list(self._system.components), values)
+        said = {"ahead": "input", "rate ahead": "rate 0"}
+        ahead = [key for key in self._positions if key[0] in said]
+        n = len(self._positions) - len(ahead)
+        found = values[..., [self._positions[said[key[0]], *key[1:]] for key in ahead], :]
+        solution = np.linalg.solve(np.eye(len(ahead)) - found[..., n:], found[..., :n])
+        return np.asarray(values[..., :n, :n] + values[..., :n, n:] @ solution)
 
     def _at(self, kind: str, component: str, names: Sequence[str]) -> list[int]:
         return [self._positions[kind, component, name] for name in names]
@@ -417,14 +458,24 @@ class _Interpreter:
             for j in range(self._extrapolation.points if self._extrapolation.uses_rates else 0)
         ]
         series = [values[..., states, :], values[..., inputs, :]]
-        of_rates = self._extrapolation.rate_weights or ((),) * self._extrapolation.degree
-        for weights, more in zip(self._extrapolation.weights, of_rates, strict=True) if moving else ():
+        if self._iterated and not moving:  # they are held, at the mean of both ends
+            series[1] = 0.5 * (series[1] + values[..., self._at("ahead", name, self._fed(name)), :])
+        weights: list[tuple[float, ...]] = []
+        if moving:
+            weights = self._to_the_end() if self._iterated else self._onwards()
+        if self._iterated:
+            known.append(self._at("ahead", name, moving))
+            if self._extrapolation.uses_rates and self._extrapolation.degree > 2:
+                rates.append(self._at("rate ahead", name, moving))
+        for row in weights:
             # scaled by step^d: the exponential below is that of a step of 1
             derivative = np.zeros_like(series[1])
             of_moving = [inputs.index(position) for position in known[0]]
-            terms = zip((*weights, *more), (*known, *rates), strict=True)
+            terms = zip(row, (*known, *rates), strict=True)
             derivative[..., of_moving, :] = sum(w * values[..., at, :] for w, at in terms)
             series.append(derivative)
+        if self._iterated:
+            rates = rates[: self._extrapolation.points]
         before = values[..., known[0], :]
         after = self._steps[name] @ np.concatenate(series, axis=-2)
         for newer, older in reversed(list(pairwise(rates))):
@@ -434,6 +485,38 @@ class _Interpreter:
         if past:
             values[..., past[0], :] = before
         values[..., [*states, *inputs], :] = after
+
+    def _onwards(self) -> list[tuple[float, ...]]:
+        """Weights of known values and rates, by which an extrapolation goes on: a row for each derivative."""
+        of_rates = self._extrapolation.rate_weights or ((),) * self._extrapolation.degree
+        return [(*w, *more) for w, more in zip(self._extrapolation.weights, of_rates, strict=True)]
+
+    def _to_the_end(self) -> list[tuple[float, ...]]:
+        """The same of a polynomial to the value at the end of the step, which is behind the known ones, and its rate.
+
+        As cosim/loop/iterated_step.c has it: through the last values, or the rates at both ends.
+        """
+        degree, points = self._extrapolation.degree, self._extrapolation.points
+        by_rates = self._extrapolation.uses_rates and degree > 1
+        nodes = [0.0, *(() if by_rates else (-float(j) for j in range(1, degree))), 1.0]
+        columns = [0, *(() if by_rates else range(1, degree)), points]
+        powers = np.arange(1, degree + 1)
+        rows = [[x**k for k in powers] for x in nodes[1:]]  # of values, less the one at 0
+        if by_rates:
+            rows.append([float(k == 1) for k in powers])
+            rows += [[float(k) for k in powers]] * (degree > 2)
+        inverse = np.linalg.inv(np.array(rows))
+        n_rates = (points + (degree > 2)) if by_rates else points * self._extrapolation.uses_rates
+        weights = np.zeros((degree, points + 1 + n_rates))
+        for i, column in enumerate(columns[1:]):
+            weights[:, column] += inverse[:, i]
+            weights[:, 0] -= inverse[:, i]
+        if by_rates:
+            weights[:, points + 1] = inverse[:, 1]
+            if degree > 2:
+                weights[:, points + 1 + points] = inverse[:, 2]
+        factorials = np.array([math.factorial(k) for k in powers])
+        return [tuple(row) for row in weights * factorials[:, None]]
 
     def _exact_step(self, name: str, component: LinearComponent) -> np.ndarray:
         """Map (..., n + m, n + m + m degree) of states, inputs and their scaled derivatives to those a step later.

@@ -343,6 +343,51 @@ def test_vectors_are_connected_in_the_order_of_their_indices():
     assert system.sources == {("b", "v[1]"): ("a", "w[1]"), ("b", "v[2]"): ("a", "w[2]")}
 
 
+# Iterated steps
+
+
+@pytest.mark.parametrize(
+    ("name", "implicit", "explicit"),
+    [
+        ("hold", [1.0, 0.5], [1.0, -0.5]),
+        ("linear", [1.0, 0.5], [1.0, -0.5]),
+        ("tangent", [1.0, 0.5], [1.0, -0.5]),
+        ("hermite", [1.0, 0.5, 1.0 / 12.0], [1.0, -0.5, 1.0 / 12.0]),
+        ("adaptive", [1.0, 0.5, 1.0 / 12.0], [1.0, -0.5, 1.0 / 12.0]),
+    ],
+)
+def test_an_iterated_step_is_an_implicit_one(name: str, implicit: list[float], explicit: list[float]) -> None:
+    """Of x' = -K x: the trapezoidal rule, and with rates the approximant of Pade of exp(-K h)."""
+    system = feedback(3.0)
+    for h in (0.1, 1.0, 10.0):
+        powers = [(3.0 * h) ** k for k in range(len(implicit))]
+        expected = np.dot(explicit, powers) / np.dot(implicit, powers)
+        radius = spectral_radius(system, h, extrapolation=name, iterated=True)
+        assert radius == pytest.approx(abs(expected), rel=1e-12)
+    assert largest_stable_step(system, extrapolation=name, iterated=True, longest=1e3) == math.inf
+
+
+@pytest.mark.parametrize(
+    ("name", "weights"),
+    [("quadratic", [5.0, 8.0, -1.0]), ("cubic-least-squares", [9.0, 19.0, -5.0, 1.0])],
+)
+def test_an_iterated_step_by_values_is_that_of_adams_and_moulton(name: str, weights: list[float]) -> None:
+    system = feedback(3.0)
+    h = 0.7
+    b = 3.0 * h * np.array(weights) / sum(weights)
+    roots = np.roots([1.0 + b[0], b[1] - 1.0, *b[2:]])
+    radius = spectral_radius(system, h, extrapolation=name, iterated=True)
+    assert radius == pytest.approx(np.abs(roots).max(), rel=1e-10)
+
+
+def test_what_is_not_iterated_is_refused() -> None:
+    parts = {"i": INTEGRATOR, "g": gain(-3.0)}
+    with pytest.raises(SetupError, match="order 'parallel' does not iterate steps"):
+        spectral_radius(feedback(3.0), 0.1, order="parallel", iterated=True)
+    with pytest.raises(SetupError, match="component 'g' has a communication step of its own"):
+        spectral_radius(LinearSystem(parts, LOOP, {"g": 2}), 0.1, iterated=True)
+
+
 # python-control
 
 

@@ -10,7 +10,16 @@ import pytest
 import scipy.linalg
 
 from cosim import Results, RunState, SetupError, Simulation, SimulationError, System, simulate
-from tests.support.oscillators import FORCED, FORCING, Oscillator, coupled
+from cosim.analysis import largest_stable_step, spectral_radius
+from tests.support.oscillators import (
+    FORCED,
+    FORCING,
+    Oscillator,
+    coupled,
+    fastest_period,
+    linear,
+    oscillator_of,
+)
 from tests.support.small_fmus import build, redescribed
 
 #: The force on a light mass, and on a heavy one: two ways to split two masses. Without damping, so that nothing hides
@@ -25,17 +34,6 @@ def fmus(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return build(tmp_path_factory.mktemp("iterated"), "fmi2", FORCED, FORCING)
 
 
-def motion(o: Oscillator) -> np.ndarray:
-    """Matrix of x' = A x for x, v of the first mass and y, w of the second one."""
-    m1, k1, c1, m2, k2, c2, kc, cc = o
-    first = [-(k1 + kc) / m1, -(c1 + cc) / m1, kc / m1, cc / m1]
-    return np.array([[0, 1, 0, 0], first, [0, 0, 0, 1], [kc / m2, cc / m2, -(k2 + kc) / m2, -(c2 + cc) / m2]])
-
-
-def fastest_period(o: Oscillator) -> float:
-    return float(2.0 * np.pi / np.abs(np.linalg.eigvals(motion(o))).max())
-
-
 def system(folder: Path, o: Oscillator, step: float) -> System:
     made = coupled(folder, o)
     for component in made.components.values():
@@ -46,7 +44,7 @@ def system(folder: Path, o: Oscillator, step: float) -> System:
 def error(results: Results, o: Oscillator) -> float:
     """Largest distance of the first mass from the exact solution, which begins at 1."""
     start = np.array([1.0, 0.0, -0.5, 0.0])
-    exact = np.array([(scipy.linalg.expm(motion(o) * t) @ start)[0] for t in results.time])
+    exact = np.array([(scipy.linalg.expm(linear(o).closed_loop() * t) @ start)[0] for t in results.time])
     return float(np.abs(results["a.x"] - exact).max())
 
 
@@ -79,6 +77,22 @@ def test_held_inputs_that_are_iterated_stay_however_long_the_step_is(
     fmus: Path, split: Oscillator, part: float
 ) -> None:
     assert np.abs(run(fmus, split, part, "hold", "auto", 200)["a.x"]).max() < 4.0
+
+
+@pytest.mark.parametrize("name", ["linear", "quadratic", "hermite", "adaptive"])
+def test_runs_grow_and_decay_as_the_transition_matrix_says(fmus: Path, name: str) -> None:
+    """By its largest eigenvalue, on both sides of the largest stable step, which is unstable without iteration."""
+    o = oscillator_of((0.05, 1.0), 10.0, 0.02)
+    limit = largest_stable_step(linear(o), extrapolation=name, iterated=True, longest=20.0)
+    assert spectral_radius(linear(o), 0.96 * limit, extrapolation=name) > 1.0
+    made = system(fmus, o, 0.01 * fastest_period(o))
+    with Simulation(made, extrapolation=name, iterations="auto") as simulation:
+        for h in (0.96 * limit, 1.04 * limit):
+            radius = spectral_radius(linear(o), h, extrapolation=name, iterated=True)
+            x = np.abs(simulation.run(300 * h, h)["a.x"])
+            growth = (x[-50:].max() / x[-200:-150].max()) ** (1.0 / 150.0)
+            assert growth == pytest.approx(radius, abs=3e-3), h
+            assert (growth < 1.0) == (h < limit)
 
 
 @SPLITS

@@ -61,6 +61,27 @@ def oscillator(damping: float, spring: float, mass: float) -> Oscillator:
     return 1.0, 1.0, 2.0 * damping, mass, 1.0, own, spring, between
 
 
+def splits() -> list[Oscillator]:
+    """24 oscillators of a light and a heavy mass, 1 to 20: the force on either, springs, dampings."""
+    return [
+        oscillator_of(masses, spring, damping)
+        for masses in ((0.05, 1.0), (1.0, 0.05))
+        for spring in (0.1, 1.0, 10.0, 100.0)
+        for damping in (0.0, 0.02, 0.1)
+    ]
+
+
+def oscillator_of(masses: tuple[float, float], spring: float, damping: float) -> Oscillator:
+    """Both masses on springs of 1; the dampings are those of each spring with its mass, or the lighter one, alone."""
+    own = [2.0 * damping * math.sqrt(m) for m in masses]
+    return masses[0], 1.0, own[0], masses[1], 1.0, own[1], spring, 2.0 * damping * math.sqrt(spring * min(masses))
+
+
+def fastest_period(o: Oscillator) -> float:
+    """In s."""
+    return float(2.0 * np.pi / np.abs(np.linalg.eigvals(linear(o).closed_loop())).max())
+
+
 def linear(o: Oscillator) -> LinearSystem:
     m1, k1, c1, m2, k2, c2, kc, cc = o
     a = LinearComponent([[0, 1], [-k1 / m1, -c1 / m1]], [[0], [1 / m1]], np.eye(2), np.zeros((2, 1)), ["f"], ["x", "v"])
