@@ -120,7 +120,7 @@ def _line(error: Exception) -> str:
     text = " ".join(str(error).split())
     if len(text) > _LONGEST:
         text = f"{text[:_LONGEST]} ... ({len(text) - _LONGEST} characters more)"
-    if isinstance(error, (CosimError, ModelError, ValueError, OSError, MemoryError)):
+    if text and isinstance(error, (CosimError, ModelError, ValueError, OSError, MemoryError)):
         return text
     return f"{type(error).__name__}: {text}; this is a fault of the program: please report what --debug shows"
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import logging
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -43,7 +43,15 @@ def connect(scheduler: str | None = None, workers: int | None = None) -> Iterato
         raise SweepError("--workers starts processes here; a scheduler has its own: leave out --workers or --scheduler")
     with quiet():
         if scheduler is None:
-            with _local(workers or CPU_COUNT) as cluster, Client(cluster, set_as_default=False) as client:
+            with ExitStack() as started:
+                try:
+                    cluster = started.enter_context(_local(workers or CPU_COUNT))
+                    client = started.enter_context(Client(cluster, set_as_default=False))
+                except TimeoutError as error:
+                    raise SweepError(
+                        "worker processes did not start in time, for this machine has much to do; try again, or with "
+                        "fewer of them (--workers)"
+                    ) from error
                 yield client
         else:
             with _remote(scheduler) as client:
@@ -125,6 +133,8 @@ def deliver(client: Client, data: bytes) -> str:
     parcel = Parcel(data)
     try:
         client.register_plugin(parcel)
+    except TimeoutError as error:
+        raise SweepError("the workers do not answer; look after them, and go on by the same command") from error
     except OSError as error:
         raise SweepError(f"a worker can't store a file: {error}; free some space there") from error
     return parcel.sha256

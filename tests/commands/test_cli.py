@@ -152,6 +152,12 @@ def test_an_error_of_many_lines_is_one_line_too(capsys, failing):
     assert all(word in line for word in ("first", "second", "third"))
 
 
+def test_an_error_without_words_says_its_kind(capsys, failing):
+    failing(TimeoutError())
+    assert main(["compare", "a", "b"]) == 1
+    assert error_line(capsys).startswith("cosim: TimeoutError: ; this is a fault of the program")
+
+
 def test_memory_that_is_not_there_is_one_line(capsys, failing):
     failing(MemoryError("Unable to allocate 4.00 PiB"))
     assert main(["compare", "a", "b"]) == 1

@@ -20,6 +20,7 @@ import cosim.sweep.cluster
 from cosim import Simulation
 from cosim.sweep import engine
 from cosim.sweep.batch import Rows
+from cosim.sweep.cluster import connect
 from cosim.sweep.engine import sweep
 from cosim.sweep.errors import SweepError
 from cosim.sweep.points import Levels, Points, Range, design
@@ -360,6 +361,15 @@ def test_no_workers_is_one_line(counter, tmp_path):
     study = CounterStudy(sha256(counter))
     with pytest.raises(SweepError, match="0 workers can't run anything"):
         sweep(study, {study.fmu: counter}, counter_points(4), tmp_path / "out", workers=0)
+
+
+def test_workers_that_do_not_start_in_time_are_one_line(monkeypatch):
+    def late(workers: int) -> None:
+        raise TimeoutError
+
+    monkeypatch.setattr("cosim.sweep.cluster._local", late)
+    with pytest.raises(SweepError, match=r"did not start in time, .* \(--workers\)$"), connect(workers=2):
+        pass
 
 
 @pytest.mark.slow
