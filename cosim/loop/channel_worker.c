@@ -24,6 +24,15 @@ static uint64_t capacity; /* of its area */
 static void *const *functions;
 static void *instance;
 
+/* Whether this process is a copy that the FMU has made of its own by fork(): only the first one answers. */
+static bool is_copy;
+
+static void note_copy(void) { is_copy = true; }
+
+static void end_copies(void) {
+    if (is_copy) _exit(0);
+}
+
 /* Messages */
 
 static pthread_mutex_t one_speaks = PTHREAD_MUTEX_INITIALIZER;
@@ -264,14 +273,18 @@ static void make_call(Call *call) {
     }
     void *function = functions[call->function];
     if (call->function <= N_fmi3InstantiateModelExchange) {
-        call->result = instantiate((int)call->function, function, word);
+        bool made = instantiate((int)call->function, function, word);
+        end_copies();
+        call->result = made;
         call->status = 0;
         return;
     }
     Extrapolated inputs[MOST_ARGUMENTS];
     Operation operations[MOST_ARGUMENTS];
     if (n_beside) answer_for(beside, n_beside, inputs, operations);
-    call->status = call_with(function, n, doubles, word, number);
+    int status = call_with(function, n, doubles, word, number);
+    end_copies();
+    call->status = status;
     asking = NULL;
     for (int k = 0; k < n_beside; k++) ((Inputs *)beside[k])->refused = inputs[k].refused;
     if (call->function == N_fmi1FreeSlaveInstance || call->function == N_fmi2FreeInstance ||
@@ -308,6 +321,7 @@ EXPORT void channel_serve(Channel *own, uint64_t size, void *const functions_of_
     capacity = size;
     functions = functions_of_fmu;
     log_to(pass_on);
+    pthread_atfork(NULL, NULL, note_copy);
     uint32_t before = channel->asked;
     Patience patience = {.longest = channel->spin};
     channel_answer(channel);
@@ -330,6 +344,7 @@ EXPORT void channel_serve(Channel *own, uint64_t size, void *const functions_of_
 static void *wait_for_end(void *file) {
     char byte;
     while (read((int)(intptr_t)file, &byte, 1) > 0) continue;
+    kill(-getpid(), SIGKILL); /* with what the FMU has started: this process leads a group */
     kill(getpid(), SIGKILL);
     return NULL;
 }

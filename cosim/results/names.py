@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
-#: At the end of the name of an element.
-_INDICES = re.compile(r"\[\d+(,\d+)*\]$")
+#: At the end of the name of an element; no vector has so many that an index has more digits.
+_INDICES = re.compile(r"\[\d{1,18}(,\d{1,18})*\]$")
 
 
 def grouped(names: Sequence[str]) -> dict[str, list[int]]:

@@ -45,5 +45,6 @@ def write_plot(results: Results, title: str, folder: Path) -> list[Path]:
     path = folder / "results.png"
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph .* missing from font")  # a name in letters that the font lacks
+        warnings.filterwarnings("ignore", category=RuntimeWarning)  # values near the largest ones that there are
         figure.savefig(path)
     return [path]

@@ -28,7 +28,8 @@ from cosim.fmi.types import FMI_TYPES, FmiType
 #: Arrays with more elements are recorded, and named in messages, element by element only where a user does so.
 LARGE = 10_000
 
-_ELEMENT = re.compile(r"(?P<vector>.+)\[\d+(,\d+)*\]$")
+#: A name of an element; no vector has so many that an index has more digits.
+_ELEMENT = re.compile(r"(?P<vector>.+)\[\d{1,18}(,\d{1,18})*\]$")
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,8 @@ from cosim.scenario import ScenarioError, load_scenario
 from cosim.ssp import Experiment, read_ssp, write_ssp
 from parallel_robot.scenario import load_scenario as load_robot_scenario
 from tests.support.c_fmus import ender, talker, tank
+from tests.support.corpus import Materials
+from tests.support.corpus.case import DESCRIPTION_2, fmu_2
 from tests.support.fmi1_fmu import build_fmi1_tank
 from tests.support.fmi3_events import clocks, state_space
 from tests.support.hybrid_models import THERMOSTAT
@@ -470,6 +472,43 @@ def test_no_process_outlives_the_program(tmp_path: Path, number: signal.Signals)
 
 
 @pytest.mark.slow
+def members_of_group(number: int) -> set[int]:
+    """Processes of a group that are there."""
+    found = set()
+    for file in Path("/proc").glob("[0-9]*/stat"):
+        with suppress(OSError):
+            state, _, group = file.read_text().rpartition(")")[2].split()[:3]
+            if int(group) == number and state != "Z":
+                found.add(int(file.parent.name))
+    return found
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="the library and /proc are those of Linux")
+@pytest.mark.parametrize("what", ["fork", "orphan"])
+def test_what_an_fmu_has_started_neither_answers_nor_stays(tmp_path: Path, what: str) -> None:
+    """By fork(): a copy that goes on as the first one does, and one that waits for ever."""
+    materials = Materials(tmp_path)
+    fmus = [
+        fmu_2(tmp_path, materials, DESCRIPTION_2.replace("{GUID}", g), name=f"{g}.fmu") for g in ("", f"{what}@step")
+    ]
+    harmless = simulate(one(fmus[0], {"u": 2.0}), 1.0, 0.1)
+    with Simulation(one(fmus[1], {"u": 2.0}), isolate=True) as simulation:
+        group = simulation._components.instances["m"]._library._process.number
+        assert simulation.run(1.0, 0.1).values.tobytes() == harmless.values.tobytes()
+        if what == "orphan":
+            assert len(members_of_group(group)) == 2
+    wait_for(lambda: not members_of_group(group))
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="the library and /proc are those of Linux")
+def test_an_fmu_that_ends_the_thread_that_calls_it_ends_the_run(tmp_path: Path) -> None:
+    fmu = fmu_2(tmp_path, Materials(tmp_path), DESCRIPTION_2.replace("{GUID}", "leave@later"))
+    with pytest.raises(
+        SimulationError, match=r"m failed at t = 0\.5 s: its thread was ended \(pthread_exit\) in fmi2DoStep"
+    ):
+        simulate(one(fmu, {"u": 2.0}), 1.0, 0.1, isolate=True)
+
+
 def test_a_crash_leaves_results_and_a_line(tmp_path: Path) -> None:
     with program(ender(tmp_path / "f.fmu", "STEPPING", "EXIT_0")) as process:
         _, said = process.communicate(timeout=PATIENCE)

@@ -6,6 +6,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from typing import TYPE_CHECKING
 
 from cosim.fmi.archive.findings import FileFindings, quoted
@@ -212,8 +213,10 @@ class _Description:
             if not _NUMBERS.isdisjoint(variable.keys()):
                 self._check_attributes(variable, _WHOLE, _is_whole, "a whole number")
                 self._check_attributes(variable, _REAL, _is_finite, "a finite number")
-            if (start := typed.get("start")) is not None:
-                self._check_start(variable, str(typed.tag), start)
+            starts = [typed.get("start"), *(s.get("value") for s in typed.iterfind("Start") if typed.tag == "Binary")]
+            for start in starts:
+                if start is not None:
+                    self._check_start(variable, str(typed.tag), start)
 
     def _here(self, variable: _Element) -> str:
         return f"{self._at(variable)}: variable {quoted(variable.get('name'))}"
@@ -328,6 +331,8 @@ class _Description:
             if holder.tag not in _INTEGERS or holder.find("Dimension") is not None:
                 self.found.add(wrong=f"{named} is not a single whole number; export it again")
                 return None
+            if holder.get("causality") != "structuralParameter" and holder.get("variability") != "constant":
+                self.found.add(unclean=f"{named} is neither a structural parameter nor constant")
             text = holder.get("start", "")
             here = f"{named} has start={quoted(text)}: it"
         if text is None or not _is_whole(text) or int(text) < 0:
@@ -336,11 +341,19 @@ class _Description:
         return int(text)
 
 
+_BYTES = re.compile(r"(?:[0-9A-Fa-f]{2})*")
+
 _WHOLE_NUMBER = re.compile(r"\s*[+-]?[0-9]{1,20}\s*")
 
 
 def _is_whole(text: str) -> bool:
     return _WHOLE_NUMBER.fullmatch(text) is not None
+
+
+def _is_whole_of(bits: int, text: str, *, signed: bool = True) -> bool:
+    """Whether it is a whole number of so many bits."""
+    smallest, largest = (-(2 ** (bits - 1)), 2 ** (bits - 1)) if signed else (0, 2**bits)
+    return _is_whole(text) and smallest <= int(text) < largest
 
 
 def _is_number(text: str) -> bool:
@@ -357,8 +370,12 @@ def _is_finite(text: str) -> bool:
 
 
 #: Type -> whether a text is a value of it; others than these have texts, or none.
-_RIGHT: dict[str, Callable[[str], bool]] = {
+_RIGHT: dict[str, Callable[[str], object]] = {
     "Boolean": _BOOLEANS.__contains__,
     **dict.fromkeys(("Real", "Float32", "Float64"), _is_number),
-    **dict.fromkeys((*_INTEGERS, "Integer", "Enumeration"), _is_whole),
+    "Binary": _BYTES.fullmatch,
+    "Enumeration": _is_whole,
+    "Integer": partial(_is_whole_of, 32),
+    **{f"Int{bits}": partial(_is_whole_of, bits) for bits in (8, 16, 32, 64)},
+    **{f"UInt{bits}": partial(_is_whole_of, bits, signed=False) for bits in (8, 16, 32, 64)},
 }

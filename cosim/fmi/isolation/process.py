@@ -25,6 +25,9 @@ CHANNEL_SIZE = 1 << 28
 #: A process that has been told to end may take so long (s).
 _LONGEST_END = 5.0
 
+#: Flag of a thread of Linux that is ending, or has ended (PF_EXITING).
+_EXITING = 4
+
 _SCRIPT = Path(__file__).with_name("worker.py")
 
 #: Signals that end a process, in words.
@@ -80,8 +83,8 @@ class Ending:
 class WorkerProcess:
     """A process for one FMU, and the memory that is shared with it.
 
-    The process ends with this object: it watches a pipe whose other end is here, and which the system closes however
-    this process ends.
+    The process ends with this object, and with it those that its FMU has started, but for those that have left its
+    group. It watches a pipe whose other end is here, and which the system closes however this process ends.
 
     Parameters
     ----------
@@ -98,6 +101,7 @@ class WorkerProcess:
     def __init__(self, library: Path, identifier: str, limits: Limits) -> None:
         check_platform()
         self._began = time.monotonic()
+        self._has_ended_group = self._has_lost_its_thread = False
         file = _unnamed_file(CHANNEL_SIZE)
         try:
             self.memory = mmap.mmap(file, CHANNEL_SIZE)
@@ -142,7 +146,10 @@ class WorkerProcess:
         """How the process has ended; None while it runs."""
         code = self._process.poll()
         if code is None:
-            return None
+            # looked at twice: in a process that is ending the others may not know yet that they are
+            before, self._has_lost_its_thread = self._has_lost_its_thread, self._goes_on_without_its_thread()
+            return Ending("its thread was ended (pthread_exit)") if before and self._has_lost_its_thread else None
+        self._end_group()
         if code >= 0:
             return Ending(f"its process ended with exit code {code}", has_called_exit=True)
         try:
@@ -166,12 +173,36 @@ class WorkerProcess:
         self.kill()
 
     def kill(self) -> None:
-        """End the process at once."""
+        """End the process at once, and what its FMU has started."""
+        self._end_group()
         self._process.kill()
         self._process.wait()
         if self._life >= 0:
             os.close(self._life)
             self._life = -1
+
+    def _end_group(self) -> None:
+        """End what the FMU has started, once: later the number of the group may be that of another one."""
+        if not self._has_ended_group:
+            self._has_ended_group = True
+            with suppress(ProcessLookupError, PermissionError):
+                os.killpg(self._process.pid, signal.SIGKILL)
+
+    def _goes_on_without_its_thread(self) -> bool:
+        """Whether the thread that calls the FMU has ended, and others are not about to."""
+        threads = Path(f"/proc/{self._process.pid}/task")
+        try:
+            if _state_of(threads / str(self._process.pid))[0] != "Z":
+                return False
+            return any(not _state_of(thread)[1] & _EXITING for thread in threads.iterdir())
+        except OSError:  # gone, or not Linux
+            return False
+
+
+def _state_of(thread: Path) -> tuple[str, int]:
+    """State of a thread of Linux, as "Z" for one that has ended, and its flags."""
+    fields = (thread / "stat").read_text(encoding="ascii", errors="replace").rpartition(")")[2].split()
+    return fields[0], int(fields[6])
 
 
 def _unnamed_file(size: int) -> int:

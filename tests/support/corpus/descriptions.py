@@ -87,6 +87,7 @@ _A = '<Float64 name="a" valueReference="2" causality="input" start="0">'
 _UNITS = "<UnitDefinitions><Unit name='m'><BaseUnit {}/></Unit></UnitDefinitions><ModelVariables>"
 _TYPES = "<TypeDefinitions>{}</TypeDefinitions><ModelVariables>"
 _EXPERIMENT = '<DefaultExperiment startTime="0" stopTime="1" stepSize="0.1"/>'
+_END = "</ModelVariables>"
 _SIZES = ("1000000", "10000000000", "18446744073709551615", "99999999999999999999999", "-3", "-0.5", "three", "", "1e3")
 
 
@@ -287,6 +288,17 @@ DESCRIPTIONS: tuple[Case, ...] = (
     # FMI 3.0
     Case("FMI 3.0: the FMU as it is", lambda folder, m: zipped(folder / "x.fmu", *members_3(m)), RUNS),
     _3("no token", ' instantiationToken="3"', "", "it has no instantiationToken"),
+    *(
+        _2(f"elements of {what}", _END, "".join(
+            f'<ScalarVariable name="v{index}" valueReference="{9 + k}" causality="local"><Real/></ScalarVariable>'
+            for k, index in enumerate(indices)) + _END, expected=RUNS, is_valid=True)
+        for what, indices in (
+            ("places far apart", ("[1]", f"[{10**12}]")),
+            ("an index of 5,000 digits", (f"[{'9' * 5000}]",)),
+            ("places below 1", ("[0]", "[-1]")),
+            ("several dimensions", ("[1]", "[1,2]", "[2][1]", "")),
+        )
+    ),
     _3("a type of FMI 2.0", "<Float64 name=\"b\"", "<Real name=\"b\"", ""),
     _3("no value reference", 'name="time" valueReference="0"', 'name="time"', "not a whole number below 2^32"),
     _3("a value reference of 2^32 + 2", 'name="b" valueReference="3"', 'name="b" valueReference="4294967299"', "2^32"),
@@ -328,6 +340,19 @@ DESCRIPTIONS: tuple[Case, ...] = (
     _3("an interval that is not a number", "<CoSimulation ", '<CoSimulation fixedInternalStepSize="short" ',
        "is not a finite number"),
     _3("start values that are fewer", 'causality="input" start="0"', 'causality="input" start="0 1"', expected=RUNS),
+    *(
+        _3(f"a start value that is {what}", _END, f'<{kind} name="z" valueReference="20" causality="parameter" '
+           f'variability="fixed"{more}</{kind}>{_END}', expected=RUNS)
+        for what, kind, more in (
+            ("a Boolean of 2", "Boolean", ' start="2">'),
+            ("beyond 8 bits", "Int8", ' start="1000">'),
+            ("below an unsigned number", "UInt64", ' start="-1">'),
+            ("bytes of an odd number of digits", "Binary", '><Start value="abc"/>'),
+            ("bytes of no digits", "Binary", '><Start value="zz"/>'),
+        )
+    ),
+    _3("a dimension by an input", 'causality="structuralParameter" variability="fixed"',
+       'causality="input" variability="discrete"', expected=RUNS),
     # FMI 1.0
     _1("a library without its functions", "", "", "lacks stranger_fmiInstantiateSlave"),
     _1("no identifier", ' modelIdentifier="stranger"', "", "it has no modelIdentifier"),

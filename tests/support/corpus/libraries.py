@@ -59,6 +59,16 @@ def _does(what: str, where: str, expected: str = STOPS, says: str = "", *options
     )
 
 
+def _told(when: str, what: str, expected: str) -> Case:
+    """The FMU whose library does something when it is loaded or unloaded."""
+    told = (f"{LIBRARY}.{when}", what.encode())
+    return Case(
+        f"{what} when it is {when}ed", lambda folder, m: fmu_2(folder, m, DESCRIPTION_2, told), expected,
+        is_hostile=True,
+        is_valid=True,
+    )  # fmt: skip
+
+
 def _with_text(what: str) -> Case:
     text = '<ScalarVariable name="t" valueReference="9" causality="output" variability="discrete"><String/></ScalarVariable>'
     xml = replaced(DESCRIPTION_2, "</ModelVariables>", text + "</ModelVariables>")
@@ -136,7 +146,19 @@ LIBRARIES: tuple[Case, ...] = (
     *(_does(what, "terminate", RUNS) for what in ("error", "fatal")),
     _does("loop", "exit", REFUSED),
     _does("loop", "later"),
-    *(_does(what, "step", RUNS) for what in ("chdir", "environment")),
+    *(_does(what, "step", RUNS) for what in ("chdir", "environment", "rounding", "deaf", "masked", "mode", "output")),
+    # processes and threads of its own
+    *(_does(what, "step", RUNS) for what in ("fork", "orphan", "spin")),
+    *(_does(what, "later") for what in ("program", "thread", "leave", "alarm")),
+    *(_does(what, "exit", REFUSED) for what in ("program", "leave")),
+    *(_does(what, "free", RUNS) for what in ("program", "leave", "stop")),
+    _does("at exit", "instantiate", RUNS),
+    _does("stop", "later"),
+    # what it shares with the process that it lives in
+    *(_does(what, "later") for what in ("trap", "scribble", "beyond", "pending", "negative")),
+    *(_does(what, "step", RUNS) for what in ("no files", "no room")),
+    *(_told("load", what, REFUSED) for what in ("exit0", "abort", "program", "leave", "loop")),
+    *(_told("unload", what, RUNS) for what in ("exit0", "abort", "program", "leave", "loop")),
     *(_does(what, "anywhere", RUNS) for what in ("escape", "noise")),
     _does("format", "anywhere", REFUSED),
     *map(_with_text, ("null text", "bytes")),

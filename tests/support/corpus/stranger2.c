@@ -3,11 +3,19 @@
  * It keeps a real number for each value reference below 64; y (2) follows u (1) as y' = u. */
 
 #define _GNU_SOURCE
+#include <dlfcn.h>
+#include <fcntl.h>
+#include <fenv.h>
+#include <locale.h>
 #include <math.h>
+#include <pthread.h>
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/resource.h>
+#include <sys/stat.h>
+#include <sys/time.h>
 #include <unistd.h>
 
 #include "fmi2Functions.h"
@@ -24,6 +32,35 @@ static void overflow(int n) {
     volatile char block[4096];
     block[0] = (char)n;
     overflow(n + block[0] + 1);
+}
+
+static void abort_soon(void) { abort(); }
+
+static void *spin(void *unused) {
+    for (volatile long i = 0;; i++) (void)unused;
+}
+
+static void *abort_later(void *unused) {
+    (void)unused;
+    usleep(1000);
+    abort();
+}
+
+static void begin(void *(*work)(void *)) {
+    pthread_t thread;
+    if (pthread_create(&thread, NULL, work, NULL)) abort();
+}
+
+/* Overwrite all memory of this process that it shares with others. */
+static void scribble(void) {
+    char line[512];
+    FILE *maps = fopen("/proc/self/maps", "r");
+    while (maps && fgets(line, sizeof line, maps)) {
+        unsigned long first, end;
+        char rights[8];
+        if (sscanf(line, "%lx-%lx %7s", &first, &end, rights) != 3 || strcmp(rights, "rw-s")) continue;
+        memset((void *)first, 0xA5, end - first < 4000000 ? end - first : 4000000);
+    }
 }
 
 /* Do it, if this is where. */
@@ -44,6 +81,39 @@ static int misbehave(Model *m, const char *where) {
     if (strcmp(what, "chdir") == 0) return chdir("/");
     if (strcmp(what, "environment") == 0) return setenv("PATH", "", 1);
     if (strcmp(what, "close") == 0) return close(1);
+    static int has_forked; /* once: masters that don't isolate would be many soon */
+    if (strcmp(what, "fork") == 0 && !has_forked++) fork();
+    if (strcmp(what, "orphan") == 0 && !has_forked++ && fork() == 0) sleep(100), _exit(0);
+    if (strcmp(what, "program") == 0) execl("/bin/true", "true", NULL);
+    if (strcmp(what, "alarm") == 0) {
+        signal(SIGALRM, SIG_DFL);
+        setitimer(ITIMER_REAL, &(struct itimerval){{0, 0}, {0, 1000}}, NULL);
+        usleep(100000);
+    }
+    if (strcmp(what, "no files") == 0)
+        for (int i = 0; i < 1024; i++) close(i);
+    if (strcmp(what, "no room") == 0) setrlimit(RLIMIT_FSIZE, &(struct rlimit){0, 0});
+    if (strcmp(what, "rounding") == 0) fesetround(FE_UPWARD);
+    if (strcmp(what, "trap") == 0) feenableexcept(FE_ALL_EXCEPT);
+    if (strcmp(what, "deaf") == 0)
+        for (int i = 1; i < 32; i++) signal(i, SIG_IGN);
+    if (strcmp(what, "masked") == 0) {
+        sigset_t all;
+        sigfillset(&all);
+        sigprocmask(SIG_BLOCK, &all, NULL);
+    }
+    if (strcmp(what, "spin") == 0) begin(spin);
+    if (strcmp(what, "thread") == 0) begin(abort_later), usleep(100000);
+    if (strcmp(what, "at exit") == 0) atexit(abort_soon);
+    if (strcmp(what, "leave") == 0) pthread_exit(NULL);
+    if (strcmp(what, "stop") == 0) raise(SIGSTOP);
+    if (strcmp(what, "scribble") == 0) scribble();
+    if (strcmp(what, "mode") == 0) umask(0777);
+    if (strcmp(what, "output") == 0)
+        for (int i = 0; i < 100000; i++) printf("\033[2J%d\n", i);
+    if (strcmp(what, "beyond") == 0) memset(m->values + MOST, 0x5A, 1 << 20);
+    if (strcmp(what, "pending") == 0) return 5;
+    if (strcmp(what, "negative") == 0) return -1;
     if (strcmp(what, "error") == 0) return 3;
     if (strcmp(what, "fatal") == 0) return 4;
     if (strcmp(what, "discard") == 0) return 2;
@@ -51,6 +121,23 @@ static int misbehave(Model *m, const char *where) {
     while (strcmp(what, "loop") == 0) usleep(1000);
     return 0;
 }
+
+/* What a file beside the library, <library>.<when>, says is done when it is loaded or unloaded. */
+static void do_as_told(const char *when) {
+    Model m = {.where = when};
+    char path[4096];
+    Dl_info info;
+    if (!dladdr((void *)do_as_told, &info)) return;
+    snprintf(path, sizeof path, "%s.%s", info.dli_fname, when);
+    FILE *file = fopen(path, "r");
+    if (!file) return;
+    if (fgets(m.what, sizeof m.what, file)) misbehave(&m, when);
+    fclose(file);
+}
+
+__attribute__((constructor)) static void loaded(void) { do_as_told("load"); }
+
+__attribute__((destructor)) static void unloaded(void) { do_as_told("unload"); }
 
 fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, fmi2String resources,
                               const fmi2CallbackFunctions *functions, fmi2Boolean visible, fmi2Boolean logging) {
