@@ -299,7 +299,7 @@ def test_every_import_is_of_the_base_or_an_extra() -> None:
         f"{module} imports {name}"
         for module, path in sources().items()
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-        if isinstance(node, ast.Import | ast.ImportFrom)
+        if isinstance(node, ast.Import | ast.ImportFrom) and not getattr(node, "level", 0)
         for name in ([a.name for a in node.names] if isinstance(node, ast.Import) else [node.module or ""])
         if name.partition(".")[0] not in known
     }
