@@ -24,6 +24,9 @@ from cosim.loop import current_calls
 #: Exit status for a process that an FMU has ended with that of success: an internal error, by sysexits.h.
 STATUS_OF_EXIT = 70
 
+#: What follows the last line of an FMU that ends the process, as in current_calls.c.
+_REMEDY = "ask its supplier; isolated FMUs leave what was recorded (--isolated, isolate=True)"
+
 #: Names of signals that are passed on to the process.
 _PASSED_ON = ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGUSR1", "SIGUSR2")
 
@@ -68,7 +71,7 @@ def supervised(command: Callable[[], int]) -> int:
     elif current_calls.is_finished(memory):
         return code
     else:
-        how = "it called _exit(), which an FMU must not do; ask its supplier"
+        how = f"it called _exit(), which an FMU must not do; {_REMEDY}"
         code = code or STATUS_OF_EXIT
     if text := current_calls.last_line(memory, how, "was stuck" if stuck else "ended the process"):
         print(text, file=sys.stderr, end="")

@@ -30,6 +30,9 @@
 /* Exit status of a process that an FMU has ended by exit(): an internal error, by sysexits.h. */
 enum { STATUS_OF_EXIT = 70 };
 
+/* What follows every last line. */
+#define REMEDY "ask its supplier; isolated FMUs leave what was recorded (--isolated, isolate=True)"
+
 static CurrentCalls own;
 static CurrentCalls *all = &own;
 static int (*python_runs)(void);
@@ -88,7 +91,7 @@ static void exiting(void) {
     if (all->process != (uint64_t)getpid() || !python_runs()) return; /* a child of the FMU; a usual end */
     const CurrentCall *call = current_call(all, this_thread(), false);
     if (!call) return;
-    explain(call, "ended the process", "it called exit(), which an FMU must not do; ask its supplier");
+    explain(call, "ended the process", "it called exit(), which an FMU must not do; " REMEDY);
     fflush(NULL);
     _exit(STATUS_OF_EXIT);
 }
@@ -173,11 +176,11 @@ static int n_watching;
 
 static void crashed(int number, siginfo_t *info, void *context) {
     (void)context;
-    char how[128] = "";
+    char how[256] = "";
     for (int i = 0; i < N_SIGNALS; i++)
         if (signals[i].number == number) {
             sigaction(number, &before[i], NULL);
-            snprintf(how, sizeof how, "%s; the fault is in the FMU, ask its supplier", signals[i].text);
+            snprintf(how, sizeof how, "%s; the fault is in the FMU, " REMEDY, signals[i].text);
         }
     const CurrentCall *call = all->told ? NULL : current_call(all, this_thread(), true);
     if (call && all->process == (uint64_t)getpid())

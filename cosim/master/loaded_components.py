@@ -19,6 +19,7 @@ from cosim.fmi.isolation.limits import Limits
 from cosim.fmi.message_log import LogWriter
 from cosim.fmi.messages import Messages
 from cosim.fmi.model_exchange import ModelExchangeInstance
+from cosim.fmi.process_kept import KeptProcess
 from cosim.fmi.shared_library import Library, Loader
 from cosim.fmi.types import Texts
 from cosim.fmi.unpacking import folder_for_fmus
@@ -89,6 +90,7 @@ class LoadedComponents:
         Components whose instances were reset before this run; others are new.
     interrupt : DeferredInterrupt or None
         What knows of Ctrl-C while FMUs are called.
+    process : KeptProcess
     """
 
     def __init__(
@@ -112,6 +114,7 @@ class LoadedComponents:
         self.reset: set[str] = set()
         self.interrupt: DeferredInterrupt | None = None
         self.messages = messages
+        self.process = KeptProcess()
         self._fmus = fmus
         self._functions = functions
         self._ports = ports
@@ -142,7 +145,7 @@ class LoadedComponents:
         self._folders.clear()
         with ExitStack() as opened:
             self._reach_hosts(opened)
-            with watched_calls(), self._interruptible(), ExitStack() as stack:
+            with watched_calls(), self.process.while_fmus_are_called(), self._interruptible(), ExitStack() as stack:
                 if self._log is not None:
                     self._log.open()
                     stack.callback(self._log.close)
@@ -165,7 +168,7 @@ class LoadedComponents:
     def close(self) -> None:
         """Free all instances and remove what was unpacked."""
         if self._stack is not None:
-            with watched_calls(), self._interruptible():
+            with watched_calls(), self.process.while_fmus_are_called(), self._interruptible():
                 self._stack.close()
             self._stack = None
 

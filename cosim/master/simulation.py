@@ -632,7 +632,10 @@ class Simulation:
                 return CheckpointedRun(
                     run, growing, grid, record_every, results, times, known, checkpoint, slots
                 ).to_end(progress, pacer)
-        with self._occupied("a run of this simulation is going on") as interrupt:
+        with (
+            self._occupied("a run of this simulation is going on") as interrupt,
+            self._components.process.while_fmus_are_called(),
+        ):
             loop, results = self._begun(samples, starts, grid, record_every, experiments, interrupt, nonfinite)
             self._check_sink(sink, names)
             recorder = self._recorder(grid, record_every, sink, loop.marks)
@@ -674,7 +677,10 @@ class Simulation:
         samples, starts = self._prepared(plan.first_grid(), start, signals, record_every)
         whole = Grid(start_time, stop_time - start_time, 1, stop_time)
         compared = self._compared()
-        with self._occupied("a run of this simulation is going on") as interrupt:
+        with (
+            self._occupied("a run of this simulation is going on") as interrupt,
+            self._components.process.while_fmus_are_called(),
+        ):
             experiments = self._experiments(whole, tolerance)
             run, results = self._begun(
                 samples, starts, plan.first_grid(), record_every, experiments, interrupt, nonfinite
@@ -780,7 +786,8 @@ class Simulation:
     ) -> Iterator[tuple[SteppedRun, Growing, Results]]:
         """A run to be stepped, what it records to, and results without rows."""
         with self._occupied("a run of this simulation is being stepped") as interrupt:
-            loop, results = self._begun(samples, starts, grid, record_every, experiments, interrupt, nonfinite)
+            with self._components.process.while_fmus_are_called():  # not while the caller goes on
+                loop, results = self._begun(samples, starts, grid, record_every, experiments, interrupt, nonfinite)
             growing = Growing(self._times(grid, record_every), len(self._names))
             run = SteppedRun(
                 loop,

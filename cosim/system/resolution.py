@@ -18,7 +18,7 @@ from cosim.fmi.types import CONVERSIONS
 from cosim.system.levels import AlgebraicLoop, Node, levels
 from cosim.system.system import AsWritten, Component, Connection, Signal, SignalFunction, System, Units
 from cosim.system.units import UnitsDiffer, conversion
-from cosim.system.variables import LARGE, Element, ElementArray, Ports, is_alias
+from cosim.system.variables import LARGE, Element, ElementArray, Ports, indices, is_alias
 
 
 @dataclass(frozen=True)
@@ -229,6 +229,11 @@ def _links(connection: Connection, ports: Mapping[str, Ports]) -> list[Link]:
     target_component, targets = _find(connection.target, ports, "input", "target of a connection")
     if len(sources) != len(targets):
         raise SetupError(f"{here}: {len(sources)} values can't feed {len(targets)}; connect elements one by one")
+    given, taken = _shape(sources), _shape(targets)
+    if len(given) > 1 and len(taken) > 1 and given != taken:
+        raise SetupError(
+            f"{here}: an array of {_said(given)} can't feed one of {_said(taken)}; connect elements one by one"
+        )
     links = []
     for source, target in zip(sources, targets, strict=True):
         if source.kind != target.kind and (source.kind, target.kind) not in CONVERSIONS:
@@ -291,6 +296,17 @@ def _drive(signal: Signal, ports: Mapping[str, Ports], system: System) -> Drive:
     return Drive(component, tuple(targets), function, signal.breakpoints, signal.vectorized, every, signal.added)
 
 
+def _shape(elements: Sequence[Element]) -> tuple[int, ...]:
+    """The sizes of an array of which these are the elements, without those that are 1; one size where none is known."""
+    last = elements[-1].name
+    shape = tuple(n for n in indices(last) if n > 1) if last.endswith("]") else ()
+    return shape if math.prod(shape) == len(elements) else (len(elements),)
+
+
+def _said(shape: Sequence[int]) -> str:
+    return " x ".join(map(str, shape))
+
+
 def resolve_start_value(port: Ports, name: str, value: Any, what: str = "start value") -> StartValue:
     """Start values of the elements of one name; `what` is their name in messages.
 
@@ -321,6 +337,9 @@ def resolve_start_value(port: Ports, name: str, value: Any, what: str = "start v
         values *= len(elements)
     if len(values) != len(elements):
         raise SetupError(f"{here}: {len(values)} values were given for {len(elements)}")
+    given, taken = tuple(n for n in np.shape(value) if n > 1), _shape(elements)
+    if len(given) > 1 and given != taken:
+        raise SetupError(f"{here}: an array of {_said(given)} was given for one of {_said(taken)}")
     own = tuple(_start_value(here, e, v, value) for e, v in zip(elements, values, strict=True))
     return StartValue(port.component, tuple(elements), own)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import locale
+import math
 import os
 import signal
 import threading
@@ -16,9 +17,10 @@ from pathlib import Path
 
 import pytest
 
-from cosim import SetupError, System, simulate
+from cosim import SetupError, Simulation, System, simulate
 from cosim.regression.run import run as run_alone
 from cosim.regression.tolerances import Interface
+from tests.support.c_fmus import tank
 from tests.support.regression_fmus import make_case
 from tests.support.small_fmus import FLAVOURS, build
 from tests.support.tiny_models import INTEGRATOR
@@ -141,4 +143,30 @@ def test_an_fmu_that_cannot_be_made_leaves_the_process_as_it_was(fmus: Path, tmp
             new.writestr(name, b"no library" if name.startswith("binaries/") else old.read(name))
     with pytest.raises(SetupError, match=r"component 'i': .*broken\.fmu: can't be loaded"):
         integral(str(tmp_path / "broken.fmu"), 1.0)
+    assert process() == before
+
+
+def test_what_an_fmu_changes_of_the_process_is_so_in_its_calls_only(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The FMU goes to another folder, and finds itself there again; it changes locale and rounding."""
+
+    def process() -> tuple[object, ...]:
+        return Path.cwd(), locale.setlocale(locale.LC_ALL), one + math.ulp(1.0) / 4 == 1.0
+
+    one = 1.0
+    monkeypatch.chdir(tmp_path)
+    tank(tmp_path / "meddler.fmu", "MEDDLES", options=("-lm",))
+    before = process()
+    assert before[-1]
+    system = System()
+    system.add("t", "meddler.fmu", start={"u": 1.0})
+    with Simulation(system) as simulation:
+        assert process() == before
+        for _ in range(2):
+            assert simulation.run(1.0, 0.5)["t.y"][-1] == 1.0
+            assert process() == before
+        with simulation.start(0.5) as stepped:
+            assert process() == before
+            stepped.step()
     assert process() == before

@@ -63,6 +63,20 @@ def test_connections_have_the_sizes_and_two_components_of_one_file_their_own(fmu
         simulate(system, 0.5, H)
 
 
+def test_a_matrix_of_other_sizes_is_refused_however_many_values_it_has(fmu):
+    sizes = {"m": 2, "n": 3, "r": 4}
+    b, flat = np.arange(6.0).reshape(3, 2), np.arange(6.0)
+    expected = np.add.accumulate([H * b @ [1.0, 2.0]] * 8)
+    for value in (b, b.tolist(), flat, flat.reshape(1, 6), flat.reshape(6, 1)):
+        system = System()
+        system.add("s", fmu, start={**sizes, "A": 0.0, "B": value, "u": [1.0, 2.0]})
+        np.testing.assert_allclose(simulate(system, 1.0, H, record=["s.x"])["s.x"][1:], expected, rtol=1e-15)
+    system = System()
+    system.add("s", fmu, start={**sizes, "B": b.T})
+    with pytest.raises(SetupError, match=r"start value of 's\.B': an array of 2 x 3 was given for one of 3 x 2$"):
+        simulate(system, 1.0, H)
+
+
 def test_every_run_sets_them_again(fmu):
     system = System()
     system.add("s", fmu, start={"m": 1, "n": 1, "r": 1})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 import subprocess
@@ -41,9 +42,12 @@ def lowest() -> list[str]:
 
 
 def newest_python() -> str:
-    """Of those on the path, if it is newer than this one."""
+    """Of those on the path and of pyenv, if it is newer than this one."""
+    pyenv = Path(os.environ.get("PYENV_ROOT", "~/.pyenv")).expanduser() / "versions"
     for minor in range(40, sys.version_info.minor, -1):
-        found = shutil.which(f"python3.{minor}")
+        kept = [str(folder / "bin") for folder in pyenv.glob(f"3.{minor}.*")]  # its shim on the path may start none
+        found = shutil.which(f"python3.{minor}", path=os.pathsep.join(kept)) if kept else None
+        found = found or shutil.which(f"python3.{minor}")
         if found and subprocess.run([found, "-c", "import venv"], capture_output=True, check=False).returncode == 0:
             return found
     return sys.executable

@@ -2,11 +2,18 @@
 
 ONCE: one instance in a process. FURTHER: the scale comes from a further library. NOWHERE: it comes from a function that
 no library has. RESOURCE: it stands in the file scale.txt of the resources. GLOBAL: x is a global variable, which begins
-at 0 when the library is loaded; UNIQUE: one that the loader keeps once for the process. */
+at 0 when the library is loaded; UNIQUE: one that the loader keeps once for the process. MEDDLES: it changes what belongs
+to the process, and must find its folder again. */
 
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+
+#ifdef MEDDLES
+#include <fenv.h>
+#include <locale.h>
+#include <unistd.h>
+#endif
 
 #include "fmi2Functions.h"
 
@@ -74,6 +81,9 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
 #else
     (void)name, (void)functions;
 #endif
+#ifdef MEDDLES
+    if (chdir("/") || !setlocale(LC_ALL, "C") || fesetround(FE_UPWARD)) return NULL;
+#endif
     Model *m = calloc(1, sizeof *m);
     m->scale = 1.0;
 #ifdef FURTHER
@@ -102,7 +112,14 @@ fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean tolerance_defined, f
 }
 
 fmi2Status fmi2EnterInitializationMode(fmi2Component c) { return c ? fmi2OK : fmi2Error; }
-fmi2Status fmi2ExitInitializationMode(fmi2Component c) { return c ? fmi2OK : fmi2Error; }
+fmi2Status fmi2ExitInitializationMode(fmi2Component c) {
+#ifdef MEDDLES
+    char folder[2];
+    if (!getcwd(folder, sizeof folder)) return fmi2Error;
+    fesetround(FE_UPWARD);
+#endif
+    return c ? fmi2OK : fmi2Error;
+}
 fmi2Status fmi2Terminate(fmi2Component c) { return c ? fmi2OK : fmi2Error; }
 
 fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference r[], size_t n, fmi2Real v[]) {

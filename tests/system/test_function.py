@@ -243,6 +243,29 @@ def test_connections_are_checked_as_those_of_fmus(tiny: Path, source: str, targe
         Simulation(connected(tiny, source, target))
 
 
+@pytest.mark.parametrize(
+    ("given", "taken", "why"),
+    [
+        ((2, 3), (3, 2), "an array of 2 x 3 can't feed one of 3 x 2; connect elements one by one"),
+        ((2, 6), (2, 2, 3), "an array of 2 x 6 can't feed one of 2 x 2 x 3"),
+        ((2, 3), (2, 3), ""),
+        ((1, 2, 3), (2, 3), ""),
+        ((6,), (2, 3), ""),
+        ((6, 1), (6,), ""),
+    ],
+)
+def test_an_array_of_other_sizes_is_not_fed(given: tuple[int, ...], taken: tuple[int, ...], why: str) -> None:
+    system = System()
+    system.add_function("a", lambda _: np.arange(np.prod(given)).reshape(given), outputs={"y": given})
+    system.add_function("b", lambda _, u: u, inputs={"u": taken}, outputs={"y": taken})
+    system.connect("a.y", "b.u")
+    if why:
+        with pytest.raises(SetupError, match=f"connection 'a.y' -> 'b.u': {why}"):
+            Simulation(system)
+    else:
+        assert simulate(system, 1.0, 1.0)["b.y"][-1].ravel().tolist() == list(range(6))
+
+
 def test_units_may_be_ignored_or_unknown(tiny: Path) -> None:
     for source, target, units in (("c.torque", "u.length", "ignore"), ("c.bare", "u.length", "equal")):
         with pytest.raises(SetupError, match=r"nothing feeds input 'c\.length'"):
