@@ -1,8 +1,9 @@
 """Strength of the tests: changes of the code, drawn at random, that a room's own tests do or do not notice.
 
 `python -m benchmarks.mutation [ROOM...] [--sample 60] [--seed 0]`, with the extra `mutation`. Each mutant is tried in a
-copy of the project, two at a time; a room takes five to twenty minutes. Writes docs/mutation.md from the last
-measurement of each room. mutants_explained.toml says of survivors why no test can or need notice them.
+copy of the project, two at a time; a room takes five to thirty minutes. What the default tests do not notice, the
+room's slow tests are tried against too. Writes docs/mutation.md from the last measurements of each room.
+mutants_explained.toml says of survivors why no test can or need notice them.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from queue import SimpleQueue
 from tempfile import TemporaryDirectory
@@ -36,6 +38,12 @@ ROOT = Path(__file__).parents[1]
 EXPLAINED = Path(__file__).with_name("mutants_explained.toml")
 RESULTS = Path(__file__).with_name("mutation_results.json")
 PAGE = Path("docs/mutation.md")
+
+#: The tests of a room that a mutant is tried against, first those that continuous integration runs.
+MARKERS = ("not slow", "slow")
+
+#: Exit code of pytest for a room that has no slow tests.
+NO_TESTS = 5
 
 #: Address space of the tests of a mutant: a mutant that collects without end must not take the machine along. A process
 #: of a test may lift this limit: the sanitisers need more addresses than any machine has memory.
@@ -125,6 +133,8 @@ class Measurement:
         How many made a test fail, or the tests run into the time limit.
     survivors : tuple of Mutant
         Those that no test noticed.
+    killed_slow : int
+        How many made no default test fail, but one of those that are marked slow.
     """
 
     places: int
@@ -133,11 +143,12 @@ class Measurement:
     killed: int
     time_limit: int
     survivors: tuple[Mutant, ...]
+    killed_slow: int = 0
 
     @property
     def drawn(self) -> int:
         """How many mutants were tried."""
-        return self.killed + self.time_limit + len(self.survivors)
+        return self.killed + self.killed_slow + self.time_limit + len(self.survivors)
 
 
 def main() -> int:
@@ -149,6 +160,9 @@ def main() -> int:
     parser.add_argument(
         "--again", action="store_true", help="try the survivors of the last measurement again, no others"
     )
+    parser.add_argument(
+        "--check", action="store_true", help="keep the last measurement beside this one, a check by another seed"
+    )
     parser.add_argument("--jobs", type=int, default=2, help="mutants at a time (default %(default)s)")
     options = parser.parse_args()
     unknown = [name for name in options.rooms if name not in ROOMS]
@@ -158,14 +172,16 @@ def main() -> int:
     explained = tomllib.loads(EXPLAINED.read_text(encoding="utf-8"))["mutants"]
     for name in options.rooms or ROOMS:
         if options.again:
-            measured = measure_again(name, saved()[name], options.jobs)
+            *before, last = saved()[name]
+            measured = measure_again(name, last, options.jobs)
         else:
+            before = saved().get(name, []) if options.check else []
             measured = measure(name, options.sample, options.seed, options.jobs)
         print(text_of(name, measured, explained), flush=True)
-        save(name, measured)
+        save(name, [*before, measured])
     measurements = saved()
     PAGE.write_text(page(measurements, explained), encoding="utf-8")
-    return int(any(_noticed(m, explained) < 0.9 * m.drawn for m in measurements.values()))
+    return int(any(_noticed(m, explained) < 0.9 * m.drawn for drawn in measurements.values() for m in drawn))
 
 
 def measure(name: str, sample: int, seed: int, jobs: int) -> Measurement:
@@ -185,6 +201,7 @@ def measure(name: str, sample: int, seed: int, jobs: int) -> Measurement:
         verdicts.count("killed"),
         verdicts.count("time limit"),
         _survivors(mutants, verdicts),
+        verdicts.count("killed by a slow test"),
     )
 
 
@@ -204,6 +221,7 @@ def measure_again(name: str, last: Measurement, jobs: int) -> Measurement:
         killed=last.killed + verdicts.count("killed"),
         time_limit=last.time_limit + verdicts.count("time limit"),
         survivors=_survivors(mutants, verdicts),
+        killed_slow=last.killed_slow + verdicts.count("killed by a slow test"),
     )
 
 
@@ -233,10 +251,12 @@ def _tried(name: str, mutants: Sequence[_Drawn], jobs: int) -> list[str]:
         for i in range(jobs):
             copies.put(_copy(Path(temporary) / str(i)))
         copy = copies.get()
-        began = time.monotonic()
-        if _run_tests(copy, tests, 3600.0) != "survived":
-            raise SystemExit(f"the tests of room '{name}' fail without any mutant: {' '.join(tests)}")
-        limit = 60.0 + 5.0 * (time.monotonic() - began)
+        limits: list[float] = []
+        for marker in MARKERS:
+            began = time.monotonic()
+            if _run_tests(copy, tests, marker, 3600.0) != "survived":
+                raise SystemExit(f"the tests of room '{name}' ({marker}) fail without any mutant: {' '.join(tests)}")
+            limits.append(60.0 + 5.0 * (time.monotonic() - began))
         copies.put(copy)
 
         def verdict(mutant: _Drawn) -> str:
@@ -245,9 +265,14 @@ def _tried(name: str, mutants: Sequence[_Drawn], jobs: int) -> list[str]:
                 path = copy / mutant.shown.file
                 path.write_text(mutant.changed, encoding="utf-8")
                 try:
-                    found = _run_tests(copy, tests, limit)
+                    default, slow = limits
+                    found = _run_tests(copy, tests, MARKERS[0], default)
+                    if found == "survived":
+                        found = _run_tests(copy, tests, MARKERS[1], slow)
+                        found = "killed by a slow test" if found == "killed" else found
                     # at once, so that a measurement that is broken off was not in vain
-                    tqdm.write(f"{found}: {mutant.shown.file}, line {mutant.shown.line}")
+                    shown = mutant.shown
+                    tqdm.write(f"{found}: {shown.file}, line {shown.line}\n- {shown.before}\n+ {shown.after}")
                     return found
                 finally:
                     path.write_text(mutant.code, encoding="utf-8")
@@ -275,7 +300,7 @@ def draw(room: Room, sample: int, generator: random.Random) -> tuple[int, list[_
     places = sorted(
         (str(file), position, tuple(found))
         for source in room.sources
-        for file in ([Path(source)] if source.endswith(".py") else sorted(Path(source).glob("*.py")))
+        for file in ([Path(source)] if source.endswith(".py") else sorted(Path(source).rglob("*.py")))
         for position, found in _places(file.read_text(encoding="utf-8")).items()
     )
     generator.shuffle(places)
@@ -319,6 +344,7 @@ def _differs(before: str, after: str) -> bool:
         return False
 
 
+@lru_cache(4)
 def _meaning(code: str) -> str:
     tree = ast.parse(code)
     for node in ast.walk(tree):
@@ -353,9 +379,10 @@ def _copy(folder: Path) -> Path:
     return folder
 
 
-def _run_tests(copy: Path, tests: Sequence[str], limit: float) -> str:
-    """What became of a mutant: "killed", "time limit" or "survived"."""
-    command = [sys.executable, "-m", "pytest", "-x", "-q", "--no-header", "--tb=no", "-p", "no:cacheprovider", *tests]
+def _run_tests(copy: Path, tests: Sequence[str], marker: str, limit: float) -> str:
+    """What became of a mutant with the tests of a marker: "killed", "time limit" or "survived"."""
+    quiet = ("-x", "-q", "--no-header", "--tb=no", "-p", "no:cacheprovider")
+    command = [sys.executable, "-m", "pytest", *quiet, "-m", marker, *tests]
     # no .pyc: two mutants of one size within a second would be taken for each other
     environment = {**os.environ, "PYTHONPATH": str(copy), "PYTHONDONTWRITEBYTECODE": "1"}
     process = subprocess.Popen(
@@ -369,7 +396,7 @@ def _run_tests(copy: Path, tests: Sequence[str], limit: float) -> str:
     )
     resource.prlimit(process.pid, resource.RLIMIT_AS, (MOST_MEMORY, resource.RLIM_INFINITY))
     try:
-        return "killed" if process.wait(limit) else "survived"
+        return "survived" if process.wait(limit) in (0, NO_TESTS) else "killed"
     except subprocess.TimeoutExpired:
         return "time limit"
     finally:
@@ -414,47 +441,49 @@ def _listed(measured: Measurement, explained: Sequence[dict[str, str]]) -> Itera
         yield from ("", "```diff", *(f"{sign} {line}" for sign, line in lines), "```", "")
 
 
-def save(name: str, measured: Measurement) -> None:
-    """Keep the measurement of a room beside those of the others."""
+def save(name: str, measured: Sequence[Measurement]) -> None:
+    """Keep the measurements of a room beside those of the others."""
     data = json.loads(RESULTS.read_text(encoding="utf-8")) if RESULTS.exists() else {}
-    data[name] = asdict(measured)
+    data[name] = [asdict(m) for m in measured]
     RESULTS.write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
 
 
-def saved() -> dict[str, Measurement]:
-    """The last measurement of each room."""
+def saved() -> dict[str, list[Measurement]]:
+    """The last measurement of each room, and the checks by other seeds that followed it."""
     data = json.loads(RESULTS.read_text(encoding="utf-8")) if RESULTS.exists() else {}
     return {
-        name: Measurement(**data[name] | {"survivors": tuple(Mutant(**m) for m in data[name]["survivors"])})
+        name: [Measurement(**m | {"survivors": tuple(Mutant(**s) for s in m["survivors"])}) for m in data[name]]
         for name in ROOMS
         if name in data
     }
 
 
-def page(measurements: dict[str, Measurement], explained: Sequence[dict[str, str]]) -> str:
+def page(measurements: dict[str, list[Measurement]], explained: Sequence[dict[str, str]]) -> str:
     """docs/mutation.md."""
     rows = []
-    for name, m in measurements.items():
+    for name, m in ((name, m) for name, drawn in measurements.items() for m in drawn):
         told = sum(reason_of(mutant, explained) != "" for mutant in m.survivors)
-        counts = (m.places, m.drawn, m.killed, m.time_limit, len(m.survivors), told)
+        counts = (m.places, m.drawn, m.killed, m.killed_slow, m.time_limit, len(m.survivors), told)
         share = f"{100.0 * _noticed(m, explained) / m.drawn:.0f} %"
-        tests = " ".join(f"`{test}`" for test in ROOMS[name].tests)
-        rows.append(" | ".join(map(str, [name, *counts, share, m.seed, m.date, tests])))
+        rows.append(" | ".join(map(str, [name, m.seed, *counts, share, m.date])))
     header = (
-        *("room", "places to change", "drawn", "killed", "time limit", "survived", "of these explained"),
-        *("killed or explained", "seed", "date", "tests"),
+        *("room", "seed", "places to change", "drawn", "killed", "killed by slow tests only", "time limit"),
+        *("survived", "of these explained", "killed or explained", "date"),
     )
     table = "\n".join(f"| {row} |" for row in (" | ".join(header), " | ".join("---" for _ in header), *rows))
     absent = [name for name in ROOMS if name not in measurements]
     missing = f"\nNot measured yet: {', '.join(absent)}.\n" if absent else ""
     lists = "\n".join(
-        f"### {name}\n\n" + ("\n".join(_listed(m, explained)) or "None.\n") for name, m in measurements.items()
+        f"### {name}, seed {m.seed}\n\n" + ("\n".join(_listed(m, explained)) or "None.\n")
+        for name, drawn in measurements.items()
+        for m in drawn
     )
+    tests = "\n".join(f"- {name}: {' '.join(f'`{test}`' for test in room.tests)}" for name, room in ROOMS.items())
     return f"""# Strength of the tests
 
 ```sh
 pip install -e ".[mutation]"
-python -m benchmarks.mutation            # all rooms, about an hour; or: python -m benchmarks.mutation ssp trace
+python -m benchmarks.mutation            # all rooms, two hours; or: python -m benchmarks.mutation ssp trace --seed 3
 ```
 
 A mutant is the project with one small change: another operator, another number, a condition the other way round, a loop
@@ -462,13 +491,21 @@ that is never entered, a missing decorator. Tests that pass with a mutant do not
 mutants with a seed, runs the tests of the changed room against each in a copy of the project, and writes this page;
 [cosmic-ray](https://cosmic-ray.readthedocs.io) makes the mutants. Changes of annotations do not count, since nothing
 evaluates them. A mutant with which the tests run into a time limit is noticed too. `benchmarks/mutants_explained.toml`
-says of a survivor why no test can or need notice it. With `--again` only what survived last time is tried, after tests
-have been added.
+says of a survivor why no test can or need notice it.
 
-## The last measurement
+What the default tests do not notice is tried against the room's slow tests too: continuous integration does not see
+such a change, a release does. With `--again` only what survived last time is tried, after tests have been added; that
+changes the counts of its sample. With `--check` a sample of another seed, drawn after that, stands beside it: the rows
+of a room are in the order in which they were drawn.
+
+## The last measurements
 
 {table}
 {missing}
+These tests are run, in this order:
+
+{tests}
+
 {BY_HAND}
 ## Survivors
 

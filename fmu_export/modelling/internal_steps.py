@@ -117,7 +117,7 @@ class InternalSteps:
         proposed, done = self.proposed if self.proposed > 0.0 else length, 0.0
         rejected = False
         for tries in range(MOST_INTERNAL_STEPS):
-            if tries >= SOON and length - done > MOST_INTERNAL_STEPS * proposed:
+            if tries >= SOON and length - done > MOST_INTERNAL_STEPS * min(proposed, max_step):
                 break
             now, rest, h = time + done, length - done, min(proposed, max_step)
             if h < LEAST_STEP * abs(now):

@@ -11,9 +11,10 @@ import pytest
 
 from cosim.regression import Outcome, Tolerance, Tolerances, compare_signals
 from cosim.regression.comparison import SignalComparison
+from cosim.regression.funnel import Curve
 from cosim.regression.outcome import share
 from cosim.regression.page import part, write_page
-from cosim.regression.pictures import CURVES, picture
+from cosim.regression.pictures import CURVES, _thinned, picture
 from cosim.results.results import Results
 from tests.support import some
 
@@ -92,6 +93,26 @@ def test_a_long_curve_is_thinned_but_keeps_its_peaks() -> None:
         assert (drawn.curves["result"].values.max(), drawn.curves["result"].values.min()) == (1.0, 0.0)
         assert len(drawn.curves["outside"].time) == (tolerance < 1.0)
         assert len(drawn.block) < 20_000
+
+
+def test_of_each_piece_of_a_long_curve_the_ends_the_extremes_and_the_first_gap_are_kept() -> None:
+    """By a search of its own in each piece, for values in which ends, extremes and gaps are different points."""
+    time = np.arange(4001.0)
+    values = np.random.default_rng(3).normal(size=4001)
+    values[1000:1007] = np.nan
+    values[2000:2600] = np.nan  # whole pieces
+    thinned = _thinned(Curve(time, values), 100)
+    expected = set()
+    for piece in np.array_split(time.astype(int), 100):
+        finite = [i for i in piece if np.isfinite(values[i])]
+        gaps = [i for i in piece if not np.isfinite(values[i])]
+        extremes = [min(finite, key=values.__getitem__), max(finite, key=values.__getitem__)] if finite else []
+        expected |= {piece[0], piece[-1], *extremes, *gaps[:1]}
+    np.testing.assert_array_equal(thinned.time, sorted(expected))
+    np.testing.assert_array_equal(thinned.values, values[sorted(expected)])
+    short = Curve(time[:400], values[:400])
+    assert _thinned(short, 100) is short
+    assert len(_thinned(Curve(time[:401], values[:401]), 100).time) < 401
 
 
 def test_units_that_are_none_are_not_shown() -> None:
@@ -176,6 +197,22 @@ def test_the_row_of_a_run_has_its_farthest_signal() -> None:
     assert empty[1:] == ["–", "–", "–", "0", "3 s", "F.fmu"]
 
 
+@pytest.mark.parametrize(
+    ("compared", "caption"),
+    [
+        (signal(RAMP - 0.25), "<b>x</b> at most off by 0.25 m; band ±1 m"),
+        (signal(RAMP + 2.0, unit="1", absolute=0.5), "<b>x</b> at most off by 2; band ±0.5"),
+        (
+            signal(RAMP, time_shift=0.125),
+            "<b>x</b> at most outside the funnel by 0 m; band ±1 m, 0.125 s earlier or later",
+        ),
+    ],
+)
+def test_the_caption_says_how_far_off_a_signal_is_and_may_be(compared: SignalComparison, caption: str) -> None:
+    section = str(part(Outcome("case", "F.fmu", "CS", [], [compared], "", 0.1))["section"])
+    assert f"<figcaption>{caption}</figcaption>" in section
+
+
 def test_pictures_stand_before_findings_and_each_has_its_own_curves(tmp_path) -> None:
     bad = Outcome("case", "F.fmu", "CS", ["off"], [signal(RAMP + 2.0), signal(RAMP)], "", 0.1)
     write_page([part(bad), part(bad)], tmp_path / "page.html")
@@ -184,3 +221,6 @@ def test_pictures_stand_before_findings_and_each_has_its_own_curves(tmp_path) ->
     named = some(re.findall(r'data-picture="([^"]*)"', text))
     assert named == [f"run-{i}-{k}" for i in (1, 2) for k in (0, 1)]
     assert [f'id="{name}"' in text for name in named] == [True] * 4
+    # curves travel once, in blocks of numbers, and not in the data beside them
+    assert '"bytes"' not in text
+    assert text.count('"block":') == 4

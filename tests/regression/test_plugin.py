@@ -260,6 +260,15 @@ def test_a_configuration_cannot_make_references_anew(session, pytester, monkeypa
     assert not (pytester.path / "reference").exists()
 
 
+@pytest.mark.parametrize(
+    ("arguments", "refused"), [(("-n", "2"), True), (("--tx", "popen"), True), (("-n", "0"), False)]
+)
+def test_processes_of_pytest_xdist_make_no_references_anew(session, arguments, refused):
+    done = session("-p", "xdist.plugin", *arguments, "--fmu", "fmus/Ball.fmu", "--fmu-rebaseline", "Ball", "--co")
+    said = "ERROR: --fmu-rebaseline Ball: not in parallel; leave -n away"
+    assert (said in done.errlines) == refused
+
+
 def test_parts_of_the_page_can_travel_between_processes():
     """What pytest-xdist sends has to be plain."""
     from cosim.regression.outcome import Outcome

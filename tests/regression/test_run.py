@@ -13,6 +13,7 @@ from cosim.regression import Tolerances, compare
 from cosim.regression.inputs import input_function
 from cosim.regression.run import run
 from cosim.results.results import Results
+from cosim.system.system import System
 from tests.support.regression_fmus import DAHLQUIST, VAN_DER_POL, built_fmus, make_case
 from tests.support.small_fmus import build
 from tests.support.tiny_models import FRAGILE, FRAGILE_MESSAGE
@@ -78,6 +79,23 @@ def test_an_input_jumps_where_it_should():
     # the last digit of a communication point does not decide which row is held
     held = input_function(np.arange(11) * 0.1, np.arange(11.0), "hold")
     np.testing.assert_allclose(held(np.nextafter(np.arange(11) * 0.1, -1.0)), np.arange(11))
+
+
+@pytest.mark.parametrize(("time", "jumps"), [((0.0, 0.5, 0.5, 1.0), [0.5]), ((0.0, 0.4, 0.5, 1.0), [])])
+def test_the_master_is_told_where_inputs_jump(fmus, tmp_path, monkeypatch, time, jumps):
+    """Linear extrapolation then starts anew, instead of going on with the slope of the jump."""
+    driven = {}
+
+    class Watched(System):
+        def drive(self, target, function, *, breakpoints=(), vectorized=False):
+            driven[target] = list(breakpoints)
+            super().drive(target, function, breakpoints=breakpoints, vectorized=vectorized)
+
+    monkeypatch.setattr("cosim.regression.run.System", Watched)
+    inputs = Results(np.array(time), ["u"], np.array([[0.0], [1.0], [5.0], [6.0]]))
+    case = make_case(tmp_path, "Feedthrough", opt=TIGHT.format(stop=1.0, step=0.1), inputs=inputs)
+    run(case, fmus / "Feedthrough.fmu", "co_simulation")
+    assert driven == {"fmu.u": jumps}
 
 
 def test_a_bouncing_ball_by_root_finding_is_that_of_the_closed_form(fmus, tmp_path):

@@ -13,9 +13,10 @@ import pytest
 from cosim.__main__ import main
 from cosim.regression.case import CaseError
 from cosim.regression.outcome import Outcome, check
+from cosim.regression.run import run
 from cosim.regression.shipped import FOLDER, MANIFEST, all_cases, shipped_cases
 from tests.support import some
-from tests.support.regression_fmus import built_fmus
+from tests.support.regression_fmus import built_fmus, make_case
 from tests.support.small_fmus import compiled
 
 pytest_plugins = ["pytester"]
@@ -156,6 +157,40 @@ def test_an_experiment_has_times_parameters_and_stimuli(tmp_path, form):
         assert float(outcome.signals[0].distance.max()) < 1e-9
 
 
+@pytest.mark.parametrize(
+    ("times", "rows", "expected"),
+    [
+        ("", TENTHS, (0.0, 2.0, 0.0)),
+        ("", TENTHS + 1.0, (1.0, 3.0, 0.0)),
+        ('stopTime="1.5"', TENTHS, (0.0, 1.5, 0.0)),
+        ('stopTime="2.5"', TENTHS, (0.0, 2.0, 0.0)),
+        ('startTime="0.5" stopTime="1.5"', TENTHS, (0.5, 2.0, 0.0)),
+        ('startTime="-1" stopTime="1.5"', TENTHS, (-1.0, 1.5, 0.0)),
+        ('startTime="0" stopTime="1"', None, (0.0, 1.0, 0.0)),
+        ('startTime="0.5" stopTime="1"', None, (0.5, 1.0, 0.0)),
+        ('stopTime="1" stepSize="0.7"', None, (0.0, 1.0, 0.7)),
+        ('startTime="1"', None, None),
+        ('stopTime="2" stepSize="0.05"', TENTHS, (0.0, 2.0, 0.05)),
+        ('stopTime="2" stepSize="0.1"', TENTHS, (0.0, 2.0, 0.1)),
+        ('stopTime="2" stepSize="0.101"', TENTHS, (0.0, 2.0, 0.0)),
+        ('stopTime="2" stepSize="0.101"', TENTHS[:2], (0.0, 0.1, 0.0)),
+        ('stopTime="2" stepSize="0.099"', TENTHS[:2], (0.0, 0.1, 0.099)),
+        ('stopTime="2" stepSize="0.3"', TENTHS[:1], (0.0, 0.0, 0.3)),
+    ],
+)
+def test_times_are_those_of_the_experiment_as_far_as_there_are_rows(tmp_path, times, rows, expected):
+    """Start, stop, step; a step of 0 is from row to row."""
+    files = {} if rows is None else {"x.csv": csv("time,x", rows, np.exp(-rows))}
+    references = "" if rows is None else '<References source="x.csv"/>'
+    members = experiment(ONE.format(f"<TransientSimulation {times}/>{references}"), **files)
+    fmu = with_members(built_fmus() / "Dahlquist.fmu", tmp_path, members)
+    (case,) = shipped_cases(fmu, tmp_path / "unpacked").cases
+    assert case.options_path.is_file() == (expected is not None)
+    if expected is not None:
+        options = case.options()
+        assert (options.start_time, options.stop_time, options.step_size) == pytest.approx(expected, rel=1e-12)
+
+
 def test_the_tolerance_of_an_experiment_is_that_of_solver_and_comparison(tmp_path):
     x = 1.003 * np.exp(-TENTHS)
     inside = '<TransientSimulation stopTime="2"/><References source="x.csv"/>'
@@ -288,6 +323,14 @@ def test_arrays_texts_binary_values_and_columns_of_other_versions(tmp_path):
         assert len(lines) == findings
         for line in lines:
             assert "differs at 3 of 3 times, first at t = 0 s" in line
+
+
+def test_without_a_reference_the_outputs_that_are_numbers_are_recorded(tmp_path):
+    """Such a run has to stay finite, which texts and binary values always are."""
+    case = make_case(tmp_path, "types", opt="StartTime, 0\nStopTime, 1\nStepSize, 0.5\n")
+    names = run(case, compiled(tmp_path, "fmi3_types"), "co_simulation").names
+    assert {"Float64_out[1]", "Int64_out[2]", "Boolean_out[1]"} <= set(names)
+    assert not {"String_out", "words_out[1]", "Binary_out"} & set(names)
 
 
 @pytest.mark.slow
