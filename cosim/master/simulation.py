@@ -39,6 +39,7 @@ from cosim.master.coupling.coupling_tolerance import (
     compared_names,
 )
 from cosim.master.coupling.extrapolated_inputs import extrapolated_inputs
+from cosim.master.coupling.input_orders import order_taken
 from cosim.master.coupling.iterated_steps import Iterated, Iteration, iteration_of_steps, why_not_repeated
 from cosim.master.coupling.model_exchange import ModelExchangeGroup, Solver, check_components, group_of
 from cosim.master.coupling.starting_blocks import steps_of_block, why_no_block
@@ -265,6 +266,7 @@ class Simulation:
         self._recorded, self._records_all = _recorded(record, self._ports), record is None
         self._large = _large(self._ports) if record is None else []
         self._refusals = Refusals()
+        self._orders_found: dict[str, int | None] = {}
         self._lay_out()
         self._components = LoadedComponents(
             self._fmus,
@@ -324,6 +326,7 @@ class Simulation:
     def _lay_out(self) -> None:
         """Decide what is extrapolated and recorded, and where all values stand, by what the FMUs have not refused."""
         orders = {name: fmu.input_derivative_order for name, fmu in self._fmus.items()}
+        orders |= {name: order for name, order in self._orders_found.items() if order is not None}
         self._extrapolated = extrapolated_inputs(self._resolved, self._algorithm, self._refusals.derivatives, orders)
         needed = 0 if self._iterated.most else steps_of_block(self._resolved, self._extrapolated)
         self._no_block = why_no_block(self._resolved, self._functions) if needed else ""
@@ -921,6 +924,8 @@ class Simulation:
             )
             try:
                 run.initialize(starts, experiments)
+                if self._has_tried_orders(grid):
+                    continue
                 tried = {} if self._algorithm.demanded else run.refused_derivatives()
             except InterruptedInCall as stop:
                 results = self._nothing_yet(grid, record_every, experiments, assumed, samples.drives, starts)
@@ -940,6 +945,33 @@ class Simulation:
             else:
                 if not self._do_without(Refusals(tried)):
                     return run, self._nothing_yet(grid, record_every, experiments, assumed, samples.drives, starts)
+
+    def _has_tried_orders(self, grid: Grid) -> bool:
+        """Find out which orders of derivatives FMUs take that don't say it; whether one had to be tried for that.
+
+        Raises
+        ------
+        SetupError
+            One ignores derivatives that are asked for.
+        """
+        untried = [name for name in self._extrapolated.assumed if name not in self._orders_found]
+        for name in untried:
+            moving = self._extrapolated.moving
+            degree = max(each.degree for (component, _), each in moving.items() if component == name)
+            inputs = [e for e in self._extrapolated.elements[name] if (name, e.name) in moving]
+            outputs = [e for e in self._ports[name].of_causality("output") if e.kind == "real" and e.is_exchanged]
+            step = grid.step_size * self._resolved.components[name].every
+            instance = self._components.instances[name]
+            found = order_taken(instance, inputs, outputs, degree, grid.start_time, step)
+            if found is not None and found < degree:
+                raise SetupError(
+                    f"component '{name}': its FMU ignores derivatives of its inputs from order {found + 1} on, and "
+                    f"they have the degree {degree}; use extrapolation = '{AUTO}' or 'linear' for what feeds it"
+                )
+            self._orders_found[name] = found
+        if untried:
+            self._lay_out()
+        return bool(untried)
 
     def _refused_outputs(self, run: Run) -> Refusals:
         """Outputs without which a run could begin that has failed to."""
@@ -981,6 +1013,7 @@ class Simulation:
             **({"inputs_driven": [s.target for s in self._system.signals]} if self._system.signals else {}),
             **({"arrays_not_recorded": self._large} if self._large else {}),
             **({"steps_not_iterated": self._not_iterated} if self._not_iterated else {}),
+            **({"order_found": found} if (found := {n: o for n, o in self._orders_found.items() if o}) else {}),
             **({"starts_not_iterated": self._no_block} if self._no_block else {}),
             **({"clocks_without_source": list(self._resolved.unticked)} if self._resolved.unticked else {}),
             "record_every": record_every,

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import ctypes
 import itertools
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ from numpy.polynomial import Polynomial
 
 from cosim import SetupError, Simulation, System, simulate
 from cosim.analysis import LinearComponent, LinearSystem, largest_stable_step, spectral_radius
+from cosim.fmi.instance import Instance
 from cosim.master.coupling.algorithm import EXTRAPOLATIONS
 from fmu_export import build_native
 from tests.support.small_fmus import TANK, build, redescribed
@@ -410,18 +413,61 @@ def test_an_unknown_name_of_a_connection_is_refused(fmus: Path) -> None:
         Simulation(system)
 
 
-def test_an_order_that_an_fmu_does_not_say_it_takes_is_said_to_be_assumed(fmus: Path, tmp_path: Path) -> None:
-    other = redescribed(fmus / "fmi2" / "Integrator.fmu", tmp_path / "silent.fmu", {' maxInputDerivativeOrder="3"': ""})
-    for fmu, name, expected in (
-        (other, "cubic", ["i"]),
-        (other, "linear", None),
-        (fmus / "fmi2" / "Integrator.fmu", "cubic", None),
-        (fmus / "fmi3" / "Integrator.fmu", "cubic", None),
-    ):
-        system = System()
-        system.add("i", fmu)
-        system.drive("i.u", np.sin, vectorized=True)
-        assert simulate(system, 1.0, 0.1, extrapolation=name).info["extrapolation"].get("order_assumed") == expected
+SILENT = {' maxInputDerivativeOrder="3"': ""}
+WITHOUT_STATES = {**SILENT, 'canGetAndSetFMUstate="true"': ""}
+
+
+def driven(fmu: Path) -> System:
+    """One FMU whose input is a signal."""
+    system = System()
+    system.add("i", fmu)
+    system.drive("i.u", np.sin, vectorized=True)
+    return system
+
+
+@pytest.mark.parametrize(
+    ("replaced", "name", "found", "assumed"),
+    [
+        (SILENT, "cubic", {"i": 3}, None),
+        (SILENT, "quadratic", {"i": 2}, None),
+        (SILENT, "linear", None, None),
+        (SILENT, "auto", None, None),
+        (WITHOUT_STATES, "cubic", None, ["i"]),
+        ({}, "cubic", None, None),
+    ],
+)
+def test_the_order_that_an_fmu_does_not_say_it_takes_is_found(
+    fmus: Path, tmp_path: Path, replaced: dict[str, str], name: str, found: Any, assumed: Any
+) -> None:
+    """By steps from the state in which it begins, which change no result; where it can't go back, it is assumed."""
+    known = fmus / "fmi2" / "Integrator.fmu"
+    fmu = redescribed(known, tmp_path / "silent.fmu", replaced) if replaced else known
+    with Simulation(driven(fmu), extrapolation=name) as simulation:
+        results = [simulation.run(1.0, 0.1) for _ in range(2)]
+    for r in results:
+        assert r.info.get("order_found") == found
+        assert r.info["extrapolation"].get("order_assumed") == assumed
+        if name != "auto":
+            assert r.values.tobytes() == simulate(driven(known), 1.0, 0.1, extrapolation=name).values.tobytes()
+
+
+def test_an_fmu_that_ignores_derivatives_is_refused(
+    fmus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fmu = redescribed(fmus / "fmi2" / "Integrator.fmu", tmp_path / "silent.fmu", SILENT)
+    call = Instance.call
+
+    def ignoring(self: Instance, function: str, *arguments: Any) -> None:
+        if function == "fmi2SetRealInputDerivatives" and isinstance(arguments[2], ctypes.Array):
+            references, n, orders, values = arguments
+            kept = [value if order == 1 else 0.0 for order, value in zip(orders, values, strict=True)]
+            arguments = (references, n, orders, (ctypes.c_double * n)(*kept))
+        call(self, function, *arguments)
+
+    monkeypatch.setattr(Instance, "call", ignoring)
+    with pytest.raises(SetupError, match=r"^component 'i': its FMU ignores derivatives of its inputs from order 2 on"):
+        simulate(driven(fmu), 1.0, 0.1, extrapolation="cubic")
+    assert simulate(driven(fmu), 1.0, 0.1).info["extrapolation"]["linear"] == ["i.u"]
 
 
 def test_a_signal_goes_straight_to_its_jump_also_where_others_go_by_rates(fmus: Path) -> None:
