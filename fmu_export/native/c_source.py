@@ -15,7 +15,7 @@ from fmu_export.native.elementary import declarations, elementary_sources
 from fmu_export.native.expressions import SCALARS, Tables, c_string, literal
 from fmu_export.native.hybrid_source import hybrid_calls, hybrid_prototypes, hybrid_sizes, hybrid_tables
 from fmu_export.native.implicit import ImplicitParts, implicit_parts
-from fmu_export.native.loops import loop_statements
+from fmu_export.native.loops import LoopWriter
 from fmu_export.native.runge_kutta import (
     DEFECT_PROTOTYPE,
     RUNGE_KUTTA,
@@ -286,9 +286,10 @@ def c_function(f: ca.Function, names: Sequence[str], prefix: str = "model", tabl
     length = sum(map(len, lines))
     if tables is not None and length > _SHORT:
         more = tables.copy()
-        loops = loop_statements(graph, names, more)
-        added = more.size - tables.size
-        if sum(map(len, loops)) + added < length and sum(map(len, loops)) + _TABLE * added < _SHORTER * length:
+        writer = LoopWriter(graph, names, more)
+        loops = writer.write() if writer.repeats else lines
+        added, looped = more.size - tables.size, sum(map(len, loops))
+        if looped + added < length and looped + _TABLE * added < _SHORTER * length:
             lines = loops
             tables.adopt(more)
     used = set(re.findall(r"\w+", " ".join(lines)))

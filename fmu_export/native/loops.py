@@ -30,6 +30,9 @@ _MOST_LEAVES = 24
 #: Results of no more operands are computed as often as they are wanted.
 _FEW_LEAVES = 4
 
+#: Where the shapes, each once, have a larger part of all operands, too little repeats.
+_MOST_SHAPES = 0.25
+
 #: For no more than these statements no other order of the items is tried.
 _FEW_BLOCKS = 4
 
@@ -105,8 +108,17 @@ class _Item(NamedTuple):
         return (*(place for piece in self.pieces for place in piece.places), self.target)
 
 
-class _Writer:
-    """What one function has of shapes, values and lines."""
+class LoopWriter:
+    """Writes a function with loops where expressions repeat.
+
+    Parameters
+    ----------
+    graph : Graph
+    arguments : sequence of str
+        Names of its arguments.
+    tables : Tables
+        Gets the constants that loops count through.
+    """
 
     def __init__(self, graph: Graph, arguments: Sequence[str], tables: Tables) -> None:
         self.graph, self.arguments, self.tables = graph, arguments, tables
@@ -181,6 +193,16 @@ class _Writer:
         """Whether nothing but results is a value that is soon computed: each is better computed where it belongs."""
         return self.graph.uses[position] == self.result_counts[position] and len(leaves) <= _FEW_LEAVES
 
+    @property
+    def repeats(self) -> bool:
+        """Whether expressions have so few shapes that loops can be worth while."""
+        nodes, sines = self.graph.nodes, set(self.graph.sines.values())
+        values = [i for i in self.stored.union(self.graph.results.values()) if not nodes[i].is_leaf and i not in sines]
+        single = [self.trees[i] for i in values if i not in self.sums]
+        terms = [self._reference(term) for i in values if i in self.sums for _, term in self.sums[i]]
+        each_once = {tree.shape: len(tree.leaves) for tree in [*single, *terms]}
+        return sum(each_once.values()) < _MOST_SHAPES * sum(len(tree.leaves) for tree in [*single, *terms])
+
     # Order
 
     def _needs(self, position: int) -> set[int]:
@@ -219,7 +241,7 @@ class _Writer:
     # Values in the order of their levels
 
     def write(self) -> list[str]:
-        """The statements."""
+        """The statements that compute `y`."""
         levels, recurrences = self._ordered()
         chains: dict[int, list[list[int]]] = defaultdict(list)
         for members in recurrences:
@@ -519,17 +541,3 @@ def _sums(graph: Graph) -> tuple[dict[int, list[tuple[int, int]]], set[int]]:
             sums[head] = terms[::-1]
             inner.update(partial)
     return sums, inner
-
-
-def loop_statements(graph: Graph, arguments: Sequence[str], tables: Tables) -> list[str]:
-    """The statements that compute `y` from arguments with these names, with loops where expressions repeat.
-
-    Parameters
-    ----------
-    graph : Graph
-    arguments : sequence of str
-        Names of its arguments.
-    tables : Tables
-        Gets the constants that loops count through.
-    """
-    return _Writer(graph, arguments, tables).write()

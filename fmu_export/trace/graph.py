@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from fmu_export.errors import needs
 from fmu_export.trace.operations import is_adjoint
@@ -15,8 +15,7 @@ with needs("export"):
 SINES = (ca.OP_SIN, ca.OP_COS)
 
 
-@dataclass(frozen=True)
-class Node:
+class Node(NamedTuple):
     """A constant, an element of an argument, or an operation.
 
     Parameters
@@ -59,8 +58,7 @@ class Graph:
 
         def add(node: Node) -> int:
             # 0.0 and -0.0 are two
-            key: object = node.value.hex() if node.operation == ca.OP_CONST else (node.operation, node.operands)
-            position = found.setdefault(key, len(self.nodes))
+            position = found.setdefault(node.value.hex() if node.operation == ca.OP_CONST else node, len(self.nodes))
             if position == len(self.nodes):
                 self.nodes.append(node)
             return position

@@ -12,7 +12,7 @@ import pytest
 from fmu_export.native.c_source import c_function
 from fmu_export.native.elementary import declarations, elementary_sources
 from fmu_export.native.expressions import Tables
-from fmu_export.native.loops import loop_statements
+from fmu_export.native.loops import LoopWriter
 from fmu_export.native.toolchain import compile_library, host_target
 from fmu_export.trace.graph import Graph
 from fmu_export.trace.operations import helpers
@@ -136,7 +136,7 @@ NAMES = ("x", "p")
 def statements_in_c(f: ca.Function, names: tuple[str, ...]) -> str:
     """The function as straight-line code, and with loops whether these are shorter or not."""
     tables = Tables()
-    body = loop_statements(Graph(f), names, tables)
+    body = LoopWriter(Graph(f), names, tables).write()
     straight = c_function(f, names, "straight")
     prototype = straight.partition("\n")[0].replace("straight_", "loops_")
     return f"{tables.source()}{EXPORT}{straight}{EXPORT}{prototype}\n{{\n" + "\n".join(body) + "\n}\n"
@@ -243,3 +243,16 @@ def test_equal_tables_stand_once() -> None:
     first, again = (c_function(network(12), NAMES, tables=tables) for _ in range(2))
     assert first == again
     assert tables.source().count("static const double") == len(set(tables.source().splitlines()))
+
+
+def test_loops_are_tried_where_few_shapes_repeat() -> None:
+    x = ca.SX.sym("x", 40)
+    terms = [ca.sin(x[0])]
+    for i in range(1, 40):  # each operation after another one
+        terms.append(
+            (terms[-1] * x[i], terms[-1] / x[i], terms[-1] + ca.exp(x[i]), ca.sqrt(terms[-1]))[(i * i) % 11 % 4]
+        )
+    different = ca.Function("different", [x], [terms[-1]])
+    assert not LoopWriter(Graph(different), ("x",), Tables()).repeats
+    for make in (heat, network, sums):
+        assert LoopWriter(Graph(make(12)), NAMES, Tables()).repeats
