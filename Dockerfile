@@ -13,9 +13,9 @@ RUN pip wheel --no-cache-dir --quiet --wheel-dir /wheels ".[robot]" \
 FROM python:3.13-slim
 RUN --mount=type=bind,from=build,source=/wheels,target=/wheels \
     pip install --no-cache-dir --quiet --no-index --find-links /wheels "closed-chain-cosim[robot]" \
-    && useradd --create-home cosim
+    && useradd --create-home --uid 1000 cosim
 COPY --from=build --chown=cosim /fmus /home/cosim/fmus
-USER cosim
+USER 1000
 WORKDIR /home/cosim
 ENTRYPOINT ["cosim"]
 CMD ["run"]
