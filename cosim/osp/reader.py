@@ -138,9 +138,11 @@ class _Reader:
         if stop is not None:
             return stop
         found = longest_experiment((s.ports.description for s in self.simulators.values()), start_time)
-        if found is not None:
+        if found is not None and self.step > 0:
+            found = start_time + math.ceil((found - start_time) / self.step - 1e-9) * self.step
             self.findings.note(
-                f"{self.file}: has no EndTime; {found:g} s is taken, the latest of its FMUs' default experiments"
+                f"{self.file}: has no EndTime; {found:g} s is taken, the latest of its FMUs' default experiments in "
+                "whole steps"
             )
         return found
 

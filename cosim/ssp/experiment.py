@@ -77,8 +77,18 @@ def step_size_of(document: Document, root: Part, times: tuple[float, float | Non
         steps = [step for found in hints for step in found]
     smallest = min((s for s in steps if s > 0 and math.isfinite(s)), default=None)
     start_time, stop_time = times
-    if smallest is not None or stop_time is None:
+    if stop_time is None:
         return smallest
+    if smallest is not None:
+        number = (stop_time - start_time) / smallest
+        if number <= 0 or math.isclose(number, round(number), rel_tol=1e-9):
+            return smallest
+        step = (stop_time - start_time) / math.ceil(number)
+        document.findings.note(
+            f"{document.where}: the run is not a whole number of steps of {smallest:g} s, the smallest that an FMU "
+            f"asks for; {step:g} s is taken"
+        )
+        return step
     step = (stop_time - start_time) / STEPS
     document.findings.note(
         f"{document.where}: neither it nor its FMUs have a default step; {step:g} s is taken, {STEPS} steps in all"

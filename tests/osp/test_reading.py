@@ -161,7 +161,7 @@ def test_times_that_are_not_said(fmus: Path, tmp_path: Path) -> None:
     assert [re.sub(r"^.*\.xml: ", "", note) for note in found.notes] == [
         "has no BaseStepSize; 0.1 s is taken, as libcosim does",
         "algorithm 'ecco' is not supported; the step is fixed, 0.1 s",
-        "has no EndTime; 1 s is taken, the latest of its FMUs' default experiments",
+        "has no EndTime; 1 s is taken, the latest of its FMUs' default experiments in whole steps",
     ]
 
 

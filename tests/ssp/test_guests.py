@@ -840,6 +840,12 @@ def test_another_tools_ssp_without_times_is_run_and_drawn_in_one_command(
     ]
     assert Results.from_csv("results/s/results.csv").time[-1] == 1.0
     assert "has no stop time" not in str(read_ssp("s.ssp", "unpacked", stop_time=2.0).notes)
+    found = read_ssp("s.ssp", "unpacked", stop_time=0.25)  # of FMUs that ask for steps of 0.1 s
+    assert found.step_size == 0.25 / 3
+    assert (
+        "not a whole number of steps of 0.1 s, the smallest that an FMU asks for; 0.0833333 s is taken"
+        in found.notes[0]
+    )
 
 
 def test_where_nothing_says_how_long_the_user_does(

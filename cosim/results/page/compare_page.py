@@ -135,7 +135,7 @@ def _differing(values: Sequence[Mapping[str, Any]]) -> Iterator[list[str]]:
 def _metrics(runs: Mapping[str, Recorded]) -> list[Section]:
     """Metrics side by side, and how far they are from those of the first run."""
     values = [facts.flattened(run.info.get("metrics") or {}) for run in runs.values()]
-    names = dict.fromkeys(name for each in values for name in each)
+    names = dict.fromkeys(name for each in values for name, value in each.items() if value is not None)
     if not names:
         return []
     rows = []
