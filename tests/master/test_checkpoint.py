@@ -109,6 +109,19 @@ def test_any_interval_at_any_rate(
         assert bits(simulation.run(0.7, 0.01, record_every=record_every, checkpoint=checkpoint)) == bits(expected)
 
 
+def test_a_signal_that_comes_bit_by_bit_is_known_again(
+    tiny: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As on a machine that has other work."""
+    with Simulation(integrator(tiny)) as simulation:
+        expected = simulation.run(0.7, 0.01)
+        with pytest.raises(Stopped):
+            simulation.run(0.7, 0.01, checkpoint=Checkpoint(tmp_path, 0.1), progress=stop_at(0.4))
+        monkeypatch.setattr("cosim.master.sampling._LONGEST", 0.0)
+        resumed = simulation.run(0.7, 0.01, checkpoint=Checkpoint(tmp_path, 0.1, resume=True))
+    assert bits(resumed) == bits(expected)
+
+
 def test_a_sink_gets_all_rows_once(tiny: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "_MOST_VALUES", 100)
     chunks: list[tuple[np.ndarray, np.ndarray]] = []
