@@ -123,6 +123,10 @@ def test_edge_too_steep_for_double_precision_counts_as_vertical():
     assert d_operation(lambda v: v, steep) == pytest.approx(d_operation(lambda v: v, vertical), rel=1e-12)
 
 
+def test_the_weight_within_an_edge_too_steep_is_at_most_one():
+    assert Triangle(0.0, 1e-309, 1.0)(5e-310) == 1.0
+
+
 def test_narrow_bell_on_a_wide_support_is_not_missed():
     assert d_operation(lambda v: v, Gaussian(0.7, 1e-6, -1000.0, 1000.0)) == pytest.approx(0.7, rel=1e-12)
 

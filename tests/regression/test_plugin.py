@@ -6,6 +6,7 @@ import json
 import shutil
 import subprocess
 import sys
+import tomllib
 from importlib.metadata import entry_points
 from pathlib import Path
 from xml.etree import ElementTree
@@ -16,7 +17,7 @@ import pytest
 from cosim.regression import check
 from cosim.regression.case import RunError
 from cosim.regression.isolated import run_isolated
-from cosim.regression.rebaseline import RebaselineError, reason_against, rebaseline
+from cosim.regression.rebaseline import RebaselineError, _tolerances, reason_against, rebaseline
 from cosim.results.results import Results
 from cosim.signing import new_key, sign
 from tests.support.c_fmus import sources_of_tank, talker
@@ -231,6 +232,17 @@ def test_a_reference_is_made_anew_only_where_git_has_the_old_one(built, tmp_path
     with pytest.raises(RebaselineError, match="has changes that are not committed"):
         rebaseline(case, built / "Ball.fmu", "co_simulation", 60.0)
     assert case.reference_path.read_bytes() == new
+
+
+def test_new_tolerances_have_the_unit_of_a_vector_or_those_of_its_elements():
+    units = {"x": "m", "v[1]": "m/s", "v[2]": "m/s", "q[1]": "rad", "q[2]": "m", "no unit": "", "der(x)": "m/s"}
+    results = Results(np.zeros(1), list(units), np.zeros((1, 7)), {"units": units})
+    written = {both: tomllib.loads(_tolerances(results, both=both)) for both in (False, True)}
+    expected = {"x": "m", "v": "m/s", "q[1]": "rad", "q[2]": "m", "no unit": "", "der(x)": "m/s"}
+    for both, data in written.items():
+        assert {name: table["unit"] for name, table in data["signals"].items()} == expected
+        assert (data["relative"], data["absolute"]) == (1e-9, 1e-9)
+        assert data.get("model_exchange") == ({"relative": 1e-4, "absolute": 1e-6} if both else None)
 
 
 @pytest.mark.parametrize(

@@ -292,6 +292,14 @@ def test_what_is_malformed_is_named(tmp_path, name):
     assert str(fmu) in str(caught.value)
 
 
+def test_a_result_of_headings_alone_is_a_finding(tmp_path):
+    members = {MANIFEST: manifest(RESULT), "Dahlquist_out.csv": "time,x\n"}
+    found = outcomes(with_members(built_fmus() / "Dahlquist.fmu", tmp_path, members), tmp_path, *BOTH)
+    for outcome in some(found.values()):
+        (finding,) = outcome.findings
+        assert " rows, the reference 0; " in finding
+
+
 def test_a_parameter_that_the_fmu_lacks_is_said(tmp_path):
     """By the standard a set is applied to the variables of the same names."""
     text = ONE.format('<TransientSimulation stopTime="1"/><Parameters source="p.ssv"/>')

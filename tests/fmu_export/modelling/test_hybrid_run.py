@@ -47,3 +47,28 @@ def test_an_event_of_a_model_without_an_event_before_it_is_no_crossing() -> None
     u = np.zeros(0)
     state = run.advanced(0.0, run.settled(0.0, run.start(0.0), u), u, 1.0)
     np.testing.assert_allclose(state.x, [1.0 - 9.81 / 2.0, -9.81], rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("direction", "indicator", "sides"),
+    [
+        ("falling", lambda t: t, 1.0),  # it leaves
+        ("falling", lambda t: -t, -1.0),  # it crosses at once
+        ("rising", lambda t: -t, -1.0),
+        ("rising", lambda t: t, 1.0),
+        ("falling", lambda t: t * (t - 0.5), 1.0),  # it rests for one step, and is moved in the next
+        ("falling", lambda t: 0.0 * t, -1.0),  # it rests
+    ],
+)
+def test_an_indicator_that_is_zero_at_the_start_is_on_the_side_that_it_comes_from(direction, indicator, sides) -> None:
+    """Looked at are the next two thousandths of the longest step, here half a second each."""
+    model = replace(
+        CROSSINGS,
+        events=[
+            Event("hit", lambda t, x, z, u, p: np.float64(indicator(t)), lambda t, x, z, u, p: (x, z + 1.0), direction)
+        ],
+    )
+    run = HybridRun(model, CROSSINGS.parameters.starts, 500.0)
+    state = run.settled(0.0, run.start(0.0), np.zeros(0))
+    np.testing.assert_array_equal(state.sides, [sides])
+    np.testing.assert_array_equal(state.z, 0.0)
