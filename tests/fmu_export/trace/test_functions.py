@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from fmu_export.errors import TraceError
 from fmu_export.modelling.model import DefaultExperiment, Model
 from fmu_export.modelling.variables import Layout, Variable
 from fmu_export.trace.check import Program
@@ -99,6 +100,12 @@ def test_values_and_shapes_are_those_of_numpy(kind: str) -> None:
     np.testing.assert_allclose(found.T, expected, rtol=1e-13, atol=1e-300)
 
 
+@pytest.mark.parametrize("key", ["(x > 0.0).astype(int)", "x.astype(int)[:2]"])
+def test_arrays_of_symbols_are_no_indices(key: str) -> None:
+    with pytest.raises(TraceError, match=r"values can't be indices; use np\.where, np\.select or np\.interp"):
+        trace(model_of(eval(f"lambda x: x[{key}]", {"np": np})))
+
+
 def test_a_trace_knows_what_depends_on_what_directly() -> None:
     """Derivatives and outputs depend on the inputs, states and parameters that their equations name."""
     traced: TracedModel = trace(
@@ -127,24 +134,27 @@ def test_a_model_is_tried_at_values_that_it_declares() -> None:
 
     def output(t: Any, x: Any, u: Any, p: Any) -> Any:
         if type(p[0]) is np.float64:  # else it is a symbol
-            seen.append((float(p[0]), float(p[1]), float(u[0])))
-        return np.stack([p[0] + p[1] + u[0]])
+            seen.append((float(p[0]), float(p[1]), float(u[0]), float(u[1])))
+        return np.stack([p[0] + p[1] + u[0] + u[1]])
 
     trace(
         Model(
             name="Limited",
             parameters=[Variable("low", start=1.5, min=1.0, max=2.0), Variable("whole", start=3, type="integer")],
-            inputs=[Variable("u", start=-5.0, min=-10.0, max=-4.0)],
+            inputs=[Variable("u", start=-5.0, min=-10.0, max=-4.0), Variable("free", start=1.0)],
             outputs=[Variable("y")],
             output_values=output,
             default_experiment=DefaultExperiment(1.0, 0.1),
         )
     )
-    low, whole, u = np.array(seen).T
+    low, whole, u, free = np.array(seen).T
     assert len(seen) > 100
     assert ((low >= 1.0) & (low <= 2.0)).all()
     assert ((u >= -10.0) & (u <= -4.0)).all()
     assert (whole == np.rint(whole)).all()
+    # of all magnitudes where nothing is declared
+    assert np.abs(free).max() > 1e6
+    assert 0.0 < np.abs(free[free != 0.0]).min() < 1e-2
     for values in (low, whole, u):  # and they are not always the same
         assert len(np.unique(values)) > 9
 
