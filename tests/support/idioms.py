@@ -534,6 +534,10 @@ _EQUAL = {
         d = np.outer(x, C)\\nnp.fill_diagonal(d, x)\\nreturn d.ravel()
         d = x.copy()\\nnp.place(d, C > 0, [1.0, 2.0])\\nreturn d
         np.clip(x > 0, 0, 1)
+        np.insert((x * 3).astype(int), [1, 2], [0.7, x[0]])
+        np.pad((x * 3).astype(int), 1, constant_values=0.7)
+        np.insert(x > 0, 0, 5)
+        np.trace(x.reshape(2, 2) > 0)
         np.sum(x.reshape(2, 2), axis=(0, 1))
         np.nansum(np.sqrt(x))
         np.nanmean(np.log(x))
@@ -766,6 +770,8 @@ _REFUSED = {
     "products of Booleans": """
         np.outer(x > 0, x > 1)[0] * x
         np.dot(x > 0, x > 1) * x
+        np.convolve(x > 0, x > 1)
+        np.linalg.vecdot(x > 0, x > 1) * x
         np.einsum("i,i", x > 0, x > 1) * x
     """,
     "masks of numbers": """

@@ -22,6 +22,7 @@ from fmu_export.trace.symbols.arrays import (
     Scalar,
     as_array,
     as_symbols,
+    cast,
     depends,
     elements_of,
     filled,
@@ -42,7 +43,7 @@ _STRUCTURAL = {
     *(np.swapaxes, np.rollaxis, np.rot90, np.broadcast_to, np.diag, np.diagonal, np.diagflat, np.atleast_1d),
     *(np.atleast_2d, np.atleast_3d, np.append, np.insert, np.delete, np.split, np.array_split, np.hsplit, np.vsplit),
     *(np.tril, np.triu, np.copy, np.take, np.take_along_axis, np.pad, np.permute_dims, np.matrix_transpose, np.resize),
-    *(np.dot, np.inner, np.outer, np.matmul, np.vdot, np.tensordot, np.kron, np.trace, np.einsum, np.cross, np.diff),
+    *(np.dot, np.inner, np.outer, np.matmul, np.vdot, np.tensordot, np.kron, np.einsum, np.cross, np.diff),
     *(
         np.polyval,
         np.meshgrid,
@@ -53,7 +54,7 @@ _STRUCTURAL = {
         np.linalg.matmul,
         np.vander,
     ),
-    *(np.linalg.multi_dot, np.linalg.vecdot, np.linalg.outer, np.linalg.cross, np.linalg.trace, np.linalg.diagonal),
+    *(np.linalg.multi_dot, np.linalg.vecdot, np.linalg.outer, np.linalg.cross, np.linalg.diagonal),
     *(np.linalg.matrix_transpose, np.unstack),
 } - {np.matmul, np.trim_zeros}
 _STRUCTURAL.add(np.matmul)
@@ -64,7 +65,10 @@ _OF_SEQUENCES = {
 }
 
 #: Products, which of Boolean values are Boolean.
-_PRODUCTS = {np.dot, np.inner, np.matmul, np.vdot, np.tensordot, np.outer, np.kron, np.einsum}
+_PRODUCTS = {
+    *(np.dot, np.inner, np.matmul, np.vdot, np.tensordot, np.outer, np.kron, np.einsum, np.convolve, np.linalg.matmul),
+    *(np.linalg.vecdot, np.linalg.outer, np.linalg.multi_dot),
+}
 
 #: Functions that tell about shapes.
 _SHAPES = {np.shape, np.ndim, np.size, np.iscomplexobj, np.isrealobj, np.result_type}
@@ -103,9 +107,9 @@ def _wrapped(result: Any, like: Any) -> Any:
     if type(result) is Array:
         return result
     if isinstance(result, np.ndarray):
-        if any(type(e) is not Scalar for e in result.flat):
-            elements = [e if type(e) is Scalar else Scalar(ca.SX(float(e)), dtype) for e in result.flat]
-            result = filled(elements, result.shape)
+        if any(type(e) is not Scalar or e.dtype != dtype for e in result.flat):  # numbers, or values of another type
+            elements = [e if type(e) is Scalar else Scalar(ca.SX(float(e)), FLOAT) for e in result.flat]
+            result = filled([cast(e, dtype) for e in elements], result.shape)
         if np.shape(like) == () and result.ndim == 0 and not isinstance(like, np.ndarray):
             return unwrapped(result.item(), dtype)
         return Array(result, dtype)
@@ -211,6 +215,8 @@ _HANDLERS: dict[Any, Callable[..., Any]] = {
     np.fix: lambda a: np.trunc(a),
     np.trapezoid: _trapezoid,
     np.may_share_memory: lambda a, b: np.may_share_memory(elements_of(a)[0], elements_of(b)[0]),
+    np.trace: lambda a, offset=0, axis1=0, axis2=1: np.sum(np.diagonal(a, offset, axis1, axis2), axis=-1),
+    np.linalg.trace: lambda x, offset=0: np.sum(np.diagonal(x, offset, -2, -1), axis=-1),
     np.array_equal: lambda a, b: np.shape(a) == np.shape(b) and np.all(np.equal(a, b)),
 }
 
