@@ -448,20 +448,6 @@ def test_it_works_in_a_browser(tabs, page, run):
     accessible(tab)
 
 
-def test_numbers_of_any_size_have_ticks_and_points_alone_are_drawn(tabs, page):
-    tab = tabs.open(page)
-    magnitudes = [0.0, 1.0, 5e-324, 3e-310, 1e-12, 9e14, 1e15, 1.79e308]
-    powers = tab.evaluate("(all) => all.map((v) => factorOf([{ values: [0, -v, NaN] }]))", magnitudes)
-    assert powers == [1.0, 1.0, 1e-323, 1e-310, 1.0, 1.0, 1e15, 1e308]
-    rows = "(values) => alone({ data: [[], values], series: [{}, { idxs: [0, values.length - 1] }] }, 1, false)"
-    assert tab.evaluate(rows, [1, None, 2, 3, None, 4, None, None, 5]) == [0, 5, 8]
-    assert tab.evaluate(rows, [None, 1, 2, None]) is None
-    assert tab.evaluate("distinct([1e6, 1e6 + 5e-4, 1e6 + 1e-3])") == ["1e6", "+0.0005", "+0.001"]
-    assert tab.evaluate("distinct([1234567.25, 1234567.5])") == ["1.23457e6−2.75", "−2.5"]
-    assert tab.evaluate("new TimeView(1e6, 1e6 + 1e-3).text(1e6 + 5e-4)") == "1000000.0005"
-    assert tab.evaluate("valueAt({ times: [0, 1], values: [-1.7e308, 1.7e308] }, 0.5)") == 0.0
-
-
 #: In the page: a plot gets other values, then another label; whether it stays the same, with its hidden curve.
 _ANEW = """(() => {
     const plot = [...signals.plots].find((p) => p.settings.series.length > 1);
@@ -476,8 +462,18 @@ _ANEW = """(() => {
 })()"""
 
 
-def test_a_plot_of_other_values_is_the_same_plot(tabs, page):
+def test_plots_draw_numbers_of_any_size_and_points_alone_and_other_values_in_place(tabs, page):
     tab = tabs.open(page)
+    magnitudes = [0.0, 1.0, 5e-324, 3e-310, 1e-12, 9e14, 1e15, 1.79e308]
+    powers = tab.evaluate("(all) => all.map((v) => factorOf([{ values: [0, -v, NaN] }]))", magnitudes)
+    assert powers == [1.0, 1.0, 1e-323, 1e-310, 1.0, 1.0, 1e15, 1e308]
+    rows = "(values) => alone({ data: [[], values], series: [{}, { idxs: [0, values.length - 1] }] }, 1, false)"
+    assert tab.evaluate(rows, [1, None, 2, 3, None, 4, None, None, 5]) == [0, 5, 8]
+    assert tab.evaluate(rows, [None, 1, 2, None]) is None
+    assert tab.evaluate("distinct([1e6, 1e6 + 5e-4, 1e6 + 1e-3])") == ["1e6", "+0.0005", "+0.001"]
+    assert tab.evaluate("distinct([1234567.25, 1234567.5])") == ["1.23457e6−2.75", "−2.5"]
+    assert tab.evaluate("new TimeView(1e6, 1e6 + 1e-3).text(1e6 + 5e-4)") == "1000000.0005"
+    assert tab.evaluate("valueAt({ times: [0, 1], values: [-1.7e308, 1.7e308] }, 0.5)") == 0.0
     drawn(tab, 2)
     assert tab.evaluate(_ANEW) == [True, True, False, False]
 
