@@ -65,6 +65,7 @@ MODEL_DESCRIPTION = FileKind("the description of an FMU alone", "name the FMU th
 XML = FileKind("an XML file", "name an FMU, an SSP or a scenario")
 LIBRARY = FileKind("a program or a library", "name the FMU that it belongs to")
 FOLDER = FileKind("a folder", "name a file in it")
+STREAM = FileKind("a device or a pipe", "save what it gives as a file")
 EMPTY = FileKind("an empty file", "check what wrote it")
 TEXT = FileKind("a text", "cosim run takes scenarios in TOML, FMUs and SSPs")
 BINARY = FileKind("a file of unknown kind", "cosim run takes scenarios in TOML, FMUs and SSPs")
@@ -83,6 +84,8 @@ def kind_of(path: Path) -> FileKind | None:
     if path.is_dir():
         return FOLDER
     try:
+        if not path.is_file() and path.exists():  # it might never end, and can be read once only
+            return STREAM
         with path.open("rb") as file:
             beginning = file.read(_BEGINNING)
         return _kind(path, beginning)

@@ -8,6 +8,7 @@ type is one entry of `FMI_TYPES`; the loop (`convert` in loop.c) knows values by
 from __future__ import annotations
 
 import ctypes
+from array import array
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
@@ -148,6 +149,8 @@ class FmiType:
 
     def slots(self, values: Iterable[Any], texts: Texts) -> np.ndarray:
         """Slots (n,), as doubles, of values that `value` gave."""
+        if isinstance(values, array):
+            return np.array(values, dtype=self.slot).view(np.float64)
         numbers = [texts.number(v) for v in values] if self.is_text else list(values)
         return np.array(numbers, dtype=self.slot).view(np.float64)
 

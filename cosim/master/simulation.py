@@ -828,7 +828,13 @@ class Simulation:
             "start_values": {
                 f"{start.component}.{element.name}": value.hex() if isinstance(value, bytes) else value
                 for start in starts
+                if not start.is_large
                 for element, value in zip(start.elements, start.values, strict=True)
+            }
+            | {
+                f"{s.component}.{s.elements[0].variable.name}": hashlib.sha256(bytes(s.values)).hexdigest()
+                for s in starts
+                if s.is_large
             },
             "connections": {
                 f"{k.target_component}.{k.target.name}": [f"{k.source_component}.{k.source.name}", k.factor, k.offset]
@@ -865,9 +871,9 @@ class Simulation:
         if any(port.is_model_exchange for port in self._ports.values()):
             self._solver.steps_in(grid.step_size)
         extra = self._extra_starts(start)
-        given = {(s.component, e.name) for s in extra for e in s.elements}
+        given = {node for s in extra for node in s.nodes}
         # a vector of this run replaces what the system gives for its elements
-        starts = [s for s in self._resolved.starts if not {(s.component, e.name) for e in s.elements} <= given]
+        starts = [s for s in self._resolved.starts if not s.is_replaced(given)]
         return self._samples_of(self._drives(signals), grid), [*starts, *extra]
 
     def _experiments(self, grid: Grid, tolerance: float | None) -> dict[str, ExperimentSetup]:
@@ -1056,7 +1062,7 @@ class Simulation:
         for path, value in start.items():
             port, name = split(path, self._ports)
             resolved = resolve_start_value(port, name, value)
-            if any((port.component, e.name) in self._resolved.fed for e in resolved.elements):
+            if not resolved.feeds_none_of(self._resolved.fed):
                 raise SetupError(f"start value of '{path}' would have no effect: a connection or a signal feeds it")
             self._check_sizes(resolved)
             if resolved.is_interval:

@@ -471,7 +471,12 @@ def interpolated(time: np.ndarray, values: np.ndarray, between: Literal["linear"
         right = np.minimum(left + 1, len(time) - 1)
         span = time[right] - time[left]
         share = np.clip(np.divide(t - time[left], span, out=np.zeros_like(t), where=span > 0.0), 0.0, 1.0)
-        between_rows: np.ndarray = values[left] + share[..., np.newaxis] * (values[right] - values[left])
+        of_right = share[..., np.newaxis]
+        with np.errstate(over="ignore", invalid="ignore"):
+            between_rows: np.ndarray = values[left] + of_right * (values[right] - values[left])
+            if not np.isfinite(between_rows).all():  # rows further apart than there are numbers
+                far = ~np.isfinite(between_rows) & np.isfinite(values[left]) & np.isfinite(values[right])
+                between_rows = np.where(far, (1.0 - of_right) * values[left] + of_right * values[right], between_rows)
         return between_rows
 
     return held if between == "hold" else linear

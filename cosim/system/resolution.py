@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from array import array
 from collections.abc import Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass
 from functools import cached_property
@@ -72,11 +73,37 @@ class Drive:
 
 @dataclass(frozen=True)
 class StartValue:
-    """Start values of the elements of one name."""
+    """Start values of the elements of one name; of a large array of real numbers there is one object for all."""
 
     component: str
-    elements: tuple[Element, ...]
-    values: tuple[Any, ...]
+    elements: Sequence[Element]
+    values: Sequence[Any]
+
+    @property
+    def is_large(self) -> bool:
+        """Whether it is one of a large array, and has no object for each element."""
+        return isinstance(self.elements, ElementArray)
+
+    @property
+    def nodes(self) -> Iterable[Node]:
+        """Component and name of each element, or of a large array."""
+        elements = [self.elements.whole] if isinstance(self.elements, ElementArray) else self.elements
+        return ((self.component, e.name) for e in elements)
+
+    def is_replaced(self, given: Set[Node]) -> bool:
+        """Whether all elements are among others that are given, by themselves or as a whole array."""
+        if (self.component, self.elements[0].variable.name) in given:
+            return True
+        return all(
+            (self.component, e.name) in given or (self.component, e.variable.name) in given for e in self.elements
+        )
+
+    def feeds_none_of(self, fed: Iterable[Node]) -> bool:
+        """Whether none of the elements is among those that are fed."""
+        if not self.is_large:
+            return not set(self.nodes) & set(fed)
+        array = f"{self.elements[0].variable.name}["
+        return not any(component == self.component and name.startswith(array) for component, name in fed)
 
     @property
     def is_whole(self) -> bool:
@@ -319,8 +346,12 @@ def resolve_start_value(port: Ports, name: str, value: Any, what: str = "start v
     SetupError
         There is no such variable, it can't be set, or the value does not fit it.
     """
-    elements = [port.original(element) for element in port.find(name)]
+    found = port.find(name)
     here = f"{what} of '{port.component}.{name}'"
+    is_large = isinstance(found, ElementArray) and len(found) > LARGE and found[0].kind == "real"
+    if is_large and isinstance(found, ElementArray) and is_alias(found[0].variable):
+        found = port.elements_of(found[0].variable.alias.name)
+    elements = [found[0]] if is_large else [port.original(element) for element in found]
     for element in elements:
         variable = element.variable
         settable = variable.causality == "input" or variable.initial in ("exact", "approx")
@@ -330,6 +361,8 @@ def resolve_start_value(port: Ports, name: str, value: Any, what: str = "start v
             raise SetupError(f"{here}: clocks have none; have a signal or a connection feed a triggered one")
         if not settable or variable.variability == "constant":
             raise SetupError(f"{here}: {variable.causality} variables can't be set; set parameters and inputs only")
+    if isinstance(found, ElementArray) and is_large:
+        return StartValue(port.component, found, _large_start(here, found, value))
     values = _flat(_typed_list(value) if len(elements) > 1 and not elements[0].type.is_text else value)
     if values is None:
         raise SetupError(f"{here}: {value!r} is not a number or a list of numbers")
@@ -342,6 +375,26 @@ def resolve_start_value(port: Ports, name: str, value: Any, what: str = "start v
         raise SetupError(f"{here}: an array of {_said(given)} was given for one of {_said(taken)}")
     own = tuple(_start_value(here, e, v, value) for e, v in zip(elements, values, strict=True))
     return StartValue(port.component, tuple(elements), own)
+
+
+def _large_start(here: str, elements: ElementArray, value: Any) -> array[float]:
+    """Start values of a large array of real numbers."""
+    problem = SetupError(f"{here}: a value of it is not a number, or its rows differ in size")
+    try:
+        given = np.asarray(_typed_list(value))
+    except ValueError:  # rows
+        raise problem from None
+    if given.dtype.kind not in "iufU" or (given.dtype.kind == "U" and not isinstance(value, AsWritten)):
+        raise problem
+    try:
+        values = given.astype(np.float64).ravel()
+    except ValueError:  # a text that is no number
+        raise problem from None
+    if values.size not in (1, len(elements)):
+        raise SetupError(f"{here}: {values.size} values were given for {len(elements)}")
+    for k in (int(values.argmin()), int(values.argmax())):  # NaN is both
+        _start_value(here, elements[k if values.size > 1 else 0], float(values[k]), value)
+    return array("d", np.broadcast_to(values, len(elements)).tobytes())
 
 
 def _interval(here: str, value: Any) -> float:
@@ -445,8 +498,8 @@ def _check_feeding(
             raise SetupError(f"input '{component}.{name}' is fed twice, by {first} and by {by}; remove one of them")
         fed[component, name] = by
     _check_added(drives, {(k.target_component, k.target.name) for k in links})
-    held = {(s.component, e.name) for s in starts for e in s.elements}
-    touched = {(s.component, e.variable.name) for s in starts for e in s.elements[:1]}
+    held = {node for s in starts for node in s.nodes}
+    touched = {(s.component, e.variable.name) for s in starts if not s.is_large for e in s.elements[:1]}
     touched |= {(k.target_component, k.target.variable.name) for k in links}
     touched |= {(d.component, e.variable.name) for d in drives for e in d.targets}
     kept = [
@@ -455,7 +508,7 @@ def _check_feeding(
         for name in port.names_of("input")
         for e in _whole_or_elements(port.elements_of(name), component, touched)
         if (component, e.name) not in fed
-        and (component, e.name) not in held
+        and not {(component, e.name), (component, e.variable.name)} & held
         and not (is_time_based(e.variable) or is_alias(e.variable))
     ]
     if missing := [f"'{component}.{e.name}'" for component, e in kept if component in strict]:
@@ -465,11 +518,11 @@ def _check_feeding(
     return kept
 
 
-def _whole_or_elements(array: ElementArray, component: str, touched: Set[Node]) -> Sequence[Element]:
-    """The elements of an input; one for all of a large array of which nothing is fed or has a start value here."""
-    if len(array) > LARGE and (component, array[0].variable.name) not in touched:
-        return [array.whole]
-    return array
+def _whole_or_elements(elements: ElementArray, component: str, touched: Set[Node]) -> Sequence[Element]:
+    """The elements of an input; one for all of a large array of which none is fed, or started by itself."""
+    if len(elements) > LARGE and (component, elements[0].variable.name) not in touched:
+        return [elements.whole]
+    return elements
 
 
 def _check_added(drives: Iterable[Drive], connected: Set[Node]) -> None:

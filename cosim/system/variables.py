@@ -367,6 +367,8 @@ def is_alias(variable: ModelVariable) -> bool:
 
 def variables_of(elements: Iterable[Element]) -> list[ModelVariable]:
     """The variables that elements belong to, each once, in order."""
+    if isinstance(elements, ElementArray):
+        return [elements.whole.variable] if elements else []
     return list({e.variable.name: e.variable for e in elements}.values())
 
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from cosim import Results
+from cosim import Results, ResultsError
 from cosim.__main__ import main
 from cosim.files.kinds import kind_of
 
@@ -136,3 +137,11 @@ def test_a_file_of_blanks_and_of_bytes_that_are_no_text_has_a_kind(tmp_path: Pat
     path = tmp_path / f"file.{ending}"
     path.write_bytes(content)
     assert kind_of(path)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this platform has no named pipes")
+def test_what_never_ends_or_never_begins_is_no_table(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    for path in (Path("/dev/zero"), tmp_path / "pipe"):
+        with pytest.raises(ResultsError, match="is a device or a pipe, not a table; save what it gives as a file"):
+            Results.read(path)

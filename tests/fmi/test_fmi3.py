@@ -11,8 +11,9 @@ import pytest
 from fmpy.validation import validate_fmu
 
 from cosim import SetupError, Simulation, SimulationError, System, simulate
+from cosim.system.variables import ElementArray
 from tests.support import some
-from tests.support.fmi3_gain import DESCRIPTION, HELD, zipped
+from tests.support.fmi3_gain import DESCRIPTION, HELD, build_gain, zipped
 from tests.support.tiny_models import GAIN, GAIN3, build
 
 
@@ -328,3 +329,76 @@ def test_runs_are_repeated_bit_for_bit_whatever_the_order_of_components(gain3c, 
     for run in some(runs[1:]):
         for name in some(runs[0].names):
             assert (run[name] == runs[0][name]).all(), name
+
+
+# Start values of large arrays
+
+
+@pytest.fixture(scope="module")
+def large(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The FMU with 20,000 elements in u and y."""
+    n = 20_000
+    arrays = DESCRIPTION.replace('<Dimension start="3"/>', f'<Dimension start="{n}"/>').replace("1 10 100", "1")
+    return build_gain(tmp_path_factory.mktemp("large"), f"LENGTH={n}", description=arrays)
+
+
+def last_row(fmu: Path, run: dict | None = None, own: dict | None = None, **held: object) -> list[float]:
+    """Three elements of y at the end, with start values of the run and of the system."""
+    system = System()
+    system.add("c", fmu, start={**start("u"), **(own or {}), **held})
+    with Simulation(system, record=["c.y[1]", "c.y[7]", "c.y[20000]"]) as simulation:
+        return simulation.run(0.5, 0.25, start=run).values[-1].tolist()
+
+
+def test_start_values_of_a_large_array_are_numbers_in_any_shape_or_one_for_all(large):
+    values = np.arange(20_000.0)
+    assert last_row(large, u=values) == [0.0, 12.0, 39998.0]
+    assert last_row(large, u=values.reshape(200, 100).tolist()) == [0.0, 12.0, 39998.0]
+    assert last_row(large, u=4) == [8.0, 8.0, 8.0]
+    assert last_row(large, {"c.u": values}, u=4) == [0.0, 12.0, 39998.0]
+
+
+def test_start_values_of_a_large_array_need_no_object_for_each_element(large, monkeypatch):
+    made, new = [], ElementArray._new
+    monkeypatch.setattr(ElementArray, "_new", lambda array, k: made.append(k) or new(array, k))
+    system = System()
+    system.add("c", large, start=start("u", u=np.arange(20_000.0)))
+    with Simulation(system, record=["c.x"]) as simulation:
+        for own in (None, {"c.u": 3.0}):
+            assert simulation.run(0.5, 0.25, start=own).info["inputs_kept"] == []
+    assert len(made) < 100
+
+
+def test_single_elements_of_a_large_array_go_before_the_whole_of_the_same_place(large):
+    values = np.arange(20_000.0)
+    assert last_row(large, own={"u": values, "u[7]": -1.0}) == [0.0, -2.0, 39998.0]
+    # a run replaces the whole array, and with it the element of the system
+    assert last_row(large, {"c.u": 1.0}, own={"u[7]": -1.0}) == [2.0, 2.0, 2.0]
+    assert last_row(large, {"c.u[7]": 5.0}, u=values) == [0.0, 10.0, 39998.0]
+
+
+@pytest.mark.parametrize(
+    ("value", "why"),
+    [
+        (np.full(20_000, np.nan), "nan is not a finite number"),
+        (np.full(20_000, np.inf), "inf is not a finite number"),
+        ([1.0, 2.0], "2 values were given for 20000"),
+        ([[1.0], [2.0, 3.0]], "a value of it is not a number, or its rows differ in size"),
+        ("many", "a value of it is not a number"),
+        (True, "a value of it is not a number"),
+    ],
+)
+def test_start_values_of_a_large_array_that_are_none(large, value, why):
+    with pytest.raises(SetupError, match=rf"start value of 'c\.u': {why}"):
+        last_row(large, u=value)
+
+
+def test_a_start_value_of_a_large_array_that_is_fed_has_no_effect(large):
+    system = System()
+    system.add("c", large, start=start("u"))
+    system.drive("c.u[7]", lambda t: t)
+    with (
+        Simulation(system, record=["c.v"]) as simulation,
+        pytest.raises(SetupError, match=r"start value of 'c\.u' would have no effect"),
+    ):
+        simulation.run(0.5, 0.25, start={"c.u": 1.0})

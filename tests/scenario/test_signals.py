@@ -334,6 +334,13 @@ def test_a_table_is_linear_between_its_rows_and_jumps_at_equal_times(csv):
     assert shape.breakpoints == (1.0,)
 
 
+def test_rows_of_a_table_may_be_further_apart_than_there_are_numbers(tmp_path):
+    path = tmp_path / "far.csv"
+    path.write_text("time,u\n0,1.6e308\n1,-1.6e308\n", encoding="utf-8")
+    values = CsvColumn(str(path), "u").function(1, SEED, "a.b")(np.array([0.0, 0.25, 0.5, 1.0]))
+    assert values[:, 0] == pytest.approx([1.6e308, 0.8e308, 0.0, -1.6e308], rel=1e-15)
+
+
 def test_a_table_holds_its_rows_if_told(csv):
     shape = CsvColumn(csv, "u", "hold")
     values = shape.function(1, SEED, "a.b")(np.array([-1.0, 0.0, 0.9999, 1.0, 2.9999, 3.0, 9.0]))
