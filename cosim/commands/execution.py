@@ -63,6 +63,9 @@ MOST_VALUES_IN_MEMORY = 10_000_000
 #: So many of the connections are named that are coupled worst.
 _MOST_RANKED = 3
 
+#: A number of threads with as many digits is none that can be.
+_MOST_DIGITS = 10
+
 #: So many of the variables that were not finite are named.
 _MOST_SAID = 5
 
@@ -221,7 +224,9 @@ def _threads(given: str | None) -> Threads:
     SetupError
         It makes no sense.
     """
-    return checked_threads(1 if given is None else int(given) if given.isdecimal() else given)
+    if given is None:
+        return 1
+    return checked_threads(int(given) if given.isdecimal() and len(given) < _MOST_DIGITS else given)
 
 
 def _checkpoint(folder: Path, every: float | None, resume: bool) -> Checkpoint | None:

@@ -868,6 +868,8 @@ class Simulation:
             raise SetupError(f"{self._occupied_by}; end it first, or make another simulation")
         if isinstance(record_every, bool) or not isinstance(record_every, int) or record_every < 1:
             raise SetupError(f"record_every = {record_every!r} must be a positive whole number of steps")
+        if record_every >= _MOST_STEPS:
+            raise SetupError(f"record_every must be below {_MOST_STEPS:g} steps; no run has so many")
         if any(port.is_model_exchange for port in self._ports.values()):
             self._solver.steps_in(grid.step_size)
         extra = self._extra_starts(start)

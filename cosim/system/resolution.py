@@ -92,11 +92,10 @@ class StartValue:
 
     def is_replaced(self, given: Set[Node]) -> bool:
         """Whether all elements are among others that are given, by themselves or as a whole array."""
-        if (self.component, self.elements[0].variable.name) in given:
+        variable = self.elements[0].variable
+        if variable.shape and (self.component, variable.name) in given:
             return True
-        return all(
-            (self.component, e.name) in given or (self.component, e.variable.name) in given for e in self.elements
-        )
+        return all((self.component, e.name) in given for e in self.elements)
 
     def feeds_none_of(self, fed: Iterable[Node]) -> bool:
         """Whether none of the elements is among those that are fed."""

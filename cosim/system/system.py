@@ -30,6 +30,9 @@ class AsWritten(str):
     __slots__ = ()
 
 
+#: Most communication points that a step of a component can span.
+_LONGEST = 2**31 - 1
+
 #: Treatment of different units at the ends of a connection: an error, a conversion, or nothing.
 Units = Literal["equal", "convert", "ignore"]
 
@@ -219,6 +222,8 @@ class System:
             raise SetupError(f"there are two components named '{name}'; give each its own name")
         if isinstance(every, bool) or not isinstance(every, int) or every < 1:
             raise SetupError(f"component '{name}': every = {every!r} must be a positive whole number of steps")
+        if every > _LONGEST:
+            raise SetupError(f"component '{name}': every must be at most {_LONGEST}; no run has so many steps")
         self.components[name] = component
 
     def connect(

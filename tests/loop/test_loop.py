@@ -270,6 +270,15 @@ def test_record_every_must_be_a_positive_whole_number(three: dict[str, Simulatio
         three["sequential"].run(1.0, 0.5, record_every=record_every)
 
 
+@pytest.mark.parametrize("exponent", [31, 32, 63, 64, 4000])
+def test_numbers_of_steps_that_the_loop_can_not_count_are_refused(three: dict[str, Simulation], exponent: int) -> None:
+    with pytest.raises(SetupError, match="component 'a': every must be at most 2147483647"):
+        System().add("a", "a.fmu", every=2**exponent)
+    if exponent > 60:
+        with pytest.raises(SetupError, match=r"record_every must be below 1e\+10 steps"):
+            three["sequential"].run(1.0, 0.5, record_every=2**exponent)
+
+
 @pytest.mark.parametrize("record_every", [1, 2, 3, 64])
 @pytest.mark.parametrize("point", [0, 1, 63, 64, 65, 192])
 def test_a_failed_run_has_the_rows_up_to_its_failure(

@@ -70,7 +70,16 @@ SCENARIOS: tuple[Case, ...] = (
     _with("a component with a dot", "a = {", '"a.b" = {', "without a dot"),
     _with("a component without a name", "a = {", '"" = {', "without a dot"),
     _with("a component every 0 steps", 'fmu = "x.fmu"}\nb', 'fmu = "x.fmu", every = 0}\nb', "must be at least 1"),
-    _with("a component every 10^30 steps", 'fmu = "x.fmu"}\nb', f'fmu = "x.fmu", every = {10**30}}}\nb', expected=RUNS),
+    _with("a component every 10^30 steps", 'fmu = "x.fmu"}\nb', f'fmu = "x.fmu", every = {10**30}}}\nb',
+          "every must be at most"),
+    _with("a component every 2^32 steps", 'fmu = "x.fmu"}\nb', f'fmu = "x.fmu", every = {2**32}}}\nb',
+          "every must be at most"),
+    _with("a component every 10^4000 steps", 'fmu = "x.fmu"}\nb', f'fmu = "x.fmu", every = {10**4000}}}\nb',
+          "every must be at most"),
+    *(
+        _with(f"a recording every {what} steps", "[run]", f"[run]\nrecord_every = {n}", "record_every must be below")
+        for what, n in (("10^4000", 10**4000), ("2^64", 2**64), ("2^63", 2**63))
+    ),
     _with("a connection of no component", '"a.y"', '"c.y"', "no component 'c'"),
     _with("a connection without a dot", '"a.y"', '"y"', "component.variable"),
     _with("a connection of no variable", '"a.y"', '"a.w"', "no variable 'w'"),
