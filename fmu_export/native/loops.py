@@ -196,8 +196,7 @@ class LoopWriter:
     @property
     def repeats(self) -> bool:
         """Whether expressions have so few shapes that loops can be worth while."""
-        nodes, sines = self.graph.nodes, set(self.graph.sines.values())
-        values = [i for i in self.stored.union(self.graph.results.values()) if not nodes[i].is_leaf and i not in sines]
+        values = [*self.stored, *(i for i in self.graph.results.values() if i not in self.stored)]
         single = [self.trees[i] for i in values if i not in self.sums]
         terms = [self._reference(term) for i in values if i in self.sums for _, term in self.sums[i]]
         each_once = {tree.shape: len(tree.leaves) for tree in [*single, *terms]}

@@ -254,5 +254,6 @@ def test_loops_are_tried_where_few_shapes_repeat() -> None:
         )
     different = ca.Function("different", [x], [terms[-1]])
     assert not LoopWriter(Graph(different), ("x",), Tables()).repeats
-    for make in (heat, network, sums):
-        assert LoopWriter(Graph(make(12)), NAMES, Tables()).repeats
+    copies = ca.Function("copies", [x], [ca.vertcat(x, ca.SX(0.0), ca.DM([1.0] * 40))])
+    for f in (copies, heat(12), network(12), sums(12)):
+        assert LoopWriter(Graph(f), NAMES, Tables()).repeats
