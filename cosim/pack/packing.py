@@ -207,7 +207,7 @@ class _Whole:
         needs_levels = chosen.order.needs_levels
         alone = resolve(system, self.ports, needs_levels=needs_levels)
         orders = {name: fmu.input_derivative_order for name, fmu in self.fmus.items()}
-        extrapolated_inputs(alone, chosen, orders=orders)  # whether what is demanded is possible
+        found = extrapolated_inputs(alone, chosen, orders=orders)  # where what is demanded is possible
         self._refuse_binary(alone)
         own_inputs = chosen_inputs(alone, inputs, fmi)
         own_outputs, notes = chosen_outputs(alone, outputs, fmi)
@@ -218,7 +218,8 @@ class _Whole:
         self.resolved = resolve(extended, self.ports, needs_levels=needs_levels)
         texts = Texts()
         signals, drives = system.signals, self.resolved.drives[: len(system.signals)]
-        tables = tables_of(signals, drives, texts, (*times, step_size))
+        inside = any(each.degree > 1 for each in found.moving.values())
+        tables = tables_of(signals, drives, texts, (*times, step_size), inside=inside)
         for table, drive in zip(tables, drives, strict=True):
             if table.sampled:
                 self.notes.append(

@@ -37,7 +37,8 @@ class SignalRows:
     breakpoints : tuple of float
         Times (s) at which it jumps, ascending.
     sampled : bool
-        It has the signal's values at the points of the packed FMU's own grid, and lines between them.
+        It has the signal's values at the points of the packed FMU's own grid, where inputs follow polynomials also
+        inside its steps, and lines between them.
     """
 
     between: int
@@ -47,7 +48,9 @@ class SignalRows:
     sampled: bool = False
 
 
-def table_of(signal: Signal, drive: Drive, texts: Texts, grid: tuple[float, float | None, float]) -> SignalRows:
+def table_of(
+    signal: Signal, drive: Drive, texts: Texts, grid: tuple[float, float | None, float], *, inside: bool = False
+) -> SignalRows:
     """The table of a signal.
 
     Parameters
@@ -59,6 +62,8 @@ def table_of(signal: Signal, drive: Drive, texts: Texts, grid: tuple[float, floa
     grid : (float, float or None, float)
         Start time, stop time and internal step (s) of the packed FMU: a signal that has no straight pieces is sampled
         there.
+    inside : bool
+        Inputs follow polynomials, for which a signal is asked for after a third and two thirds of each step, too.
 
     Raises
     ------
@@ -83,15 +88,28 @@ def table_of(signal: Signal, drive: Drive, texts: Texts, grid: tuple[float, floa
             f"the signal that feeds '{name}' has to be sampled, and it is not known until when; give a stop time, or "
             "make it an input of the packed FMU"
         )
-    points = math.ceil((stop_time - start_time) / step - 1e-6) + 1
+    is_asked_inside = inside and is_real and not drive.added
+    number = math.ceil((stop_time - start_time) / step - 1e-6) + 1
+    points = number + 2 * math.ceil(number / drive.every) if is_asked_inside else number
     if points * len(drive.targets) > MOST_SAMPLED_VALUES:
         raise SetupError(
             f"the signal that feeds '{name}' would have {points} samples; give an earlier stop time or a longer step, "
             "or make it an input of the packed FMU"
         )
-    times = start_time + np.arange(points) * step
-    between = LINEAR if drive.targets[0].kind == "real" else HELD
-    return SignalRows(between, times, _values(drive, times, texts), breakpoints, sampled=True)
+    times = start_time + np.arange(number) * step
+    if is_asked_inside:  # at the very times that the loop computes
+        own = times[: -1 : drive.every]
+        times = np.unique(
+            [*times, *(own + (1.0 / 3.0) * drive.every * step), *(own + (2.0 / 3.0) * drive.every * step)]
+        )
+    between = LINEAR if is_real else HELD
+    try:
+        values = _values(drive, times, texts)
+    except SetupError:
+        if not is_asked_inside:
+            raise
+        return table_of(signal, drive, texts, grid)  # where it fails inside steps it goes straight, as in a run
+    return SignalRows(between, times, values, breakpoints, sampled=True)
 
 
 def _edges(shape: Shape | None) -> np.ndarray | None:
@@ -120,7 +138,12 @@ def _values(drive: Drive, times: np.ndarray, texts: Texts) -> np.ndarray:
 
 
 def tables_of(
-    signals: Sequence[Signal], drives: Sequence[Drive], texts: Texts, grid: tuple[float, float | None, float]
+    signals: Sequence[Signal],
+    drives: Sequence[Drive],
+    texts: Texts,
+    grid: tuple[float, float | None, float],
+    *,
+    inside: bool = False,
 ) -> list[SignalRows]:
     """Tables of all signals; see `table_of`."""
-    return [table_of(signal, drive, texts, grid) for signal, drive in zip(signals, drives, strict=True)]
+    return [table_of(signal, drive, texts, grid, inside=inside) for signal, drive in zip(signals, drives, strict=True)]

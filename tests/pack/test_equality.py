@@ -13,7 +13,7 @@ from cosim import System, simulate
 from cosim.pack import pack
 from cosim.scenario.signals import CsvColumn, Multisine, PulseTrain, Ramp, Shape, ShapedSignal, Step
 from tests.support.packed_fmus import VERSIONS, columns, initialized, instance_of, robot, run_in_fmpy, small_loop
-from tests.support.small_fmus import compiled
+from tests.support.small_fmus import TANK, build, compiled
 
 ALGORITHMS = [(order, extrapolation) for order in ("sequential", "parallel") for extrapolation in ("hold", "auto")]
 
@@ -61,6 +61,32 @@ def test_polynomials_of_higher_degree(
     expected = simulate(system, 3.0, 0.1)
     packed = pack(system, tmp_path / "W.fmu", 0.1)
     assert np.array_equal(run_in_fmpy(packed.path, 3.0, 0.1, packed.outputs), columns(expected, packed.outputs))
+
+
+@pytest.mark.parametrize("name", ["cubic", "adaptive"])
+def test_a_sampled_signal_is_sampled_inside_the_steps_too(
+    small_fmus: dict[str, Path], tmp_path: Path, name: str
+) -> None:
+    """Where inputs follow polynomials; one that fails there goes straight, as it does in a run."""
+
+    def on_grid(t: float) -> float:
+        if abs(t / 0.1 - round(t / 0.1)) > 1e-6:
+            raise ValueError("there is no value")
+        return math.sin(t)
+
+    build(tmp_path, "fmi2", TANK)
+    for function in (math.sin, on_grid):
+        system = System()
+        system.add("tank", tmp_path / "Tank.fmu", start={"x_start": 1.0})
+        system.add("g", small_fmus["fmi2"] / "Gain.fmu", start={"K": -0.3, "u[2]": 0.0})
+        system.connect("tank.x", "g.u[1]")
+        system.connect("g.y[1]", "tank.a")
+        system.drive("tank.b", function)
+        expected = simulate(system, 3.0, 0.1, extrapolation=name)
+        packed = pack(system, tmp_path / "W.fmu", 0.1, extrapolation=name, stop_time=3.0)
+        found, wanted = run_in_fmpy(packed.path, 3.0, 0.1, packed.outputs), columns(expected, packed.outputs)
+        assert np.array_equal(found, wanted) or function is on_grid
+        np.testing.assert_allclose(found, wanted, rtol=1e-12)  # polynomials through points of a line, but for rounding
 
 
 @pytest.mark.parametrize("name", ["hermite", "adaptive"])
