@@ -167,9 +167,9 @@ _LAUGHS = b'<!DOCTYPE a [<!ENTITY l "l"><!ENTITY m "&l;&l;">]>'
         (b"<a>", "Premature end"),
         (_LAUGHS + b"<a>&m;</a>", "document type"),
         (b'<!DOCTYPE a SYSTEM "file:///etc/passwd"><a/>', "document type"),
-        (b"<a>" * 150 + b"</a>" * 150, "nested more than 100 times"),
-        (b"<a>" * 100_000 + b"</a>" * 100_000, "Excessive depth"),
-        (b'<a b="\xe4"/>', "Invalid bytes"),
+        pytest.param(b"<a>" * 150 + b"</a>" * 150, "nested more than 100 times", id="nested"),
+        pytest.param(b"<a>" * 100_000 + b"</a>" * 100_000, "Excessive depth", id="nested deeply"),
+        (b'<a b="\xe4"/>', "Invalid bytes|not proper UTF-8"),  # the second one by lxml 5
         (b'<?xml version="1.0" encoding="x-none"?><a/>', "encoding"),
     ],
 )
