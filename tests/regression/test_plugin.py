@@ -291,6 +291,14 @@ def test_parts_of_the_page_can_travel_between_processes():
     assert "&lt;broken&gt;" in made["section"]
 
 
+def test_c_sources_are_not_compiled_unasked(tmp_path) -> None:
+    fmu = sources_of_tank(tmp_path / "tank.fmu")
+    reference = Results(np.arange(3) * 0.5, ["y"], np.arange(3)[:, None] * 0.5)
+    case = make_case(tmp_path / "reference", "tank", reference, toml="start.u = 1.0", opt=OPTIONS)
+    (finding,) = check(case, fmu, "co_simulation", isolated=False).findings
+    assert "or compile its C sources: --build" in finding
+
+
 @pytest.mark.slow
 def test_c_sources_are_compiled_where_asked(session, pytester) -> None:
     fmu = sources_of_tank(pytester.path / "fmus" / "tank.fmu")

@@ -292,6 +292,13 @@ def test_what_is_malformed_is_named(tmp_path, name):
     assert str(fmu) in str(caught.value)
 
 
+@pytest.mark.parametrize("heading", ["time", "Time", " TIME "])
+def test_the_time_is_named_so(tmp_path, heading):
+    members = {MANIFEST: manifest(RESULT), "Dahlquist_out.csv": csv(f"{heading},x", TENTHS, np.exp(-TENTHS))}
+    (case,) = shipped_cases(with_members(built_fmus() / "Dahlquist.fmu", tmp_path, members), tmp_path / "of it").cases
+    assert case.reference_path.read_text(encoding="utf-8").startswith("time,x\n")
+
+
 def test_a_result_of_headings_alone_is_a_finding(tmp_path):
     members = {MANIFEST: manifest(RESULT), "Dahlquist_out.csv": "time,x\n"}
     found = outcomes(with_members(built_fmus() / "Dahlquist.fmu", tmp_path, members), tmp_path, *BOTH)

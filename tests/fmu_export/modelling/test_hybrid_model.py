@@ -38,6 +38,10 @@ def nothing(*arguments: Any) -> Any:
         (lambda: replace(BALL, discrete=[Variable("z")], events=()), "nothing changes the discrete states z"),
         (lambda: replace(BALL, discrete=[Variable("h")]), "'h': a state has this name too"),
         (lambda: replace(BALL, discrete=[Variable("g")]), "not unique: g"),
+        (
+            lambda: replace(BALL, outputs=[Variable("h", "m"), Variable("v", type="integer")]),
+            "state 'v' is of type integer; continuous states are real",
+        ),
         (lambda: replace(BALL, initial_discrete=nothing), "there are no discrete states"),
         (lambda: replace(BALL, sampled=SAMPLED_PI.sampled), "there are no discrete states that it could change"),
         (lambda: replace(THERMOSTAT, discrete=[Variable("on", "K")]), "'on': the output of this name has another"),

@@ -173,6 +173,16 @@ def test_bounds_of_rounding_errors_are_propagated_to_both_sides() -> None:
     np.testing.assert_allclose(bound, np.exp(total) * unit + carried, rtol=1e-12)
 
 
+def test_whole_numbers_are_exact_as_long_as_they_are_told_apart() -> None:
+    x = ca.SX.sym("x", 1)
+    f = ca.Function("f", [ca.SX.sym("t"), x, ca.SX.sym("u", 0), ca.SX.sym("p", 0)], [x * 3.0])
+    at = np.array([7.0, 1e6, 3e15, 0.3, 3.1e15, 1e17])
+    none = np.zeros((6, 0))
+    (bound,) = Program(f).rounding((np.zeros(6), at[:, None], none, none))
+    exact = [True, True, True, False, False, False]  # 3 * 3.1e15 is above 2^53
+    np.testing.assert_allclose(bound, np.where(exact, 0.0, 3.0 * at * 2.3e-16), rtol=1e-12)
+
+
 def test_long_chains_are_written_in_lines_that_python_can_parse() -> None:
     def chain(x: Any) -> Any:
         value = x[0]
