@@ -79,6 +79,27 @@ through more than two values. Tests have been added that notice 19 of them. The 
 """
 
 
+#: What the draws by seed 3 found, and how they were made.
+REDRAWN = """## What the last draws found
+
+Rooms grow, also by folders within them, which the tool passed over before. So models, regression and trace were drawn
+again, and at first the default tests noticed fewer than 90 %:
+
+- models, seed 3: 36 of 60 killed. 19 of the rest were in lines that no test of the room ran: tables, internal steps,
+  hybrid runs in numpy, and models by name had their tests in other rooms, where FMUs are compiled.
+- trace, seed 3: 35 of 60 killed. The symbols had never been drawn: shapes, axes, signs of expressions, the points that
+  the check tries, bounds of rounding errors and dependencies.
+- regression, seed 3: 45 of 60 killed. Curves that are thinned, captions, times of experiments that FMUs bring along,
+  jumps of inputs and options of pytest-xdist were not looked at.
+
+Tests were added for these kinds, and then a sample by seed 4 was drawn. What was neither noticed nor explained there
+(models 1, trace 1, regression 3) has tests since; the rows above have the counts after that. To take less time, these
+draws tried a mutant against the tests that run the changed line, the cheapest first and a few seconds of them, and what
+survived against the tests that were added. So a survivor may still be noticed by others, and slow tests were not run.
+
+"""
+
+
 def _first(folder: str, *quick: str) -> tuple[str, ...]:
     """The tests of a folder, some files first: those that build no FMU notice most mutants in a second."""
     return (*(f"{folder}/test_{name}.py" for name in quick), FROZEN, folder)
@@ -506,7 +527,7 @@ These tests are run, in this order:
 
 {tests}
 
-{BY_HAND}
+{REDRAWN}{BY_HAND}
 ## Survivors
 
 {lists}"""
