@@ -50,6 +50,7 @@ _SSD = """<?xml version="1.0" encoding="UTF-8"?>
 <ParameterBindings><ParameterBinding source="set.ssv"/></ParameterBindings>
 </Component>
 </Elements></System>
+<DefaultExperiment startTime="0" stopTime="1"/>
 </SystemStructureDescription>
 """
 
