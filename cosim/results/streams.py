@@ -97,6 +97,30 @@ def _end_of_lines(path: Path, whole: int) -> int:
         return max(whole, first + file.read().rfind(b"\n") + 1)
 
 
+def descriptor_of(file: Any, path: Path) -> int:
+    """The descriptor of a file that pyarrow has open for writing.
+
+    `fileno` of pyarrow's files fails in many versions, at least from 17 to 24; it is then searched for.
+
+    Raises
+    ------
+    OSError
+        It is not found.
+    """
+    with suppress(AttributeError):
+        return int(file.fileno())
+    written, open_ones = path.stat(), Path("/dev/fd")
+    for name in os.listdir(open_ones) if open_ones.is_dir() else ():  # noqa: PTH208 -- their targets do not matter
+        import fcntl
+
+        with suppress(OSError):  # the one that listed them is closed
+            number = int(name)
+            writes = fcntl.fcntl(number, fcntl.F_GETFL) & os.O_ACCMODE != os.O_RDONLY
+            if writes and os.path.samestat(os.fstat(number), written):
+                return number
+    raise OSError("this version of pyarrow can't go on with a Parquet file; update it: pip install --upgrade pyarrow")
+
+
 class ParquetStream:
     """A Parquet file that grows by a group of rows at each `write`.
 
@@ -111,6 +135,7 @@ class ParquetStream:
 
         self._path, self._schema = path, schema
         self._file = pa.OSFile(str(path), "wb")
+        self._descriptor = descriptor_of(self._file, path)
         self._end = 0  # of the groups that are whole
         self._metadata: Any = None  # of all of them
         self._groups = 0
@@ -123,10 +148,10 @@ class ParquetStream:
         from pyarrow import parquet
 
         # pyarrow begins a file at its beginning only, and writes there what stands there already
-        os.lseek(self._file.fileno(), 0, os.SEEK_SET)
+        os.lseek(self._descriptor, 0, os.SEEK_SET)
         # numbers of a simulation hardly repeat: dictionaries and compression cost more than they save
         writer = parquet.ParquetWriter(self._file, self._schema, use_dictionary=False, compression="none")
-        os.lseek(self._file.fileno(), max(self._end, len(MAGIC)), os.SEEK_SET)
+        os.lseek(self._descriptor, max(self._end, len(MAGIC)), os.SEEK_SET)
         try:
             for batch in batches:
                 writer.write_batch(batch)
@@ -153,7 +178,7 @@ class ParquetStream:
     def abandon(self) -> None:
         """See `StreamWriter`."""
         with suppress(OSError):
-            os.lseek(self._file.fileno(), self._end, os.SEEK_SET)
+            os.lseek(self._descriptor, self._end, os.SEEK_SET)
             self._file.close()
         with suppress(OSError):
             os.truncate(self._path, self._end)

@@ -17,6 +17,7 @@ from cosim.files.whole import part_of
 from cosim.results import formats
 from cosim.results.formats import FORMATS
 from cosim.results.stored import StoredResults, TableWriter
+from cosim.results.streams import descriptor_of
 from tests.support import some
 
 SPECIAL = [0.1 + 0.2, 5e-324, 1.7976931348623157e308, -0.0, np.pi, 1e-300]
@@ -140,3 +141,12 @@ def test_rows_before_a_failure_are_kept(tmp_path):
         raise RuntimeError("the run failed")
     assert not path.exists()
     assert (StoredResults(part_of(path), {})["a.x"] == results["a.x"][:4]).all()
+
+
+def test_the_descriptor_of_a_file_is_found_where_pyarrow_does_not_say_it(tmp_path: Path) -> None:
+    """As versions 17 to 24 do not."""
+    path = tmp_path / "f.parquet"
+    with path.open("wb") as written, path.open("rb"), (tmp_path / "other").open("wb"):
+        assert descriptor_of(object(), path) == written.fileno()
+    with pytest.raises(OSError, match="update it"):
+        descriptor_of(object(), path)
