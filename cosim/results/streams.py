@@ -12,6 +12,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
+from cosim.errors import ResultsError
+
 if TYPE_CHECKING:
     import pyarrow as pa
 
@@ -104,7 +106,7 @@ def descriptor_of(file: Any, path: Path) -> int:
 
     Raises
     ------
-    OSError
+    ResultsError
         It is not found.
     """
     with suppress(AttributeError):
@@ -118,7 +120,9 @@ def descriptor_of(file: Any, path: Path) -> int:
             writes = fcntl.fcntl(number, fcntl.F_GETFL) & os.O_ACCMODE != os.O_RDONLY
             if writes and os.path.samestat(os.fstat(number), written):
                 return number
-    raise OSError("this version of pyarrow can't go on with a Parquet file; update it: pip install --upgrade pyarrow")
+    raise ResultsError(
+        "this version of pyarrow can't go on with a Parquet file; update it: pip install --upgrade pyarrow"
+    )
 
 
 class ParquetStream:

@@ -148,5 +148,5 @@ def test_the_descriptor_of_a_file_is_found_where_pyarrow_does_not_say_it(tmp_pat
     path = tmp_path / "f.parquet"
     with path.open("wb") as written, path.open("rb"), (tmp_path / "other").open("wb"):
         assert descriptor_of(object(), path) == written.fileno()
-    with pytest.raises(OSError, match="update it"):
+    with pytest.raises(CosimError, match="update it"):
         descriptor_of(object(), path)

@@ -62,7 +62,7 @@ def added(**options: Any) -> System:
             r"with \(time\), which it does not take: missing a required argument: 'u'",
         ),
         ({"function": lambda t: t, "inputs": ["a", "b"]}, r"with \(time, a, b\), .*: too many positional arguments"),
-        ({"function": lambda t, *, gain: t}, "missing a required argument: 'gain'"),
+        ({"function": lambda t, *, gain: t}, "missing a required (keyword-only )?argument: 'gain'"),
         ({"inputs": "theta"}, "inputs = 'theta' must be a mapping or a list of names"),
         ({"outputs": 3}, "outputs = 3 must be a mapping or a list of names"),
         ({"inputs": ["theta[1]"]}, r"inputs: 'theta\[1\]' is not a name; write a vector of 3 as theta\[1..3\]"),
