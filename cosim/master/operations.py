@@ -278,6 +278,7 @@ class Exchange:
         numbers = [number for inputs, n in self._extrapolated for number in self._history_of(inputs, n)]
         numbers += self.numbers_of_loops()
         numbers += [] if self._iterated is None else self._iterated.numbers()
+        numbers += [] if self._starting is None else self._starting.numbers()
         return np.array(numbers if self._group is None else [*numbers, *self._group.numbers()])
 
     def _history_of(self, inputs: Extrapolated, n: int) -> list[float]:
@@ -326,6 +327,8 @@ class Exchange:
         self.restore_loops(rest)
         if self._iterated is not None:
             self._iterated.restore(rest)
+        if self._starting is not None:
+            self._starting.restore(rest)
         if self._group is not None:
             self._group.restore(rest)
 

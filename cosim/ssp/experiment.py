@@ -81,7 +81,7 @@ def step_size_of(document: Document, root: Part, times: tuple[float, float | Non
         return smallest
     if smallest is not None:
         number = (stop_time - start_time) / smallest
-        if number <= 0 or math.isclose(number, round(number), rel_tol=1e-9):
+        if not (math.isfinite(number) and number > 0) or math.isclose(number, round(number), rel_tol=1e-9):
             return smallest
         step = (stop_time - start_time) / math.ceil(number)
         document.findings.note(

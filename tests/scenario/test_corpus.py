@@ -18,7 +18,7 @@ from tests.support.native_fmus import require_compiler
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="the FMUs of the corpus are for Linux")
 
 #: Words of cases that only a command refuses: for their times, recordings, metrics.
-LATE = ("a stop", "a step", "a negative step", "a recording of", "a metric of nothing")
+LATE = ("a stop", "a step", "a negative step", "a recording of", "a recording every", "a metric of nothing")
 
 
 @pytest.fixture(scope="module")

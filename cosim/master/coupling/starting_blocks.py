@@ -40,6 +40,9 @@ def why_no_block(system: ResolvedSystem, functions: Collection[str]) -> str:
     return why_not_repeated(system, {})
 
 
+_COUNTS = ("n_blocks", "n_not_found", "n_trials")
+
+
 class StartingBlocks:
     """The starting blocks of a system.
 
@@ -93,6 +96,15 @@ class StartingBlocks:
         block = self._block
         block.n_blocks = block.n_not_found = block.n_trials = block.status = 0
         block.failed = -1
+
+    def numbers(self) -> list[float]:
+        """What of it belongs to the state of a run: how many there were, and what they took."""
+        return [float(getattr(self._block, name)) for name in _COUNTS]
+
+    def restore(self, numbers: list[float]) -> None:
+        """Take what `numbers` gave, and more, from the front of a list."""
+        for name in _COUNTS:
+            setattr(self._block, name, int(numbers.pop(0)))
 
     def summary(self) -> dict[str, Any] | None:
         """For people: how many there were, and what they took; None without any."""

@@ -264,7 +264,7 @@ def test_a_killed_study_goes_on_and_comes_to_the_same(finished, robot_fmus, tmp_
     command = [sys.executable, "-m", "cosim", *arguments(robot_fmus, tmp_path / "out")]
     started = subprocess.Popen(command, env={**os.environ, "PYTHONPATH": str(ROOT)}, start_new_session=True)
     results = tmp_path / "out" / "monte-carlo" / "results"
-    wait_for(lambda: started.poll() is not None or list(results.glob("part-*")))
+    wait_for(lambda: started.poll() is not None or list(results.glob("part-*.parquet")))
     assert started.poll() is None
     os.killpg(started.pid, signal.SIGKILL)  # all at once: the study, its scheduler and its workers
     started.wait(timeout=PATIENCE)
