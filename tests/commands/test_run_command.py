@@ -730,7 +730,7 @@ def test_chosen_variables_at_chosen_points_in_chosen_formats(here, no_figures):
     ("recorded", "figures"),
     [
         (["plant.x_E"], []),
-        (["plant.tau_a"], []),
+        pytest.param(["plant.tau_a"], [], marks=pytest.mark.slow),
         (["plant.tau_a[1]", "trajectory.x_ref"], []),
         (["plant.closure_error", "controller.psi[2]"], ["closure_error.png"]),
         (["plant.x_E", "plant.y_E", "trajectory.x_ref", "plant.tau_a", "plant.tau_d"], ["path.png", "torques.png"]),

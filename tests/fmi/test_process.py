@@ -61,6 +61,7 @@ def test_many_runs_in_threads(here: Path) -> None:
         assert [run.result(120) for run in runs] == pytest.approx(EXPECTED, rel=1e-12)
 
 
+@pytest.mark.slow  # as those in threads
 def test_many_runs_in_an_event_loop(here: Path) -> None:
     async def all_runs() -> list[float]:
         return await asyncio.gather(*(asyncio.to_thread(integral, fmu_of(n), float(n)) for n in range(RUNS)))
@@ -98,7 +99,7 @@ def watched(folder: Path) -> Iterator[None]:
     assert {file.name for file in folder.iterdir()} == set(names)
 
 
-@pytest.mark.parametrize("flavour", FLAVOURS)
+@pytest.mark.parametrize("flavour", ["pythonfmu", *(pytest.param(f, marks=pytest.mark.slow) for f in ("fmi2", "fmi3"))])
 def test_another_thread_stays_in_its_folder(
     fmus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, flavour: str
 ) -> None:

@@ -29,7 +29,10 @@ def test_compilers_do_not_warn(by_zig: bool) -> None:
     assert compile_library(loop_sources(), "loop", target, strict=True)
 
 
-@pytest.mark.parametrize("platform", TARGETS)
+@pytest.mark.parametrize(
+    "platform",
+    [pytest.param(p, marks=() if p in ("x86_64-windows", "aarch64-linux") else pytest.mark.slow) for p in TARGETS],
+)
 def test_the_loop_compiles_for_every_platform(platform: str) -> None:
     pytest.importorskip("ziglang", reason="the ziglang package, a clang for all platforms, is not installed")
     assert compile_library(loop_sources(), "loop", TARGETS[platform], strict=True)

@@ -29,8 +29,10 @@ def tank(fmus: Path) -> System:
     return system
 
 
-@pytest.mark.parametrize("record_every", [1, 7])
-@pytest.mark.parametrize("with_sink", [False, True])
+@pytest.mark.parametrize(
+    ("record_every", "with_sink"),
+    [(1, False), (7, True), *(pytest.param(*row, marks=pytest.mark.slow) for row in ((7, False), (1, True)))],
+)
 def test_who_observes_sees_every_row_once(fmus: Path, record_every: int, with_sink: bool) -> None:
     plain = simulate(tank(fmus), 20.0, 1e-3, record_every=record_every)
     for steering in (None, Steering()):

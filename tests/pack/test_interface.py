@@ -131,7 +131,7 @@ def test_what_cannot_be_packed(fmus: Path, foreign: Path, tmp_path: Path) -> Non
     sine = small_loop(fmus)
     sine.drive("g.u[2]", lambda t: t)
     refused(sine, "feeds 'g.u\\[2\\]' has to be sampled, and it is not known until when")
-    refused(sine, "would have 100000001 samples", stop_time=1e7)
+    refused(sine, "would have 300000003 samples", stop_time=1e7)
     binary = System()
     for name in "ab":
         binary.add(name, foreign / "types.fmu")

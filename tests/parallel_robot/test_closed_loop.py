@@ -70,7 +70,7 @@ def distance(results: Results, path: np.ndarray) -> float:
 
 
 CASES = [
-    ("hold", "sequential", DEFAULT_FLAVOUR, 4e-5, 1.0),
+    pytest.param("hold", "sequential", DEFAULT_FLAVOUR, 4e-5, 1.0, marks=pytest.mark.slow),
     ("hold", "parallel", DEFAULT_FLAVOUR, 12e-5, 1.0),
     ("linear", "sequential", "fmi2", 3e-7, 2.0),
     ("linear", "sequential", "fmi3", 3e-7, 2.0),

@@ -121,6 +121,7 @@ def test_closed_loop_is_that_of_the_pythonfmu_flavour(tracking: dict[str, Result
     assert np.ptp(found["plant.x_E"]) > 0.01
 
 
+@pytest.mark.slow
 def test_flavours_agree_with_feedforward_and_weak_motors(robot_fmus: Path, native_fmus: Path) -> None:
     scenario = load_scenario("tracking-feedforward").with_start_value("controller", "tau_max", 0.1)
     folders = {"pythonfmu": robot_fmus} | dict.fromkeys(FLAVOURS, native_fmus)
@@ -527,7 +528,7 @@ def child(script: str, *arguments: str) -> Any:
     return json.loads(done.stdout.splitlines()[-1])
 
 
-@BOTH
+@pytest.mark.parametrize("flavour", [pytest.param("fmi2", marks=pytest.mark.slow), "fmi3"])
 def test_a_host_survives_all_misuse_and_a_good_run_follows(unpacked: Path, flavour: str) -> None:
     """One instance after the other, in one process; the refused instances live on until the good run is over."""
     script = """

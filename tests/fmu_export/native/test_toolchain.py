@@ -254,7 +254,10 @@ def test_folders_are_those_of_the_standards() -> None:
 
 
 @needs_zig
-@pytest.mark.parametrize("target", TARGETS.values(), ids=list(TARGETS))
+@pytest.mark.parametrize(
+    "target",
+    [pytest.param(t, id=name, marks=pytest.mark.slow if "linux" in name else ()) for name, t in TARGETS.items()],
+)
 def test_zig_compiles_for_every_platform(target: Target, monkeypatch: pytest.MonkeyPatch) -> None:
     """The first library for a platform makes its C library too: seconds, for Windows two minutes.
 
