@@ -205,3 +205,14 @@ def test_what_is_held_on_purpose_is_not_iterated(fmus: Path) -> None:
     np.testing.assert_array_equal(sampled.values, simulate(made("hold"), 2.0, 0.1).values)
     assert "iterated_steps" not in sampled.info
     assert simulate(made(None), 2.0, 0.1, iterations="auto").info["iterated_steps"]["inputs"] == ["a.f"]
+
+
+def test_small_values_are_iterated_as_large_ones_are(fmus: Path) -> None:
+    """The tolerance is relative to what inputs were in this run: the system is linear, so all is a part of it."""
+    step = 0.2 * fastest_period(HEAVY)
+    made, small = system(fmus, HEAVY, 0.05), system(fmus, HEAVY, 0.05)
+    for component in small.components.values():
+        component.start["x_start"] *= 2.0**-24
+    runs = [simulate(each, 20 * step, step, iterations="auto") for each in (made, small)]
+    largest = np.abs(runs[0].values).max()
+    np.testing.assert_allclose(runs[1].values * 2.0**24, runs[0].values, rtol=0.0, atol=1e-7 * largest)

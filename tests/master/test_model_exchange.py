@@ -345,3 +345,17 @@ def test_a_step_that_is_too_long_is_named_with_the_remedy(fmu: Find) -> None:
         simulate(oscillator(fmu, "fmi2"), 4000.0, 2.0)
     assert failed.value.results is not None
     assert len(failed.value.results.time) > 10
+
+
+def test_what_fails_within_a_step_is_named_where_less_is_exchanged_than_at_events(fmu: Find) -> None:
+    """Before the spring come values that change at events only, and a force that is the same all the time."""
+    system, diverging = heated(fmu, "fmi2"), oscillator(fmu, "fmi2")
+    system.add("still", fmu("Spring", "fmi2"), interface="model-exchange")
+    system.add("free", fmu("Mass", "fmi2"), interface="model-exchange")
+    system.connect("still.F[1]", "free.F")
+    system.components.update(diverging.components)
+    system.connections.extend(diverging.connections)
+    for name, start in {"a": {"m": 1e4}, "b": {"m": 1e4}, "spring": {"c": 1e6, "d": 1e6}}.items():
+        system.components[name].start.update(start)  # the force of the spring is beyond all numbers, not yet the states
+    with pytest.raises(SimulationError, match=r"^spring failed at .*: fmi2GetReal returned error within a step; where"):
+        simulate(system, 4000.0, 2.0)

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import cosim.fmi.isolation.library
 import cosim.master.loaded_components
 from cosim import (
     Results,
@@ -618,3 +619,19 @@ def test_a_step_that_either_end_can_not_tell_apart_is_refused(fmus: Path, start:
     system.add("i", fmus / "fmi2" / "Integrator.fmu", start={"u": 1.0})
     with Simulation(system) as simulation, pytest.raises(SetupError, match=r"a step of 0\.75 s is too short"):
         simulation.run(stop, 0.75, start_time=start)
+
+
+@pytest.mark.parametrize(
+    ("threads", "n_cores", "shared"), [(1, 3, False), (1, 2, True), (2, 2, False), (2, 1, True), ("auto", 2, False)]
+)
+def test_processes_share_a_core_where_more_take_turns_than_there_are_cores(
+    fmus: Path, monkeypatch: pytest.MonkeyPatch, threads: int | str, n_cores: int, shared: bool
+) -> None:
+    """One thread and two FMUs; where there are more threads, one waits for each FMU."""
+    monkeypatch.setattr(cosim.fmi.isolation.library, "cores", lambda: n_cores)
+    system = System()
+    for name in "ij":
+        system.add(name, fmus / "fmi2" / "Integrator.fmu")
+    with Simulation(system, isolate=True, threads=threads) as simulation:
+        instances = simulation._components.instances
+        assert [instances[name].shares_core for name in "ij"] == [shared, shared]

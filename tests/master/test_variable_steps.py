@@ -160,3 +160,21 @@ def test_an_error_that_no_step_keeps_ends_the_run(fmus: Path) -> None:
     system.connect("x.x", "far.u")
     with pytest.raises(SimulationError, match="no communication step keeps a coupling error of 1e-06"):
         simulate(system, 1.0, "variable", coupling_tolerance=1e-6, record=["far.y"])
+
+
+def test_a_signal_is_not_asked_beyond_the_step_that_is_tried(fmus: Path) -> None:
+    """None is rejected, so what is asked for the first time after all times before is the end of a step."""
+    asked: list[float] = []
+
+    def signal(time: float) -> float:
+        asked.append(time)
+        return 1.0
+
+    system = decaying(fmus, fast=1.0)
+    system.add("driven", fmus / "Lag.fmu")
+    system.drive("driven.u", signal)
+    results = simulate(system, 1.0, "variable", extrapolation="hold", coupling_tolerance=2e-2)
+    found = results.info["variable_steps"]
+    assert found["rejected"] == 0
+    assert found["longest"] > found["shortest"]
+    np.testing.assert_array_equal(np.unique(np.maximum.accumulate(asked)), results.time[::2])
