@@ -423,6 +423,7 @@ def test_ctrl_c_ends_a_run_whose_fmu_never_returns(tmp_path: Path, threads: int)
         assert len(caught.value.results.time) == 5
 
 
+@pytest.mark.slow  # the Ctrl-C in a step is tried always
 def test_ctrl_c_while_an_fmu_is_instantiated(tmp_path: Path) -> None:
     system = one(ender(tmp_path / "f.fmu", "INSTANTIATING", "FOREVER"))
     thread = ctrl_c_when_it_never_returns()
