@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import copy
 import dataclasses
+import json
 import shutil
 import sys
 import tempfile
@@ -26,7 +27,7 @@ from cosim.commands.options import (
     chosen_places,
     log_options,
 )
-from cosim.commands.supervision import works_in
+from cosim.commands.supervision import has_written, works_in
 from cosim.errors import CosimError, SetupError, nearest
 from cosim.files.whole import PART, part_of, write_json
 from cosim.fmi.message_log import Log
@@ -35,7 +36,6 @@ from cosim.loop.team import Threads, checked_threads
 from cosim.master.checkpoint import Checkpoint
 from cosim.master.coupling.algorithm import EXTRAPOLATIONS
 from cosim.master.failures import SimulationError, SimulationInterrupted
-from cosim.master.recording import NonFinite
 from cosim.master.simulation import Simulation, number_of_steps
 from cosim.results.figure_process import FigureProcess
 from cosim.results.formats import FORMATS, format_of
@@ -175,45 +175,83 @@ def run_prepared(prepared: PreparedRun, args: argparse.Namespace, figures: Figur
             units_row=args.units_row,
             report=args.report,
         )
+        ended: SimulationError | SimulationInterrupted | None = None
+        results: Results | StoredResults | None = None
+        line = ""
         try:
-            log = log_options(args, folder.unfinished)
-            results = execute(
-                prepared,
-                args.realtime,
-                formats,
-                folder,
-                checkpoint,
-                build=args.build,
-                log=log,
-                units_row=args.units_row,
-                threads=_threads(args.threads),
-                profile=args.profile,
-                coupling_tolerance=args.coupling_tolerance,
-                live=args.live,
-                nonfinite=args.nonfinite,
-                isolation=IsolationOptions.of(args),
-                scheduler=args.scheduler,
-            )
+            with _simulation(prepared, args, log_options(args, folder.unfinished)) as simulation:
+                try:
+                    results = execute(simulation, prepared, args, formats, folder, checkpoint)
+                except (SimulationError, SimulationInterrupted) as error:
+                    ended, results = error, error.results
+                    if results is None:
+                        raise
+                with simulation.moving_log(lambda: folder.path_of(LOG_FILE)):
+                    if ended is None:
+                        _leave(prepared, write, results, checkpoint, report=args.report)
+                    else:
+                        line = (
+                            f"{ended}; {_rescued(prepared, write, results, folder, str(ended))}{_to_go_on(checkpoint)}"
+                        )
+                known = dict(results.info)
+                has_written(0 if ended is None else 130 if isinstance(ended, SimulationInterrupted) else 1, line)
         except SetupError as error:
             raise UsageError(f"{prepared.source}: {error}{_kept_log(folder.unfinished)}") from error
         except SimulationError as error:
-            if error.results is None:
-                raise CosimError(f"{error}{_kept_log(folder.unfinished)}") from error
-            where = _rescued(prepared, write, error.results, folder, str(error))
-            raise CosimError(f"{error}; {where}{_to_go_on(checkpoint)}") from error
-        except SimulationInterrupted as interrupt:
-            where = _rescued(prepared, write, interrupt.results, folder, str(interrupt))
-            print(f"cosim: {interrupt}; {where}{_to_go_on(checkpoint)}", file=sys.stderr)
-            return 130
-        summary = _summary(prepared, results)
-        print(in_words(prepared, summary), flush=True)  # tables and figures take longer than the run
-        drawn = write(results, summary)
-        if checkpoint is not None:  # not before its results are in their place
-            checkpoint.remove()
-        if args.report and (page := prepared.folder / REPORT).is_file():
-            print(f"page: {page}")
-        print(f"{'results, summary and figures' if drawn else 'results and summary'}: {prepared.folder}")
+            raise CosimError(f"{error}{_kept_log(folder.unfinished)}") from error
+        _amend(results, known, folder, report=args.report)
+    if isinstance(ended, SimulationInterrupted):
+        print(f"cosim: {line}", file=sys.stderr)
+        return 130
+    if ended is not None:
+        raise CosimError(line) from ended
     return 0
+
+
+def _leave(
+    prepared: PreparedRun,
+    write: Callable[..., bool],
+    results: Results | StoredResults,
+    checkpoint: Checkpoint | None,
+    *,
+    report: bool,
+) -> None:
+    """Write all of a run that has come to its end, and say what came of it, while its FMUs still live."""
+    summary = _summary(prepared, results)
+    print(in_words(prepared, summary), flush=True)  # tables and figures take longer than the run
+    drawn = write(results, summary)
+    if checkpoint is not None:  # not before its results are in their place
+        checkpoint.remove()
+    if report and (page := prepared.folder / REPORT).is_file():
+        print(f"page: {page}")
+    what = "results, summary and figures" if drawn else "results and summary"
+    print(f"{what}: {prepared.folder}", flush=True)
+
+
+def _amend(results: Results | StoredResults, known: Mapping[str, Any], folder: ResultFolder, *, report: bool) -> None:
+    """Have the summary say what FMUs did when they were told that the run is over, after all was written."""
+    said = {key: value for key, value in results.info.items() if known.get(key) != value}
+    if not said and not folder.path_of(LOG_FILE).is_file():
+        return
+    for line in (*said.get("not_terminated", {}).values(), *_new_notes(known["messages"], results.info["messages"])):
+        print(f"note: {' '.join(line.split())}")
+    log = folder.path_of(LOG_FILE)
+    if "log" in said:
+        said["log"] = {**said["log"], "file": LOG_FILE}
+
+    def write(where: Path) -> None:
+        if report and said:
+            summary = json.loads(folder.path_of(SUMMARY).read_text(encoding="utf-8"))
+            _write_page(results, {**summary, **said}, where, log)
+
+    try:
+        folder.amend(said, [LOG_FILE], write)
+    except OSError as error:
+        print(f"note: {folder.path_of(SUMMARY)} does not say how the FMUs ended: {error.strerror or error}")
+
+
+def _new_notes(before: Mapping[str, Any], now: Mapping[str, Any]) -> Sequence[str]:
+    return notes({component: about for component, about in now.items() if before.get(component) != about})
 
 
 def _threads(given: str | None) -> Threads:
@@ -264,23 +302,34 @@ def _to_go_on(checkpoint: Checkpoint | None) -> str:
     return "" if checkpoint is None else "; --resume goes on from its last checkpoint"
 
 
+def _simulation(prepared: PreparedRun, args: argparse.Namespace, log: Log | None) -> Simulation:
+    plan, isolation = prepared.plan, IsolationOptions.of(args)
+    return Simulation(
+        prepared.system,
+        order=plan.order,
+        extrapolation=plan.extrapolation,
+        record=plan.record,
+        build=args.build,
+        log=log,
+        threads=_threads(args.threads),
+        profile=args.profile,
+        solver=plan.solver,
+        solver_step=plan.solver_step,
+        isolate=isolation.isolate,
+        limits=isolation.limits,
+        iterations=plan.iterations,
+        scheduler=args.scheduler,
+        terminate_late=True,
+    )
+
+
 def execute(
+    simulation: Simulation,
     prepared: PreparedRun,
-    realtime: float | None,
+    args: argparse.Namespace,
     formats: Sequence[str],
     folder: ResultFolder,
-    checkpoint: Checkpoint | None = None,
-    *,
-    build: bool = False,
-    log: Log | None = None,
-    units_row: bool = False,
-    threads: Threads = 1,
-    profile: bool = False,
-    coupling_tolerance: float | None = None,
-    live: bool = False,
-    nonfinite: NonFinite = "mark",
-    isolation: IsolationOptions = IsolationOptions(),  # noqa: B008 (frozen)
-    scheduler: str | None = None,
+    checkpoint: Checkpoint | None,
 ) -> Results | StoredResults:
     """Run a system; a run that is too long for memory goes to the disk as it comes, into a folder.
 
@@ -292,25 +341,7 @@ def execute(
         The disk takes no more; what was written stays.
     """
     plan = prepared.plan
-    with (
-        Simulation(
-            prepared.system,
-            order=plan.order,
-            extrapolation=plan.extrapolation,
-            record=plan.record,
-            build=build,
-            log=log,
-            threads=threads,
-            profile=profile,
-            solver=plan.solver,
-            solver_step=plan.solver_step,
-            isolate=isolation.isolate,
-            limits=isolation.limits,
-            iterations=plan.iterations,
-            scheduler=scheduler,
-        ) as simulation,
-        _progress(plan) as progress,
-    ):
+    with _progress(plan) as progress:
         _check_metrics(prepared.metrics, simulation.names)
         run = partial(
             simulation.run,
@@ -319,20 +350,22 @@ def execute(
             start_time=plan.start_time,
             record_every=plan.record_every,
             tolerance=plan.tolerance,
-            realtime=realtime,
+            realtime=args.realtime,
             progress=progress,
             checkpoint=checkpoint,
-            coupling_tolerance=coupling_tolerance,
-            nonfinite=nonfinite,
+            coupling_tolerance=args.coupling_tolerance,
+            nonfinite=args.nonfinite,
         )
-        with _shown_live(prepared.title, plan, simulation) if live else nullcontext() as view:
+        with _shown_live(prepared.title, plan, simulation) if args.live else nullcontext() as view:
             if view is not None:
                 run = partial(run, observe=view.observe, steering=view.steering)
             if isinstance(plan.step_size, str):  # how long it will be is not known
                 return run()
             points = number_of_steps(plan.start_time, plan.stop_time, plan.step_size) + 1
             n_values = points // max(1, plan.record_every) * (len(simulation.names) + 1)
-            if n_values <= MOST_VALUES_IN_MEMORY or coupling_tolerance is not None:  # how long it will be is not known
+            if args.coupling_tolerance is not None:  # nor here
+                return run()
+            if n_values <= MOST_VALUES_IN_MEMORY:
                 return run()
             path = folder.unfinished / "results.parquet"
             files = sorted({folder.unfinished / f"results.{name}" for name in formats} | {path})
@@ -340,7 +373,7 @@ def execute(
             while True:
                 names = simulation.names
                 try:
-                    return _streamed(simulation, run, files, folder, units_row=units_row)
+                    return _streamed(simulation, run, files, folder, units_row=args.units_row)
                 except SetupError:
                     if simulation.names == names:
                         raise
@@ -389,6 +422,7 @@ def _streamed(
     except OSError as error:
         raise OutputError(f"{error.strerror or error}; what was recorded until then is in {kept}") from error
     stored = StoredResults(path, results.info)
+    stored.info = results.info  # which has yet to say how the FMUs end
     if ended is not None:
         ended.results = stored
         raise ended
@@ -512,18 +546,17 @@ def _write(
             if prepared.drawing is not None and len(results.time) > 1 and not beside:
                 drawn = bool(_drawn(prepared, results, figures, where))
             if report:
-                _write_page(results, summary, where)
+                _write_page(results, summary, where, where / LOG_FILE)
         saved.result()
 
     folder.put(write, whole=error is None)
     return drawn
 
 
-def _write_page(results: Results | StoredResults, summary: Mapping[str, Any], where: Path) -> None:
+def _write_page(results: Results | StoredResults, summary: Mapping[str, Any], where: Path, log: Path) -> None:
     """The page about a run, with all that its summary says; whatever fails but the disk, the user gets a note."""
     from cosim.results.page.run_page import write_run_page
 
-    log = where / LOG_FILE
     said = log.read_text(encoding="utf-8", errors="replace") if log.is_file() else ""
     described = copy.copy(results)
     described.info = dict(summary)

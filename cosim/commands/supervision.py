@@ -43,8 +43,12 @@ _LOOK, _MOST_LOOKS = 0.5, 20
 #: Of prctl: signal that a process gets when its parent dies.
 _PR_SET_PDEATHSIG = 1
 
-#: Path of the folder where the process writes results, in memory that it shares with the program.
-_folder = mmap.mmap(-1, 4096)
+#: Sizes of what a process shares with the program in memory: a path, and a line.
+_PATH_SIZE, _LINE_SIZE = 4096, 8192
+
+#: Path of the folder where the process writes results; the exit code plus one when it has written them, and the line
+#: that it then has to say, if any.
+_folder, _written = mmap.mmap(-1, _PATH_SIZE), mmap.mmap(-1, 1 + _LINE_SIZE)
 
 
 def supervised(command: Callable[[], int]) -> int:
@@ -52,7 +56,8 @@ def supervised(command: Callable[[], int]) -> int:
     if sys.platform != "linux":
         return command()
     memory = current_calls.memory_of_calls()
-    _folder.write(b"\0")
+    _forget(_folder)
+    _forget(_written)
     program = os.getpid()
     sys.stdout.flush()
     sys.stderr.flush()
@@ -64,6 +69,8 @@ def supervised(command: Callable[[], int]) -> int:
         current_calls.has_finished(memory)
         return code
     code, stuck = _ended(process, memory)
+    if _written[0] and not current_calls.is_finished(memory):
+        return _ended_after_the_run(code, memory, stuck=stuck)
     if stuck:
         how = f"the run was told to end and could not within {_LOOK * _MOST_LOOKS:g} s, so it was killed"
     elif code < 0:
@@ -92,20 +99,64 @@ def _become_the_process_of(program: int) -> None:
 
 def works_in(folder: Path) -> None:
     """Say that the command writes into a folder of results, for the program to clear up there after a crash."""
-    _folder.seek(0)
-    _folder.write(str(folder.absolute()).encode(errors="surrogateescape")[: len(_folder) - 1] + b"\0")
+    _share(_folder, 0, str(folder.absolute()))
 
 
-def _clear_away() -> None:
-    """Remove temporary files of a process that has ended without doing so."""
+def has_written(code: int, line: str = "") -> None:
+    """Say that all results are in their place, and how the command ends whatever FMUs do when they are told to end.
+
+    Parameters
+    ----------
+    code : int
+        Exit code.
+    line : str
+        What is to be said on stderr then.
+    """
+    _share(_written, 1, line)
+    _written[0] = code + 1
+
+
+def _share(memory: mmap.mmap, first: int, text: str) -> None:
+    memory[first:] = text.encode(errors="surrogateescape")[: len(memory) - first - 1].ljust(len(memory) - first, b"\0")
+
+
+def _shared(memory: mmap.mmap, first: int = 0) -> str:
+    return memory[first:].partition(b"\0")[0].decode(errors="surrogateescape")
+
+
+def _forget(memory: mmap.mmap) -> None:
+    memory[:] = bytes(len(memory))
+
+
+def _ended_after_the_run(code: int, memory: mmap.mmap, *, stuck: bool) -> int:
+    """Exit code of a process that an FMU has ended when its results were written."""
+    from cosim.results.output import SUMMARY, amend_summary
+
+    is_told = current_calls.is_told(memory)
+    how = f"{signal.Signals(-code).name} ended it" if code < 0 else f"exit status {code}"
+    text = current_calls.last_line(memory, how, "was stuck" if stuck else "ended the process", again=True).strip()
+    text = text.removeprefix("cosim: ") or f"the process of the command has ended: {how}"
+    if not is_told:
+        print(f"cosim: {text}", file=sys.stderr)
+    _clear_away(parts=False)
+    if line := _shared(_written, 1):
+        print(f"cosim: {line}", file=sys.stderr)
+    elif folder := _shared(_folder):
+        print(f"cosim: note: that was when the run was over; all its results are in {folder}", file=sys.stderr)
+        amend_summary(Path(folder) / SUMMARY, {"process_ended": text})
+    return 130 if stuck else _written[0] - 1
+
+
+def _clear_away(*, parts: bool = True) -> None:
+    """Remove temporary files of a process that has ended without doing so; say which `parts` of results there are."""
     from cosim.files.temporary import clear_abandoned
     from cosim.fmi.unpacking import place_for_fmus
     from cosim.results.output import clear_unfinished
 
     for place in {place_for_fmus(), Path(tempfile.gettempdir())}:
         clear_abandoned(place)
-    if folder := _folder[:].partition(b"\0")[0].decode(errors="surrogateescape"):
-        for part in clear_unfinished(Path(folder)):
+    if folder := _shared(_folder):
+        for part in clear_unfinished(Path(folder)) * parts:
             print(f"cosim: what was recorded until then is in {part}", file=sys.stderr)
 
 

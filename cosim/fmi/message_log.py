@@ -6,7 +6,8 @@ import logging
 import os
 import threading
 from collections import deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -89,7 +90,7 @@ class LogWriter:
         self._stream: BinaryIO | None = None
         self._size = 0
         self._last: deque[bytes] = deque(maxlen=_MOST_LAST_LINES)
-        self._n_beyond = 0
+        self._n_beyond = self._n_told = 0
         self._problem: str | None = None
 
     def open(self) -> None:
@@ -106,19 +107,30 @@ class LogWriter:
             self._stream = Path(self.log.file).open("wb", buffering=0)  # noqa: SIM115 (what comes before a crash is there)
         except OSError as error:
             raise SetupError(f"can't write the log {self.log.file}: {error.strerror or error}") from error
-        self._size = self._n_beyond = 0
+        self._size = self._n_beyond = self._n_told = 0
         self._problem = None
+
+    @contextmanager
+    def moving(self, to: Callable[[], Path]) -> Iterator[None]:
+        """Context in which the file is closed and may be moved; the log goes on in the one that `to` then names."""
+        was_open = self._stream is not None
+        self.close()
+        yield
+        path = to()
+        if was_open and path.is_file():
+            self._stream = path.open("ab", buffering=0)
 
     def close(self) -> None:
         """End the file; of a log that is full the last lines come after a line that says so."""
         with self._lock:
             if self._stream is None:
                 return
-            if self._n_beyond:
-                left_out = self._n_beyond - len(self._last)
+            if self._last:
+                left_out = self._n_beyond - self._n_told - len(self._last)
                 note = f"--- {left_out} messages are left out here: the log reached {MOST_LOG_BYTES} bytes ---\n"
                 self._put(b"".join([note.encode(), *self._last]))
             self._last.clear()
+            self._n_told = self._n_beyond
             self._stream.close()
             self._stream = None
 

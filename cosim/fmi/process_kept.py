@@ -1,7 +1,7 @@
-"""What belongs to the process, or to its thread, and FMUs change: working folder, locale, floating-point arithmetic.
+"""What belongs to the process, or its thread, and FMUs change: working folder, locale, arithmetic, standard streams.
 
 Libraries that are compiled for speed flush small numbers to zero from the moment when they are loaded; others have
-divisions by zero end the process, or go to the folder of their files.
+divisions by zero end the process, go to the folder of their files, or close the standard output.
 """
 
 from __future__ import annotations
@@ -54,16 +54,53 @@ class _Process:
                 locale.setlocale(locale.LC_ALL, self.locale)
 
 
+class _StandardStreams:
+    """The files of standard input, output and error, as they were; a file opened later would take a closed one's place.
+
+    They are compared by device and number, as `os.path.samestat` does.
+    """
+
+    def __init__(self) -> None:
+        self._copies: dict[int, tuple[int, tuple[int, int]]] = {}
+        for number in (0, 1, 2):
+            with suppress(OSError):  # the user has closed it
+                self._copies[number] = os.dup(number), _file(number)
+
+    def are_again(self) -> None:
+        """Have those that were closed, or lead elsewhere, be as they were."""
+        for number, (copy, file) in self._copies.items():
+            try:
+                if _file(number) == file:
+                    continue
+            except OSError:
+                pass
+            with suppress(OSError):  # the copy is gone, too
+                os.dup2(copy, number)
+
+    def close(self) -> None:
+        """Close the copies."""
+        for copy, _ in self._copies.values():
+            with suppress(OSError):
+                os.close(copy)
+
+
+def _file(number: int) -> tuple[int, int]:
+    found = os.fstat(number)
+    return found.st_dev, found.st_ino
+
+
 class KeptProcess:
     """Keeps what the FMUs of a simulation make of the process to the time in which they are called."""
 
     def __init__(self) -> None:
         self._of_fmus: _Process | None = None
+        self._streams: _StandardStreams | None = None
 
     @contextmanager
     def while_fmus_are_called(self) -> Iterator[None]:
         """Context in which folder and locale are those to which FMUs have gone; after it all is as it was before."""
-        before = _Process.now()
+        before, streams = _Process.now(), _StandardStreams()
+        self._streams = streams
         if self._of_fmus is not None:
             self._of_fmus.is_again(before)
         try:
@@ -71,5 +108,13 @@ class KeptProcess:
         finally:
             after = _Process.now()
             before.is_again(after)
+            streams.are_again()
+            streams.close()
+            self._streams = None
             _mathematics().fesetenv(before.arithmetic)
             self._of_fmus = after if after != before else None
+
+    def restore_streams(self) -> None:
+        """Have standard streams that FMUs have closed be open, within the context: something may be printed."""
+        if self._streams is not None:
+            self._streams.are_again()

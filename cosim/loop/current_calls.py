@@ -78,7 +78,7 @@ def calls_in(memory: mmap.mmap) -> bytes:
     return b"".join(bytes(call) for call in calls if call.code)
 
 
-def last_line(memory: mmap.mmap, how: str, what: str = "ended the process") -> str:
+def last_line(memory: mmap.mmap, how: str, what: str = "ended the process", *, again: bool = False) -> str:
     """The line for a process that has ended in a call, empty if it has said why itself, or was in none.
 
     Parameters
@@ -89,7 +89,11 @@ def last_line(memory: mmap.mmap, how: str, what: str = "ended the process") -> s
         What else is known of its end.
     what : str
         What the component did, before the name of the function.
+    again : bool
+        Give it also where the process has said why.
     """
+    if again:
+        _Calls.from_buffer(memory).told = 0
     text = ctypes.create_string_buffer(1024)
     address = ctypes.c_void_p(ctypes.addressof(_Calls.from_buffer(memory)))
     loop_library().say_how_it_ended(address, what.encode(), how.encode(), text, ctypes.c_size_t(len(text)))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from functools import partial
 from os import PathLike
@@ -128,6 +128,7 @@ class LoadedComponents:
         self._hosts: Hosts | None = None
         self._folders: dict[str, Path] = {}
         self._stack: ExitStack | None = None
+        self._postponed: list[Callable[[], None]] = []
 
     @property
     def is_open(self) -> bool:
@@ -165,6 +166,14 @@ class LoadedComponents:
                 opened.push(stack.pop_all())
                 self._stack = opened.pop_all()
 
+    def postpone(self, end: Callable[[], None]) -> None:
+        """Put off the end of a run to when the instances are freed, or begin another one."""
+        self._postponed.append(end)
+
+    def _end_runs(self) -> None:
+        while self._postponed:
+            self._postponed.pop()()
+
     def close(self) -> None:
         """Free all instances and remove what was unpacked."""
         if self._stack is not None:
@@ -187,6 +196,7 @@ class LoadedComponents:
         SetupError
             An FMU can't be instantiated again; the components are closed.
         """
+        self._end_runs()
         for messages in self.messages.values():
             messages.begin()
         if self._log is not None:
@@ -248,10 +258,13 @@ class LoadedComponents:
         return True
 
     def _free(self) -> None:
-        for instance in reversed(self.instances.values()):
-            instance.close()
-        self.instances.clear()
-        self.reset = set()
+        try:
+            self._end_runs()
+        finally:
+            for instance in reversed(self.instances.values()):
+                instance.close()
+            self.instances.clear()
+            self.reset = set()
 
     def _reach_hosts(self, stack: ExitStack) -> None:
         """Become a client of the cluster where components have their places."""

@@ -35,7 +35,7 @@ from cosim.loop.binding import (
     loop_library,
 )
 from cosim.loop.channel import on_one_core
-from cosim.loop.current_calls import address_of_call
+from cosim.loop.current_calls import address_of_call, is_at
 from cosim.loop.iterated_step import NOT_CONVERGED
 from cosim.loop.team import Team, Threads
 from cosim.master import chunks
@@ -124,8 +124,12 @@ class Run:
         *,
         profile: bool = False,
         nonfinite: NonFinite = "mark",
+        postpone: Callable[[Callable[[], None]], None] | None = None,
+        restore_streams: Callable[[], None] = lambda: None,
     ) -> None:
+        self._restore_streams = restore_streams
         self._columns = columns
+        self._postpone = postpone  # telling FMUs that the run is over; at once by default
         self._ends_at_nonfinite = nonfinite == "error"
         #: Of what went elsewhere than into the results.
         self.marks = Marks(columns)
@@ -176,6 +180,7 @@ class Run:
         self.ended_by: EndedBy | None = None
         self._end_point = 0
         self._not_terminated: dict[str, str] = {}
+        self._info: dict[str, Any] | None = None  # of results that were handed over
         self._failed: NamedOperation | None = None
         self._sampled_from = self._sampled_end = 0
         self._ahead = _AHEAD
@@ -372,8 +377,6 @@ class Run:
                 "used": self._team.threads,
                 "steps_together": self._team.steps_together,
             }
-        if self._not_terminated:
-            results.info["not_terminated"] = dict(self._not_terminated)
         if iterations := self._exchange.iterations():
             results.info["iterations"] = iterations
         if iterated := self._exchange.iterated_steps():
@@ -382,7 +385,13 @@ class Run:
             results.info["starting_blocks"] = starts
         if self._group is not None:
             results.info["model_exchange"] = self._group.summary()
-        results.info |= summary(instance.messages for instance in self._instances.values())
+        self._info = results.info
+        self._say_how_it_ended(results.info)
+
+    def _say_how_it_ended(self, info: dict[str, Any]) -> None:
+        if self._not_terminated:
+            info["not_terminated"] = dict(self._not_terminated)
+        info |= summary(instance.messages for instance in self._instances.values())
 
     def hand_over(self, times: np.ndarray, slots: np.ndarray, results: Results) -> None:
         """Give results what was recorded: times (n,) and slots (n, columns)."""
@@ -577,7 +586,9 @@ class Run:
     def _steps(self, first: int, end: int, *, exchanged: bool) -> bool:
         """Step in the compiled loop; whether all went well."""
         with self._where() if end - first >= _LONG else nullcontext():
-            return bool(loop_library().loop_run(ctypes.byref(self._loop), first, end, exchanged))
+            done = bool(loop_library().loop_run(ctypes.byref(self._loop), first, end, exchanged))
+        self._restore_streams()
+        return done
 
     def _recorded_until(self, recorder: Recorder, rows: np.ndarray, begin: int, end: int) -> int:
         """Have recorded the rows begin ... end - 1, which the loop has filled; returns the end.
@@ -667,6 +678,19 @@ class Run:
         loop.first_sample, loop.n_rows = samples.first, samples.end - samples.first
 
     def _terminate(self, time: float) -> None:
+        if self._postpone is None:
+            self._terminate_now(time)
+        else:
+            self._postpone(partial(self._terminate_late, time))
+
+    def _terminate_late(self, time: float) -> None:
+        is_at(time)
+        try:
+            self._terminate_now(time)
+        finally:
+            is_at(None)
+
+    def _terminate_now(self, time: float) -> None:
         """Tell all FMUs that the run is over; what they have computed is as good when one fails in that."""
         for component, instance in self._instances.items():
             try:
@@ -674,6 +698,8 @@ class Run:
                     instance.terminate()
             except SimulationError as error:
                 self._not_terminated[component] = str(error)
+        if self._info is not None:
+            self._say_how_it_ended(self._info)
 
     # Failures
 

@@ -8,7 +8,7 @@ import hashlib
 import math
 import time as clock
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
 from types import TracebackType
@@ -172,6 +172,9 @@ class Simulation:
     scheduler : str, optional
         Address of the scheduler of a Dask cluster, on whose workers FMUs live that have a place (`System.add`); by
         default that of the configuration of Dask.
+    terminate_late : bool
+        Whether FMUs are told that a run is over, and results say how that went, when another one begins or the
+        simulation is closed, and not at once: an FMU that crashes then costs nothing that was saved before.
 
     Raises
     ------
@@ -205,10 +208,12 @@ class Simulation:
         limits: Limits | None = None,
         iterations: int | str | None = None,
         scheduler: str | None = None,
+        terminate_late: bool = False,
     ) -> None:
         chosen = algorithm(order, extrapolation)
         self._threads = checked_threads(threads)
         self._profile = profile
+        self._terminate_late = terminate_late
         self._most_iterations = most_iterations(iterations)
         if self._most_iterations and not chosen.order.needs_levels:
             raise SetupError(
@@ -347,6 +352,7 @@ class Simulation:
         if log is not None:
             log.check_categories(offered.values())
         writer = None if log is None or log.level == "none" else LogWriter(log)
+        self._log = writer
         asked = {name: None if log is None else log.asked_of(names) for name, names in offered.items()}
         return writer, {name: Messages(name, writer, asked[name]) for name in self._fmus}
 
@@ -409,6 +415,10 @@ class Simulation:
         """Free all instances and remove what was unpacked; the simulation can be entered again."""
         self._components.close()
         self._exchange = None
+
+    def moving_log(self, to: Callable[[], Path]) -> AbstractContextManager[None]:
+        """Context in which the file of the log, if there is one, may be moved to the path that `to` then gives."""
+        return nullcontext() if self._log is None else self._log.moving(to)
 
     def _fresh_exchange(self) -> Exchange:
         """Instances as they are after their instantiation, and the table of operations for them."""
@@ -622,9 +632,9 @@ class Simulation:
             with self._stepping(grid, samples, starts, record_every, experiments, nonfinite) as (run, growing, results):
                 self._check_sink(sink, names)
                 slots = None if sink is None else self._slot_sink(sink, run.marks)
-                return SteeredRun(run, growing, grid, results, steering, observe, slots, self._columns.values).to_end(
-                    progress, pacer
-                )
+                steered = SteeredRun(run, growing, grid, results, steering, observe, slots, self._columns.values)
+                with self._components.process.while_fmus_are_called():
+                    return steered.to_end(progress, pacer)
         if checkpoint is not None:
             self._check_states()
             times = self._times(grid, record_every)
@@ -632,9 +642,9 @@ class Simulation:
             with self._stepping(grid, samples, starts, record_every, experiments, nonfinite) as (run, growing, results):
                 self._check_sink(sink, names)
                 slots = None if sink is None else self._slot_sink(sink, run.marks)
-                return CheckpointedRun(
-                    run, growing, grid, record_every, results, times, known, checkpoint, slots
-                ).to_end(progress, pacer)
+                kept = CheckpointedRun(run, growing, grid, record_every, results, times, known, checkpoint, slots)
+                with self._components.process.while_fmus_are_called():
+                    return kept.to_end(progress, pacer)
         with (
             self._occupied("a run of this simulation is going on") as interrupt,
             self._components.process.while_fmus_are_called(),
@@ -929,6 +939,8 @@ class Simulation:
                 self._group,
                 profile=self._profile,
                 nonfinite=nonfinite,
+                postpone=self._components.postpone if self._terminate_late else None,
+                restore_streams=self._components.process.restore_streams,
             )
             try:
                 run.initialize(starts, experiments)

@@ -14,7 +14,7 @@ from typing import Any, Self
 
 from cosim.errors import CosimError
 from cosim.files.locks import FileLock
-from cosim.files.whole import PART, part_of, sync, whole_of, write_json
+from cosim.files.whole import PART, part_of, sync, whole_of, write_json, write_whole
 
 #: The file that says how a run was made, and which files of the folder belong to it.
 SUMMARY = "summary.json"
@@ -62,6 +62,19 @@ def clear_unfinished(folder: Path) -> list[Path]:
         shutil.rmtree(unfinished / _NEW, ignore_errors=True)
     lock.release()
     return sorted(folder.glob(f"results.*{PART}"))
+
+
+def amend_summary(summary: Path, said: Mapping[str, Any], hashes: Mapping[str, str] | None = None) -> None:
+    """Add entries to the summary of a run, and the SHA-256 of files that have changed.
+
+    Raises
+    ------
+    OSError
+        It can't be written; it is as it was.
+    """
+    known = _read(summary)
+    data = {**known, **said, "files": {**known.get("files", {}), **(hashes or {})}}
+    write_whole(summary, lambda path: write_json(path, data))
 
 
 class ResultFolder:
@@ -113,6 +126,7 @@ class ResultFolder:
         self._owned: dict[str, str | None] = {}  # files of earlier runs, with their SHA-256
         self.holds_whole_run = self._lists_none = False
         self._hashes: dict[Path, str] = {}
+        self._ending: str | None = None  # of the names of what was put
 
     def __enter__(self) -> Self:
         check_writable(self.folder)
@@ -265,7 +279,36 @@ class ResultFolder:
         if problem:
             raise OutputError(f"can't write into {self.folder}: {problem}; {self._rescued(write, grown)}") from cause
         self._place()
+        self._ending = ending
         return names
+
+    def path_of(self, name: str) -> Path:
+        """Path of a file of the run, before or after it was put."""
+        return self.unfinished / name if self._ending is None else self.folder / f"{name}{self._ending}"
+
+    def amend(self, said: Mapping[str, Any], names: Iterable[str], write: Callable[[Path], object]) -> None:
+        """Add to the summary that was put, and have `write(folder)` write files anew that are not results.
+
+        Parameters
+        ----------
+        said : mapping
+            Entries of the summary.
+        names : iterable of str
+            Files that have changed where they are, if they are there.
+        write : callable
+
+        Raises
+        ------
+        OSError
+            The folder can't take it; the results are as they were.
+        """
+        if self._ending is None:  # all is elsewhere
+            return
+        write(self.unfinished)
+        changed = [self.path_of(name) for name in names]
+        changed += [path.replace(self.path_of(path.name)) for path in list(_files(self.unfinished))]
+        hashes = {path.name: _sha256(path) for path in changed if path.is_file()}
+        amend_summary(self.path_of(SUMMARY), said, hashes)
 
     def _rescued(self, write: Callable[[Path], object], grown: list[Path]) -> str:
         """Write into another folder, into which files that have grown are moved; says how that went."""

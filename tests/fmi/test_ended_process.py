@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import hashlib
 import json
 import os
 import signal
@@ -15,7 +16,7 @@ from pathlib import Path
 
 import pytest
 
-from cosim import Simulation, System, simulate
+from cosim import Results, Simulation, System, simulate
 from cosim.loop import current_calls
 from cosim.loop.binding import loop_library
 from cosim.loop.current_calls import Caller, watched_calls
@@ -124,6 +125,53 @@ def test_no_end_of_the_process_is_a_success_of_the_program(tmp_path: Path, how: 
     assert said[0].startswith(f"cosim: component 'f' (f.fmu) {what} in fmi2DoStep at t = 0.4 s: ")
     assert {"EXIT": "it called exit(), which", "END_": "it called _exit(), which"}.get(how[:4], "segment") in said[0]
     assert list((tmp_path / "o").iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("where", "how", "what", "options"),
+    [
+        ("TERMINATING", "SEGMENTATION", "crashed in fmi2Terminate at t = 1 s: segmentation fault", ["--log", "all"]),
+        *(
+            pytest.param(*rest, marks=pytest.mark.slow)
+            for rest in (
+                ("FREEING", "ABORT", "crashed in fmi2FreeInstance: it aborted", ["--format", "parquet", "--report"]),
+                ("UNLOADING", "EXIT_0", "ended the process in the unloading of its library: it called exit()", []),
+                ("TERMINATING", "END_0", "ended the process in fmi2Terminate at t = 1 s: exit status 0", []),
+            )
+        ),
+    ],
+)
+def test_an_fmu_that_ends_the_process_after_the_run_costs_nothing(
+    tmp_path: Path, where: str, how: str, what: str, options: list[str]
+) -> None:
+    command = [sys.executable, "-m", "cosim", "run", "f.fmu", "--step", "0.1", "--stop", "1", "--out", "o", *options]
+    ender(tmp_path / "f.fmu", where, how)
+    code, out, said = ended(command, tmp_path)
+    line = f"component 'f' (f.fmu) {what}"
+    assert (code, len(said)) == (0, 2)
+    assert said[0].startswith(f"cosim: {line}")
+    assert said[1] == f"cosim: note: that was when the run was over; all its results are in {tmp_path / 'o'}"
+    assert out.splitlines()[-1] == "results, summary and figures: o"
+    summary = json.loads((tmp_path / "o/summary.json").read_text())
+    assert (summary["status"], summary["error"]) == ("completed", None)
+    call = line.partition(":")[0].replace("crashed", "ended the process")
+    assert summary["process_ended"].startswith(call)
+    assert {*summary["files"], "summary.json"} == {path.name for path in (tmp_path / "o").iterdir()}
+    for name, sha256 in summary["files"].items():
+        assert hashlib.sha256((tmp_path / "o" / name).read_bytes()).hexdigest() == sha256
+    table = next(name for name in summary["files"] if name.startswith("results.") and not name.endswith(".png"))
+    assert Results.read(tmp_path / "o" / table).time == pytest.approx([n / 10 for n in range(11)])
+    assert ended(command, tmp_path)[0] == 0  # whose files may take the place of those
+
+
+def test_what_a_failed_run_had_recorded_outlasts_a_crash_when_the_fmu_is_freed(tmp_path: Path) -> None:
+    ender(tmp_path / "f.fmu", "FREEING", "ABORT", "FAILS")
+    command = [sys.executable, "-m", "cosim", "run", "f.fmu", "--step", "0.1", "--stop", "1", "--out", "o"]
+    code, _, said = ended(command, tmp_path)
+    assert (code, len(said)) == (1, 2)
+    assert said[0].startswith("cosim: component 'f' (f.fmu) crashed in fmi2FreeInstance: it aborted")
+    assert said[1] == "cosim: f failed at t = 0.4 s: fmi2DoStep returned error; what was recorded is in o"
+    assert len(Results.read(tmp_path / "o/results.csv").time) == 5
 
 
 def test_a_run_that_is_well_is_as_it_was(tmp_path: Path) -> None:

@@ -7,6 +7,8 @@ import locale
 import math
 import os
 import signal
+import subprocess
+import sys
 import threading
 import zipfile
 from collections.abc import Iterator
@@ -20,7 +22,8 @@ import pytest
 from cosim import SetupError, Simulation, System, simulate
 from cosim.regression.run import run as run_alone
 from cosim.regression.tolerances import Interface
-from tests.support.c_fmus import tank
+from tests.support.c_fmus import ender, tank
+from tests.support.patience import PATIENCE
 from tests.support.regression_fmus import make_case
 from tests.support.small_fmus import FLAVOURS, build
 from tests.support.tiny_models import INTEGRATOR
@@ -171,3 +174,17 @@ def test_what_an_fmu_changes_of_the_process_is_so_in_its_calls_only(
             assert process() == before
             stepped.step()
     assert process() == before
+
+
+@pytest.mark.parametrize(
+    "where", ["STEPPING", *(pytest.param(w, marks=pytest.mark.slow) for w in ("LOADING", "GETTING", "UNLOADING"))]
+)
+@pytest.mark.skipif(sys.platform == "win32", reason="the FMU is one for POSIX")
+def test_standard_streams_that_an_fmu_closes_are_open_again(tmp_path: Path, where: str) -> None:
+    """And no file that is opened in their place gets what the FMU writes."""
+    ender(tmp_path / "f.fmu", where, "CLOSING")
+    command = [sys.executable, "-m", "cosim", "run", "f.fmu", "--step", "0.1", "--stop", "1", "--out", "o"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=PATIENCE, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.splitlines()[-1] == "results, summary and figures: o"
+    assert len((tmp_path / "o/results.csv").read_text().splitlines()) == 12

@@ -286,6 +286,18 @@ def test_an_error_at_the_end_is_a_warning_and_costs_no_results(folder: Path) -> 
         assert "not_terminated" in run.results.info
 
 
+def test_results_can_be_saved_before_the_fmus_are_told_that_the_run_is_over(folder: Path) -> None:
+    said = {"m": "m failed at t = 2 s: fmi2Terminate returned error"}
+    with Simulation(one(quirky(folder, Quirk.FAILS_TO_TERMINATE)), terminate_late=True) as simulation:
+        first = simulation.run(2.0, 0.5)
+        assert (y(first), first.info["status"]) == (PARABOLA, "completed")
+        assert "not_terminated" not in first.info
+        second = simulation.run(2.0, 0.5)
+        assert first.info["not_terminated"] == said
+        assert "not_terminated" not in second.info
+    assert second.info["not_terminated"] == said
+
+
 # Steps that are not finished at once
 
 

@@ -135,9 +135,10 @@ _ENDER = """<?xml version="1.0" encoding="UTF-8"?>
 """
 
 
-def ender(path: Path, where: str, how: str) -> Path:
-    """The FMU of fmi2_ender.c, which ends its process in a place and a way that the source names."""
+def ender(path: Path, where: str, how: str, *flags: str) -> Path:
+    """The FMU of fmi2_ender.c, compiled with flags: it ends its process in a place and a way that the source names."""
     library = path.with_suffix(".so")
-    definitions = (f"-DWHERE={where}", f"-DHOW={how}", "-Wno-infinite-recursion", "-O0", "-pthread")
+    definitions = [f"-D{flag}" for flag in (*flags, f"WHERE={where}", f"HOW={how}")]
+    definitions += ["-Wno-infinite-recursion", "-O0", "-pthread"]
     compile_c(Path(__file__).with_name("fmi2_ender.c"), library, *definitions)
     return packed(path, _ENDER, {binary("ender"): library})
