@@ -67,9 +67,10 @@ def model_page(code: bytes, description: Mapping[str, Any], script: str) -> str:
     )
     html = f"""<div class="model">
 <div class="settings" tabindex="0" role="region" aria-label="Settings">
-<p class="hint">Change a value, and all is computed again.</p>
+<div class="top"><p class="hint">Change a value, and all is computed again.</p>
+<button type="button" class="fold">All settings</button></div>
 {_settings(description)}
-<p><button type="button" class="reset">Start values</button></p>
+<p class="buttons"><button type="button" class="reset">Start values</button></p>
 </div>
 <div>
 <p class="trouble bad" role="alert" hidden></p>

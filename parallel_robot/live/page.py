@@ -150,8 +150,7 @@ def live_page(folder: Path) -> str:
     """
     header = """<p class="over">closed-chain-cosim</p>
 <h1>Turn the gains, and the robot answers</h1>
-<p class="lead">The closed loop of Han et al. 2021, robot, controller and path, as the code of its FMU: computed in your
-browser at each change.</p>"""
+<p class="lead">The closed loop of Han et al. 2021, computed by the code of its FMU in your browser.</p>"""
     return document(
         "Turn the gains",
         header,
@@ -200,8 +199,9 @@ def _html(variables: Mapping[str, Any], chosen: Mapping[str, Mapping[str, Any]])
     rows = "".join(f'<option value="{row}">μ, ν = {row}</option>' for row in index["rows"])
     return f"""<div class="live">
 <div class="settings" tabindex="0" role="region" aria-label="Settings">
-<label for="preset">Preset</label>
+<div class="top"><label for="preset">Preset</label>
 <select id="preset" class="preset"><option value="">own settings</option>{options}</select>
+<button type="button" class="fold">All settings</button></div>
 {open_groups}{closed}
 <details><summary>The run</summary>{stop}<p class="hint">By RODAS, an implicit method, with a relative tolerance of
 {TOLERANCE:g} and communication points each {1000 * STEP_SIZE:g} ms. The torque is renewed all the time, also under

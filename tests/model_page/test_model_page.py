@@ -139,6 +139,27 @@ def test_it_computes_and_complains_in_a_browser(tabs: Tabs, page: Path, swing: W
     assert value(tab, 0) == before
 
 
+def near(tab: Any) -> list[str]:
+    """Controls that are seen at the foot of the window."""
+    shown = "[...document.querySelectorAll('[data-name]')].filter((e) => e.checkVisibility())"
+    inside = "e.getBoundingClientRect().top > innerHeight / 2 && e.getBoundingClientRect().bottom <= innerHeight"
+    return list(tab.evaluate(f"{shown}.filter((e) => {inside}).map((e) => e.dataset.name)"))
+
+
+def test_a_narrow_window_keeps_what_was_used_last_in_reach(tabs: Tabs, page: Path) -> None:
+    tab = tabs.open(page, width=390, height=844)
+    computed(tab, 1)
+    assert near(tab) == ["length", "g"]  # the one slider, and the first of the fields
+    tab.evaluate("scrollTo(0, document.body.scrollHeight)")
+    assert tab.locator(".settings").bounding_box()["height"] < 844 / 4
+    assert len(near(tab)) == 2
+    tab.click(".fold")
+    assert tab.get_attribute(".fold", "aria-expanded") == "true"
+    tab.fill('[data-name="grip"] input', "0.5")
+    tab.click(".fold")
+    assert sorted(near(tab)) == ["grip", "length"]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("how", ["nothing", "refused"])
 def test_a_browser_without_webassembly_is_said(browser: Any, page: Path, tmp_path: Path, how: str) -> None:
@@ -165,6 +186,9 @@ def test_a_browser_without_webassembly_is_said(browser: Any, page: Path, tmp_pat
 def test_everybody_can_use_it(tabs: Tabs, tmp_path: Path, model: type, width: int, scheme: str) -> None:
     tab = tabs.open(written(wasm_model(model), tmp_path), width=width, color_scheme=scheme)
     computed(tab, 1)
+    accessible(tab)
+    if width == 390:
+        tab.click(".fold")
     tab.evaluate("document.querySelectorAll('details').forEach((d) => (d.open = true))")
     accessible(tab)
     fits(tab)

@@ -1,11 +1,38 @@
 // Controls of values: a slider with a number beside it, a number alone, a switch, a choice.
 
+/** How many controls a folded panel of settings shows: those used last, at first the first sliders. */
+const NEAR = 2;
+
 class Controls {
   /** All controls inside an element, by the name in their `data-name`; `changed` is called after each change. */
   constructor(root, changed) {
     this.fields = new Map();
     this.changed = changed;
     for (const field of root.querySelectorAll("[data-name]")) this.add(field);
+    this.near = [];
+    const all = [...this.fields.values()];
+    const first = [...all.filter(({ slider }) => slider), ...all.filter(({ slider }) => !slider)].slice(0, NEAR);
+    for (const control of first.reverse()) this.use(control);
+    this.fold(root.querySelector(".settings"));
+  }
+
+  /** Narrow windows show a panel of settings folded, over what it changes; its button opens it. */
+  fold(panel) {
+    const button = panel.querySelector(".fold");
+    const show = (folded) => {
+      panel.classList.toggle("folded", folded);
+      button.setAttribute("aria-expanded", String(!folded));
+      button.textContent = folded ? "All settings" : "Fewer settings";
+    };
+    button.addEventListener("click", () => show(!panel.classList.contains("folded")));
+    show(true);
+  }
+
+  /** Put a control among those that a folded panel shows. */
+  use(control) {
+    const used = [control, ...this.near.filter((other) => other !== control)];
+    used.forEach(({ field }, i) => field.classList.toggle("near", i < NEAR));
+    this.near = used.slice(0, NEAR);
   }
 
   add(field) {
@@ -15,6 +42,7 @@ class Controls {
     const { start } = field.dataset;
     const control = { field, slider, box, other, start, value: Number(start), log: slider?.dataset.log !== undefined };
     this.fields.set(field.dataset.name, control);
+    for (const kind of ["input", "change"]) field.addEventListener(kind, () => this.use(control));
     slider?.addEventListener("input", () => {
       const raw = Number(slider.value);
       const value = control.log ? 10 ** raw : raw;

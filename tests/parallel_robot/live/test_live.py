@@ -212,9 +212,40 @@ def test_without_webassembly_it_says_so(browser: Any, page: Path) -> None:
 def test_everybody_can_use_it(tabs: Tabs, page: Path, width: int, scheme: str) -> None:
     tab = opened(tabs, page, width=width, color_scheme=scheme)
     fits(tab)
+    if width == 390:
+        accessible(tab)
+        tab.click(".fold")
     tab.evaluate("document.querySelectorAll('details').forEach((d) => (d.open = true))")
     accessible(tab)
     fits(tab)
+
+
+@pytest.mark.slow
+def test_a_phone_shows_robot_readings_and_gains_at_once(tabs: Tabs, page: Path) -> None:
+    tab = opened(tabs, page, width=390, height=844)
+
+    def ends(selector: str) -> tuple[float, float]:
+        box = tab.locator(selector).bounding_box()
+        return box["y"], box["y"] + box["height"]
+
+    top, bottom = ends(".settings")
+    assert bottom <= 844
+    for seen in (".robot", ".rms", ".effort", ".time"):
+        first, last = ends(seen)
+        assert 0 <= first < last <= top
+    shown = "[...document.querySelectorAll('[data-name]')].filter((e) => e.checkVisibility())"
+    assert tab.evaluate(f"{shown}.map((e) => e.dataset.name)") == ["alpha", "beta"]
+    tab.evaluate("scrollTo(0, document.querySelector('.torque-plot').getBoundingClientRect().top - 100)")
+    for gain in ("alpha", "beta"):
+        first, last = ends(f'[data-name="{gain}"] input[type=range]')
+        assert ends(".torque-plot")[0] < first < last <= 844
+    before = runs(tab)
+    tab.locator('[data-name="alpha"] input[type=range]').fill("3")
+    computed(tab, before + 1)
+    tab.click(".fold")
+    tab.locator('[data-name="w"] input[type=range]').fill("1.5")
+    tab.click(".fold")
+    assert tab.evaluate(f"{shown}.map((e) => e.dataset.name)") == ["alpha", "w"]
 
 
 @pytest.mark.slow
