@@ -8,6 +8,7 @@ from __future__ import annotations
 import ctypes
 import math
 import os
+import sys
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -60,6 +61,9 @@ INITIALIZING = (
     *("fmiInitializeSlave", "fmi2SetupExperiment", "fmi2EnterInitializationMode", "fmi2ExitInitializationMode"),
     *("fmi3EnterInitializationMode", "fmi3ExitInitializationMode"),
 )
+
+#: Whether a crash of an FMU is an exception of Python.
+_CRASHES_RAISE = sys.platform == "win32"
 
 #: fmi2StatusKind
 _STEP_STATUS, _LAST_SUCCESSFUL_TIME, _TERMINATED = 0, 2, 3
@@ -360,9 +364,23 @@ class Instance:
 
     def _function(self, name: str) -> Callable[..., Any]:
         try:
-            return self._library.function(name)
+            function = self._library.function(name)
         except LibraryError as error:
             raise CallFailed(str(error)) from error
+        return partial(self._unless_it_crashes, function, name) if _CRASHES_RAISE else function
+
+    def _unless_it_crashes(self, function: Callable[..., Any], name: str, *arguments: Any) -> Any:
+        try:
+            return function(*arguments)
+        except OSError as error:
+            raise self.crashed(name, error) from error
+
+    def crashed(self, function: str, error: OSError) -> CallFailed:
+        """The error for a crash in a function, where one is an exception; the instance is then left alone."""
+        self._corrupted = True
+        name = function.replace("fmi1", "fmi")
+        text = f"crashed in {name} ({error}); the fault is in the FMU, ask its supplier"
+        return CallFailed(text, fmi2.fmi2Fatal, function)
 
     def failure(self, function: str, status: int) -> CallFailed:
         """The error for a status that a function has returned; after a fatal one the instance is left alone."""
@@ -592,7 +610,14 @@ class Instance:
             self._library.abandon()
             return
         if self._component is not None:
-            self.free()
+            try:
+                self.free()
+            except CallFailed as error:
+                if not self._corrupted:
+                    raise
+                self.messages.take(fmi2.fmi2Fatal, None, str(error).encode())
+                self._library.abandon()
+                return
         self._library.close()
 
     def free(self) -> None:

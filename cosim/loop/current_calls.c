@@ -30,8 +30,14 @@
 /* Exit status of a process that an FMU has ended by exit(): an internal error, by sysexits.h. */
 enum { STATUS_OF_EXIT = 70 };
 
-/* What follows every last line. */
+/* What follows every last line, and what an FMU has called; on Windows abort() ends as exit() does. */
+#ifdef _WIN32
+#define REMEDY "ask its supplier"
+#define ENDING "exit() or abort()"
+#else
 #define REMEDY "ask its supplier; isolated FMUs leave what was recorded (--isolated, isolate=True)"
+#define ENDING "exit()"
+#endif
 
 static CurrentCalls own;
 static CurrentCalls *all = &own;
@@ -87,13 +93,21 @@ EXPORT size_t say_how_it_ended(const CurrentCalls *calls, const char *what, cons
 }
 
 /* exit() while a thread is in a call: it comes from the FMU, and is no success whatever status it has. */
+static void end_at_once(void) {
+#ifdef _WIN32
+    TerminateProcess(GetCurrentProcess(), STATUS_OF_EXIT); /* within the end of the process _exit() would wait for itself */
+#else
+    _exit(STATUS_OF_EXIT);
+#endif
+}
+
 static void exiting(void) {
     if (all->process != (uint64_t)getpid() || !python_runs()) return; /* a child of the FMU; a usual end */
     const CurrentCall *call = current_call(all, this_thread(), false);
     if (!call) return;
-    explain(call, "ended the process", "it called exit(), which an FMU must not do; " REMEDY);
+    explain(call, "ended the process", "it called " ENDING ", which an FMU must not do; " REMEDY);
     fflush(NULL);
-    _exit(STATUS_OF_EXIT);
+    end_at_once();
 }
 
 /* Begin to note calls, in other memory than that of this library if there is some; it must last as long as the process. */
@@ -138,9 +152,25 @@ void leave_place(int32_t place) {
 #ifdef _WIN32
 void have_spare_stack(bool begin) { (void)begin; }
 
+/* A crash in a thread that Python has not called comes here; in one that it has called, ctypes makes it an OSError. */
+static LPTOP_LEVEL_EXCEPTION_FILTER before;
+static volatile LONG n_watching;
+
+static LONG WINAPI crashed(EXCEPTION_POINTERS *pointers) {
+    char how[256];
+    snprintf(how, sizeof how, "exception 0x%08lx; the fault is in the FMU, " REMEDY,
+             pointers->ExceptionRecord->ExceptionCode);
+    const CurrentCall *call = all->told ? NULL : current_call(all, this_thread(), true);
+    if (call) explain(call, call->thread == this_thread() ? "crashed" : "was at work when another thread crashed,", how);
+    return before ? before(pointers) : EXCEPTION_CONTINUE_SEARCH;
+}
+
 EXPORT bool watch_calls(bool begin) {
-    (void)begin;
-    return false;
+    if (begin) {
+        all->process = (uint64_t)getpid();
+        if (InterlockedIncrement(&n_watching) == 1) before = SetUnhandledExceptionFilter(crashed);
+    } else if (InterlockedDecrement(&n_watching) == 0) SetUnhandledExceptionFilter(before);
+    return n_watching > 0;
 }
 #else
 static const struct {

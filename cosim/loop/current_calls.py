@@ -236,6 +236,23 @@ def is_at(time: float | None) -> None:
     _here().time[0] = math.nan if time is None else time
 
 
+def left_call() -> int:
+    """Code of the call that this thread was in when an exception left it, as one of Windows can; it is over now."""
+    note = _here().code
+    code, note[0] = note[0], 0
+    return code
+
+
+def function_of(code: int) -> str:
+    """Name of the function of a code."""
+    return str(_all().calls.functions[code % _N_FUNCTIONS].value.decode())
+
+
+def have_one_component(code: int, other: int) -> bool:
+    """Whether two codes are those of calls of one component."""
+    return code // _N_FUNCTIONS == other // _N_FUNCTIONS
+
+
 class Caller:
     """A component whose FMU, or function, is called.
 

@@ -129,6 +129,7 @@ class LoadedComponents:
         self._folders: dict[str, Path] = {}
         self._stack: ExitStack | None = None
         self._postponed: list[Callable[[], None]] = []
+        self._to_say: list[Callable[[], None]] = []
 
     @property
     def is_open(self) -> bool:
@@ -166,13 +167,18 @@ class LoadedComponents:
                 opened.push(stack.pop_all())
                 self._stack = opened.pop_all()
 
-    def postpone(self, end: Callable[[], None]) -> None:
-        """Put off the end of a run to when the instances are freed, or begin another one."""
+    def postpone(self, end: Callable[[], None], say: Callable[[], None]) -> None:
+        """Put off the end of a run to when the instances are freed, or begin another one; then have it `say` more."""
         self._postponed.append(end)
+        self._to_say.append(say)
 
     def _end_runs(self) -> None:
         while self._postponed:
             self._postponed.pop()()
+
+    def _say(self) -> None:
+        while self._to_say:
+            self._to_say.pop()()
 
     def close(self) -> None:
         """Free all instances and remove what was unpacked."""
@@ -197,6 +203,7 @@ class LoadedComponents:
             An FMU can't be instantiated again; the components are closed.
         """
         self._end_runs()
+        self._say()
         for messages in self.messages.values():
             messages.begin()
         if self._log is not None:
@@ -263,6 +270,7 @@ class LoadedComponents:
         finally:
             for instance in reversed(self.instances.values()):
                 instance.close()
+            self._say()
             self.instances.clear()
             self.reset = set()
 

@@ -35,7 +35,7 @@ from cosim.loop.binding import (
     loop_library,
 )
 from cosim.loop.channel import on_one_core
-from cosim.loop.current_calls import address_of_call, is_at
+from cosim.loop.current_calls import address_of_call, function_of, have_one_component, is_at, left_call
 from cosim.loop.iterated_step import NOT_CONVERGED
 from cosim.loop.team import Team, Threads
 from cosim.master import chunks
@@ -76,6 +76,9 @@ _SHORTER_MAY_DO = (2, NOT_FINITE, NO_SOLUTION, NOT_CONVERGED)
 
 #: Status of FMI after which an instance is left alone.
 _FATAL = 4
+
+#: Any function of the standard, for the code of a component.
+_ANY = "fmi2DoStep"
 
 #: Fewer points than these are not worth to settle on a core.
 _LONG = 64
@@ -124,7 +127,7 @@ class Run:
         *,
         profile: bool = False,
         nonfinite: NonFinite = "mark",
-        postpone: Callable[[Callable[[], None]], None] | None = None,
+        postpone: Callable[[Callable[[], None], Callable[[], None]], None] | None = None,
         restore_streams: Callable[[], None] = lambda: None,
     ) -> None:
         self._restore_streams = restore_streams
@@ -297,7 +300,25 @@ class Run:
         """Perform the operations first ... end - 1 of a table; whether all went well."""
         self._loop.call = address_of_call()
         operations, codes = table.from_row(first)
-        return bool(loop_library().loop_perform(ctypes.byref(self._loop), operations, codes, end - first, point))
+        return self._call(loop_library().loop_perform, operations, codes, end - first, point)
+
+    def _call(self, function: Callable[..., Any], *arguments: Any) -> bool:
+        """Whether all went well in a function of the loop.
+
+        Raises
+        ------
+        SimulationError
+            An FMU has crashed, where that is an exception of Python, as on Windows.
+        """
+        try:
+            return bool(function(ctypes.byref(self._loop), *arguments))
+        except OSError as error:
+            code, time = left_call(), self._grid.time(self._loop.point)
+            for component, instance in self._instances.items():
+                if have_one_component(instance.code_of_call(_ANY), code):
+                    failed = instance.crashed(function_of(code), error)
+                    raise SimulationError(component, time, str(failed), instance.log()) from failed
+            raise SimulationError("a component", time, f"crashed ({error})", "") from error
 
     def loop(
         self,
@@ -567,7 +588,14 @@ class Run:
         if rows is not self._records:
             self._records, self._loop.records = rows, _pointer(rows, ctypes.c_double)
         self._loop.call = address_of_call()
-        while first < end and not self._steps(first, end, exchanged=exchanged):
+        while first < end:
+            try:
+                if self._steps(first, end, exchanged=exchanged):
+                    break
+            except SimulationError as error:  # a crash, in a step or in the exchange before it
+                stepped = isinstance(error.__cause__, CallFailed) and error.__cause__.function.endswith("DoStep")
+                self._recorded_until(recorder, rows, begin, _rows(self._loop.point + stepped, record_every))
+                raise
             stepping, point = bool(self._loop.failed_at_step), self._loop.point
             begin = self._recorded_until(recorder, rows, begin, _rows(point + stepping, record_every))
             if not stepping:
@@ -586,7 +614,7 @@ class Run:
     def _steps(self, first: int, end: int, *, exchanged: bool) -> bool:
         """Step in the compiled loop; whether all went well."""
         with self._where() if end - first >= _LONG else nullcontext():
-            done = bool(loop_library().loop_run(ctypes.byref(self._loop), first, end, exchanged))
+            done = self._call(loop_library().loop_run, first, end, exchanged)
         self._restore_streams()
         return done
 
@@ -648,7 +676,7 @@ class Run:
     def _has_rest_of_step_gone_well(self, failed: int, point: int) -> bool:
         """Perform what a step has left once the operation that failed has been dealt with; whether all went well."""
         self._loop.call = address_of_call()
-        return bool(loop_library().loop_rest_of_step(ctypes.byref(self._loop), failed, point))
+        return self._call(loop_library().loop_rest_of_step, failed, point)
 
     def _status_of_step(self, row: NamedOperation, operation: Operation, status: int, time: float) -> StepStatus:
         if operation.version < 3:
@@ -681,7 +709,7 @@ class Run:
         if self._postpone is None:
             self._terminate_now(time)
         else:
-            self._postpone(partial(self._terminate_late, time))
+            self._postpone(partial(self._terminate_late, time), self._say_again)
 
     def _terminate_late(self, time: float) -> None:
         is_at(time)
@@ -698,6 +726,9 @@ class Run:
                     instance.terminate()
             except SimulationError as error:
                 self._not_terminated[component] = str(error)
+        self._say_again()
+
+    def _say_again(self) -> None:
         if self._info is not None:
             self._say_how_it_ended(self._info)
 

@@ -10,13 +10,14 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from cosim import Results, Simulation, System, simulate
+from cosim import Results, Simulation, SimulationError, System, simulate
 from cosim.loop import current_calls
 from cosim.loop.binding import loop_library
 from cosim.loop.current_calls import Caller, watched_calls
@@ -326,3 +327,62 @@ def test_a_call_that_raises_is_over() -> None:
     with pytest.raises(ValueError, match=r"^$"):
         Caller("one").noting(fails, "f")()
     assert note[0] == before
+
+
+# Where a crash is an exception of Python, as ctypes makes it on Windows
+
+
+@pytest.fixture
+def crashing(monkeypatch: pytest.MonkeyPatch) -> Callable[[Simulation, str, str], None]:
+    """Has a function of the only FMU crash, in the loop after four steps or where Python calls it."""
+
+    def crash(simulation: Simulation, component: str, function: str) -> None:
+        instance, what = simulation._components.instances[component], "exception: access violation writing 0x0"
+        original = loop_library().loop_run
+
+        def run(loop: Any, first: int, end: int, exchanged: bool) -> bool:
+            assert original(loop, first, min(end, 4), exchanged)
+            current_calls._here().code[0] = instance.code_of_call(function)
+            raise OSError(what)
+
+        def raising(*_: object) -> None:
+            raise OSError(what)
+
+        monkeypatch.setattr("cosim.fmi.instance._CRASHES_RAISE", True)
+        if function == "fmi2DoStep":
+            monkeypatch.setattr(loop_library(), "loop_run", run)
+        else:
+            instance._library.function(function)
+            monkeypatch.setitem(instance._library._functions, function, raising)
+
+    return crash
+
+
+def test_a_crash_that_is_an_exception_ends_the_run_with_all_results(
+    tmp_path: Path, crashing: Callable[[Simulation, str, str], None]
+) -> None:
+    system = System()
+    system.add("t", tank(tmp_path / "t.fmu"), start={"u": 1.0})
+    with Simulation(system) as simulation:
+        crashing(simulation, "t", "fmi2DoStep")
+        said = r"^t failed at t = 0\.3 s: crashed in fmi2DoStep \(exception: access violation writing 0x0\); the fault"
+        with pytest.raises(SimulationError, match=said) as error:
+            simulation.run(1.0, 0.1)
+        assert error.value.component == "t"
+        assert error.value.results is not None
+        assert error.value.results["t.y"] == pytest.approx([0.0, 0.1, 0.2, 0.3])
+        assert simulation._components.instances["t"].is_unusable
+
+
+@pytest.mark.parametrize("function", ["fmi2Terminate", "fmi2FreeInstance"])
+def test_a_crash_that_is_an_exception_after_the_run_is_told(
+    tmp_path: Path, crashing: Callable[[Simulation, str, str], None], function: str
+) -> None:
+    system = System()
+    system.add("t", tank(tmp_path / "t.fmu"), start={"u": 1.0})
+    with Simulation(system, terminate_late=True) as simulation:
+        crashing(simulation, "t", function)
+        results = simulation.run(1.0, 0.1)
+    said = results.info["not_terminated"] if function == "fmi2Terminate" else results.info["messages"]
+    assert f"crashed in {function} (exception: access violation" in str(said["t"])
+    assert results["t.y"][-1] == pytest.approx(1.0)
