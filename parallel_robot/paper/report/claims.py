@@ -63,7 +63,7 @@ meet it, and in part when some do.</p>
 <div class="controls"><div class="filters" role="group" aria-label="Show claims by verdict">{buttons}</div>
 <label>Find <input type="search" placeholder="words" size="14"></label>
 <span class="hint" role="status" aria-live="polite">all {len(claims)} claims</span></div>
-<div class="list">
+<div class="lines">
 {"".join(map(_claim, claims))}</div>
 </div>"""
     return Section("claims", "Claims", html)
@@ -205,25 +205,21 @@ def _sign(excess: float) -> str:
 
 
 def errata_section(errata: Sequence[Erratum]) -> Section:
-    """Errors and gaps of the paper as a list of cards."""
-    cards = "".join(map(_erratum, errata))
+    """Errors and gaps of the paper, one line each that opens."""
     html = f"""<details class="folded"><summary>{len(errata)} errors and gaps of the paper</summary>
-<div class="errata">
-{cards}</div>
+<p>A line says where, and what is printed there; it opens to what holds.</p>
+<div class="lines">
+{"".join(map(_erratum, errata))}</div>
 </details>"""
     return Section("errata", "Errata", html)
 
 
 def _erratum(e: Erratum) -> str:
-    mark = (
-        '<span class="badge good"><span aria-hidden="true">✓</span> shown by the numbers</span>'
-        if e.shown
-        else '<span class="badge bad"><span aria-hidden="true">✗</span> not shown by the numbers</span>'
-    )
     return (
-        f'<article id="erratum-{escape(e.id)}"><h3>{prose(e.where)}</h3>'
-        f"<dl><dt>printed</dt><dd>{prose(e.printed)}</dd><dt>holds</dt><dd>{prose(e.correct)}</dd></dl>"
-        f"<p>{prose(e.evidence)}</p>{_numbers(e.numbers)}<p>{mark}</p></article>\n"
+        f'<details id="erratum-{escape(e.id)}"><summary>{_badge(e.shown, "shown by the numbers")} '
+        f'<span class="line"><b>{prose(e.where)}</b> {prose(e.printed)}</span></summary>'
+        f"<dl><dt>holds</dt><dd>{prose(e.correct)}</dd></dl>"
+        f"<p>{prose(e.evidence)}</p>{_numbers(e.numbers)}</details>\n"
     )
 
 
@@ -239,54 +235,56 @@ _WIDTH, _HEIGHT = 136, 14
 
 
 def readings_section(readings: Sequence[Reading]) -> Section:
-    """Steady errors, axes and torques under each assumption."""
-    heads = (
-        "The law",
-        "what acts on the robot",
-        "steady error in x, y (m), and the largest over its inset",
-        "beyond the main axes",
-        "torque: steady rms, steady, largest (N&nbsp;m)",
-        "does not keep to",
-        "computed by",
-    )
-    cells = [
-        (
-            prose(r.assumption) + _command(r.command),
-            CONDITION_NAMES[r.condition],
-            _errors(r),
-            _axes(r),
-            f"{number(r.torque_rms, 3)}, {number(r.torque_steady, 3)}, {number(r.torque_max, 4)}",
-            prose(", ".join(r.breaks)) or "–",
-            prose(r.method),
-        )
-        for r in readings
-    ]
+    """Steady errors, axes and torques under each assumption, one line each that opens."""
     reached = sum(r.reaches_printed for r in readings)
     html = f"""<details class="folded">
 <summary>{len(readings)} readings, {reached} of them as good as the insets</summary>
 <p>The insets of Figs. 8 to 12 show steady errors of some {prose("1e-6")} m and {prose("1e-5")} rad, and the main axes
-show how far the errors go on the way. Each row is one run under one assumption, with the gains of row (1, 1) unless it
+show how far the errors go on the way. Each line is one run under one assumption, with the gains of row (1, 1) unless it
 says otherwise: {reached} of {len(readings)} have steady errors as small as the insets show.
 {_best(readings)} That a reading fits does not prove that the authors ran it.</p>
-<p>A bar shows the largest steady error over what its inset can show, on a logarithmic scale from
-{prose(f"10^{_LEAST}")} to {prose(f"10^{_MOST}")}; the line marks 1. Feedforward adds to (38) the torque that the
-nominal robot of (27) needs for the desired motion, the least that its three motors can do it with. Feedforward, torque
-limits, the velocity at the start, the leakage of (37) and the bounding function Π of (89) are parameters of the FMUs,
-whose defaults are the paper's law. The fuzzy set (91) of the estimate ψ ends at 0.5. Each command runs the same law
-with coupled FMUs; where there is none, coupling would take hours, or a scenario of your own has to say what acts on
+<p>The number of a line is the largest steady error over what its inset can show; where there is room, a bar shows it
+on a logarithmic scale from {prose(f"10^{_LEAST}")} to {prose(f"10^{_MOST}")}, with a mark at 1. Feedforward adds to
+(38) the torque that the nominal robot of (27) needs for the desired motion, the least that its three motors can do
+it with. Feedforward, torque limits, the velocity at the start, the leakage of (37) and the bounding function Π of
+(89) are parameters of the FMUs, whose defaults are the paper's law. The fuzzy set (91) of the estimate ψ ends at
+0.5. Each command runs the same law with coupled FMUs; where there is none, coupling would take hours, or a scenario
+of your own has to say what acts on
 the robot.</p>
-{table(heads, cells, "Steady errors, axes and torques by assumption", "cards readings")}
+<div class="lines readings">
+{"".join(map(_reading, readings))}</div>
 </details>"""
     return Section("readings", "What the figures may have been", html)
 
 
+def _reading(r: Reading) -> str:
+    axes = "stays within them" if r.within_axes else f"leaves them by {number(100.0 * r.beyond_axes, 3)} % of an axis"
+    rows = (
+        ("acts on the robot", CONDITION_NAMES[r.condition]),
+        ("steady error in x, y", ", ".join(prose(f"{r.steady[name]:.2e}") for name in ("x", "y")) + " m"),
+        ("main axes", axes),
+        ("torque, steady rms", f"{number(r.torque_rms, 3)} N m"),
+        ("torque, steady largest", f"{number(r.torque_steady, 3)} N m"),
+        ("torque, largest", f"{number(r.torque_max, 4)} N m"),
+        ("does not keep to", prose(", ".join(r.breaks)) or "–"),
+        ("computed by", prose(r.method)),
+    )
+    values = "".join(f"<li><span>{name}</span> <b>{value}</b></li>" for name, value in rows)
+    return (
+        f'<details><summary>{_badge(r.reaches_printed, "reached")} <span class="line">{prose(r.assumption)}</span>'
+        f'<span class="ratio">{_scale(r.over_insets)}<b>{number(r.over_insets, 3)}</b>'
+        '<span class="unseen"> times what its inset shows</span></span></summary>'
+        f'<ul class="values">{values}</ul>{_command(r.command)}</details>\n'
+    )
+
+
 def _command(command: str) -> str:
-    """A command below what it runs, broken between its options only."""
+    """A command, broken between its options only."""
     if not command:
         return ""
     words, *options = command.split(" --")
     spans = " ".join(f"<span>{escape(part)}</span>" for part in (words, *(f"--{option}" for option in options)))
-    return f"<br><code>{spans}</code>"
+    return f"<p><code>{spans}</code></p>"
 
 
 def _best(readings: Sequence[Reading]) -> str:
@@ -303,21 +301,10 @@ def _best(readings: Sequence[Reading]) -> str:
     )
 
 
-def _errors(reading: Reading) -> str:
-    """Both errors, the largest ratio to an inset as a bar, and the verdict."""
-    numbers = ", ".join(prose(f"{reading.steady[name]:.2e}") for name in ("x", "y"))
-    ratio = f"{number(reading.over_insets, 3)} times"
-    return f"<span>{numbers}; {ratio}</span>{_scale(reading.over_insets)}{_verdict(reading.reaches_printed, 'reached')}"
-
-
-def _axes(reading: Reading) -> str:
-    share = "" if reading.within_axes else f"<span>{number(100.0 * reading.beyond_axes, 3)} %</span>"
-    return share + _verdict(reading.within_axes, "within")
-
-
-def _verdict(good: bool, what: str) -> str:
-    look, icon, text = ("good", "✓", what) if good else ("bad", "✗", f"not {what}")
-    return f'<span class="badge {look}"><span aria-hidden="true">{icon}</span> {text}</span>'
+def _badge(good: bool, what: str) -> str:
+    """A yes or no in colour, as an icon and in words."""
+    look, icon, word = ("good", "✓", what) if good else ("bad", "✗", f"not {what}")
+    return f'<span class="badge {look}"><span aria-hidden="true">{icon}</span><span class="word"> {word}</span></span>'
 
 
 def _scale(ratio: float) -> str:
