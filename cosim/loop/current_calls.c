@@ -95,7 +95,8 @@ EXPORT size_t say_how_it_ended(const CurrentCalls *calls, const char *what, cons
 /* exit() while a thread is in a call: it comes from the FMU, and is no success whatever status it has. */
 static void end_at_once(void) {
 #ifdef _WIN32
-    TerminateProcess(GetCurrentProcess(), STATUS_OF_EXIT); /* within the end of the process _exit() would wait for itself */
+    TerminateProcess(GetCurrentProcess(),
+                     STATUS_OF_EXIT); /* within the end of the process _exit() would wait for itself */
 #else
     _exit(STATUS_OF_EXIT);
 #endif
@@ -161,7 +162,8 @@ static LONG WINAPI crashed(EXCEPTION_POINTERS *pointers) {
     snprintf(how, sizeof how, "exception 0x%08lx; the fault is in the FMU, " REMEDY,
              pointers->ExceptionRecord->ExceptionCode);
     const CurrentCall *call = all->told ? NULL : current_call(all, this_thread(), true);
-    if (call) explain(call, call->thread == this_thread() ? "crashed" : "was at work when another thread crashed,", how);
+    if (call)
+        explain(call, call->thread == this_thread() ? "crashed" : "was at work when another thread crashed,", how);
     return before ? before(pointers) : EXCEPTION_CONTINUE_SEARCH;
 }
 
