@@ -27,7 +27,7 @@ from cosim.results.figure_process import DRAWING
 from cosim.results.flat_arrays import with_names_of
 from cosim.results.results import Results
 from cosim.scenario.signals import interpolated
-from cosim.system.read import STEPS
+from cosim.system.read import DURATION, STEPS
 from cosim.system.system import Signal, System
 from cosim.system.variables import Element, Ports
 
@@ -47,7 +47,7 @@ def prepared_fmu(args: argparse.Namespace) -> Iterator[PreparedRun]:
     component = path.stem.replace(".", "_")
     folder = results_folder(args, component)
     description = load(component, path).description
-    plan = _plan(component, description, path, args)
+    plan, notes = _plan(component, description, path, args)
     system = System()
     system.add(component, path)
     remedy = f"take it out of {args.input}"
@@ -65,14 +65,16 @@ def prepared_fmu(args: argparse.Namespace) -> Iterator[PreparedRun]:
         plan=plan,
         folder=folder,
         about={"fmu": str(path), "title": title},
-        details={"input": None if args.input is None else str(args.input), "driven": targets},
+        details={"notes": notes, "input": None if args.input is None else str(args.input), "driven": targets},
         drawing=DRAWING,
         drawing_arguments=(title,),
     )
 
 
-def _plan(component: str, description: ModelDescription, path: Path, args: argparse.Namespace) -> Plan:
-    """The options, and where they say nothing, the default experiment of the FMU.
+def _plan(
+    component: str, description: ModelDescription, path: Path, args: argparse.Namespace
+) -> tuple[Plan, list[str]]:
+    """The options, and where they say nothing, the default experiment of the FMU; and notes on what was assumed.
 
     Names to record need not name the component, as those of start values.
     """
@@ -84,17 +86,23 @@ def _plan(component: str, description: ModelDescription, path: Path, args: argpa
     }
     start_time = times.get("startTime", 0.0) if args.start is None else args.start
     stop_time = times.get("stopTime") if args.stop is None else args.stop
+    notes = []
     if stop_time is None:
-        raise UsageError(f"{path} has no default stop time; give one with --stop")
+        stop_time = start_time + DURATION
+        notes.append(
+            f"{path} has no default stop time; it is {stop_time:g} s here, {DURATION:g} s after the start (--stop)"
+        )
     step_size = times.get("stepSize") if args.step is None else args.step
     if step_size is None:
         step_size = (stop_time - start_time) / STEPS
-        print(f"note: {path} has no default step; it is {step_size:g} s here, {STEPS} steps in all (--step)")
+        notes.append(f"{path} has no default step; it is {step_size:g} s here, {STEPS} steps in all (--step)")
+    for note in notes:
+        print(f"note: {note}")
     plan = Plan.from_options(args, stop_time, step_size, start_time)
     if plan.record is None:
-        return plan
+        return plan, notes
     whole = [name if name.partition(".")[0] == component else f"{component}.{name}" for name in plan.record]
-    return dataclasses.replace(plan, record=whole)
+    return dataclasses.replace(plan, record=whole), notes
 
 
 def _driven(ports: Ports, path: Path, plan: Plan) -> list[Signal]:

@@ -12,7 +12,6 @@ from pathlib import Path
 from cosim.commands.execution import (
     Plan,
     PreparedRun,
-    UsageError,
     refuse,
     results_folder,
     with_interfaces,
@@ -22,7 +21,7 @@ from cosim.commands.options import Standard
 from cosim.errors import CosimError
 from cosim.files.temporary import TemporaryFolder
 from cosim.results.figure_process import DRAWING
-from cosim.system.read import ReadSystem
+from cosim.system.read import DURATION, ReadSystem
 
 
 @contextmanager
@@ -49,13 +48,13 @@ def prepared_description(args: argparse.Namespace, standard: Standard) -> Iterat
             return text.replace(f"{unpacked}{os.sep}", f"{path}: ")
 
         try:
-            found = read_description(path, standard, Path(unpacked), args)
+            found = read_description(path, standard, Path(unpacked), args, args.start, DURATION)
             for note in found.notes:
                 print(f"note: {in_archive(note)}")
             yield PreparedRun(
                 source=str(path),
                 title=found.name,
-                plan=_plan(found, path, args),
+                plan=_plan(found, args),
                 system=with_interfaces(
                     with_start_values(found.system, args.set, f"disconnect it in the {standard.upper()}"),
                     args.interface,
@@ -75,19 +74,46 @@ def prepared_description(args: argparse.Namespace, standard: Standard) -> Iterat
             raise CosimError(in_archive(str(error))) from error
 
 
-def read_description(path: Path, standard: Standard, unpacked: Path, args: argparse.Namespace) -> ReadSystem:
+def read_description(
+    path: Path,
+    standard: Standard,
+    unpacked: Path,
+    args: argparse.Namespace,
+    start_time: float | None = None,
+    duration: float | None = None,
+) -> ReadSystem:
     """The system of an SSP or an OSP configuration, whose FMUs are unpacked into a folder.
+
+    Parameters
+    ----------
+    path, unpacked : Path
+        Of the description, and of the folder.
+    standard : Standard
+    args : argparse.Namespace
+        Options of the command line.
+    start_time : float, optional
+        In place of that of the description (s).
+    duration : float, optional
+        How long the run is (s) where nothing says when it stops.
 
     Raises
     ------
     CosimError
         It is malformed, or an option makes no sense.
     """
+    step_size = _fixed(args.step)
     if standard == "osp":
         from cosim.osp.reader import read_osp
 
         refuse({"--ssv": args.ssv}, "is for SSPs; an OSP configuration takes start values by --set")
-        return read_osp(path, units=args.units or "ignore", step_size=_fixed(args.step), stop_time=args.stop)
+        return read_osp(
+            path,
+            units=args.units or "ignore",
+            step_size=step_size,
+            start_time=start_time,
+            stop_time=args.stop,
+            duration=duration,
+        )
     from cosim.ssp.reader import read_ssp
 
     return read_ssp(
@@ -95,8 +121,10 @@ def read_description(path: Path, standard: Standard, unpacked: Path, args: argpa
         unpacked,
         parameter_sets=args.ssv,
         units=args.units or "convert",
-        step_size=_fixed(args.step),
+        step_size=step_size,
+        start_time=start_time,
         stop_time=args.stop,
+        duration=duration,
     )
 
 
@@ -105,13 +133,10 @@ def _fixed(step: float | str | None) -> float | None:
     return None if isinstance(step, str) else step
 
 
-def _plan(found: ReadSystem, path: Path, args: argparse.Namespace) -> Plan:
-    stop_time = found.stop_time if args.stop is None else args.stop
+def _plan(found: ReadSystem, args: argparse.Namespace) -> Plan:
     step_size = found.step_size if args.step is None else args.step
-    if stop_time is None:
-        raise UsageError(f"neither {path} nor its FMUs have a default stop time; give one with --stop")
-    assert step_size is not None  # which comes from the times, if from nothing else
-    start_time = found.start_time if args.start is None else args.start
-    plan = Plan.from_options(args, stop_time, step_size, start_time)
+    assert found.stop_time is not None  # which is assumed, if nothing says it
+    assert step_size is not None
+    plan = Plan.from_options(args, found.stop_time, step_size, found.start_time)
     order, extrapolation = args.order or found.order, args.extrapolation or found.extrapolation
     return dataclasses.replace(plan, order=order, extrapolation=extrapolation)

@@ -301,16 +301,18 @@ def _of_description(
     path: Path, standard: Standard, unpacked: Path, args: argparse.Namespace, steps: Levels | None
 ) -> Scenario:
     """The system of an SSP or an OSP configuration, and its default experiment."""
+    from cosim.system.read import DURATION  # FMPy takes a while to import
+
     step_size = None if steps is None else float(steps.values[0])
     if standard == "osp":
-        from cosim.osp.reader import read_osp  # takes a while to import
+        from cosim.osp.reader import read_osp
 
-        found = read_osp(path, step_size=step_size, stop_time=args.stop)
+        found = read_osp(path, step_size=step_size, stop_time=args.stop, duration=DURATION)
     else:
         from cosim.ssp.reader import read_ssp
 
         unpacked.mkdir()
-        found = read_ssp(path, unpacked, step_size=step_size, stop_time=args.stop)
+        found = read_ssp(path, unpacked, step_size=step_size, stop_time=args.stop, duration=DURATION)
     if functions := [name for name, component in found.system.components.items() if component.fmu is None]:
         raise SweepError(f"{path}: '{functions[0]}' maps or sums values, which sweeps can't have yet; use cosim run")
     own = [name for name, component in found.system.components.items() if component.every > 1]
@@ -318,9 +320,8 @@ def _of_description(
         raise SweepError(f"{path}: '{own[0]}' has steps of its own, which no sweep over --step keeps; give one step")
     for note in found.notes:
         print(f"note: {note}")
-    if found.stop_time is None:
-        raise SweepError(f"neither {path} nor its FMUs have a default stop time; give one with --stop")
-    assert found.step_size is not None  # which comes from the times, if from nothing else
+    assert found.stop_time is not None  # which is assumed, if nothing says it
+    assert found.step_size is not None
     components = found.system.components
     return Scenario(
         name=path.stem,

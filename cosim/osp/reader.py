@@ -19,7 +19,7 @@ from cosim.osp.functions import Function, read_function
 from cosim.osp.groups import Group, found_in, pairs, read_groups
 from cosim.osp.parsing import attribute, number, parse
 from cosim.ssp.format.package import Folder
-from cosim.system.read import Findings, ReadSystem, longest_experiment, multiple_of_step
+from cosim.system.read import Findings, ReadSystem, assumed_stop_time, longest_experiment, multiple_of_step
 from cosim.system.system import System, Units
 from cosim.system.units import UnitsDiffer, conversion
 from cosim.system.variables import Element, Ports
@@ -46,7 +46,9 @@ def read_osp(
     *,
     units: Literal["convert", "ignore"] = "ignore",
     step_size: float | None = None,
+    start_time: float | None = None,
     stop_time: float | None = None,
+    duration: float | None = None,
 ) -> ReadSystem:
     """Read an OSP configuration.
 
@@ -58,9 +60,11 @@ def read_osp(
         Take all numbers as they are, as libcosim does, or convert them where both ends have a unit.
     step_size : float, optional
         Communication step (s) in place of the base step; simulators that have steps of their own keep them.
-    stop_time : float, optional
-        Stop time (s) in place of that of the configuration. Where neither says one, the latest of the default
+    start_time, stop_time : float, optional
+        Times (s) in place of those of the configuration. Where neither says a stop time, the latest of the default
         experiments of its FMUs is taken, with a note.
+    duration : float, optional
+        How long the run is (s) where they say none either; by default there is no stop time then.
 
     Returns
     -------
@@ -78,8 +82,8 @@ def read_osp(
     if path.is_dir() and (path / "SystemStructure.ssd").is_file():
         reader.findings.note(f"{path}: has SystemStructure.ssd, too, which is not read; name it to run it")
     system = reader.system()
-    start = reader.time("StartTime") or 0.0
-    stop = reader.stop_time(start) if stop_time is None else stop_time
+    start = (reader.time("StartTime") or 0.0) if start_time is None else start_time
+    stop = reader.stop_time(start, duration) if stop_time is None else stop_time
     reader.findings.raise_problems(f"{file}")
     return ReadSystem(
         file.resolve().parent.name if file.name == FILE else file.stem,
@@ -132,19 +136,23 @@ class _Reader:
                 return number(element.text or "", f"{self.file}: {name}")
         return None
 
-    def stop_time(self, start_time: float) -> float | None:
-        """The stop time (s) of the configuration, or else of its FMUs."""
+    def stop_time(self, start_time: float, duration: float | None) -> float | None:
+        """The stop time (s) of the configuration, or else of its FMUs, or else that after a duration (s)."""
         stop = self.time("EndTime")
         if stop is not None:
             return stop
         found = longest_experiment((s.ports.description for s in self.simulators.values()), start_time)
-        if found is not None and self.step > 0:
-            found = start_time + math.ceil((found - start_time) / self.step - 1e-9) * self.step
-            self.findings.note(
-                f"{self.file}: has no EndTime; {found:g} s is taken, the latest of its FMUs' default experiments in "
-                "whole steps"
-            )
-        return found
+        length = duration if found is None else found - start_time
+        if length is None or not self.step > 0:
+            return found
+        whole = math.ceil(length / self.step - 1e-9) * self.step
+        self.findings.note(
+            assumed_stop_time(f"{self.file}", start_time, whole)
+            if found is None
+            else f"{self.file}: has no EndTime; {start_time + whole:g} s is taken, the latest of its FMUs' default "
+            "experiments in whole steps"
+        )
+        return start_time + whole
 
     def _step(self) -> float:
         step = self.time("BaseStepSize")

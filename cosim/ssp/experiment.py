@@ -11,7 +11,7 @@ from cosim.ssp.errors import SSPError
 from cosim.ssp.format.description import TOOL
 from cosim.ssp.format.document import Document
 from cosim.ssp.format.structure import Part
-from cosim.system.read import STEPS, longest_experiment, multiple_of_step
+from cosim.system.read import STEPS, assumed_stop_time, longest_experiment, multiple_of_step
 
 if TYPE_CHECKING:
     from xmlschema import DataElement
@@ -23,19 +23,27 @@ _STEP_SIZES = {"FixedStepAlgorithm": "baseStepSize", "FixedStepMaster": "stepSiz
 _STEP_OF_COMPONENT = {"StepSizeHint": "value"}
 
 
-def times_of(document: Document, root: Part, stop_time: float | None = None) -> tuple[float, float | None]:
+def times_of(
+    document: Document,
+    root: Part,
+    start_time: float | None = None,
+    stop_time: float | None = None,
+    duration: float | None = None,
+) -> tuple[float, float | None]:
     """Start and stop time (s); where the description has no stop time, the latest of its FMUs' default experiments.
 
     Parameters
     ----------
     document : Document
     root : Part
-    stop_time : float, optional
-        The stop time (s) that a user wants.
+    start_time, stop_time : float, optional
+        The times (s) that a user wants.
+    duration : float, optional
+        How long the run is (s) where nothing says when it stops.
     """
     experiment = child(document.content, "DefaultExperiment")
     said = {} if experiment is None else experiment.attrib
-    start_time = float(said.get("startTime", 0.0))
+    start_time = float(said.get("startTime", 0.0)) if start_time is None else start_time
     stop_time = said.get("stopTime") if stop_time is None else stop_time
     if stop_time is not None:
         return start_time, float(stop_time)
@@ -45,6 +53,9 @@ def times_of(document: Document, root: Part, stop_time: float | None = None) -> 
         document.findings.note(
             f"{document.where}: has no stop time; {found:g} s is taken, the latest of its FMUs' default experiments"
         )
+    elif duration is not None:
+        found = start_time + duration
+        document.findings.note(assumed_stop_time(document.where, start_time, duration))
     return start_time, found
 
 

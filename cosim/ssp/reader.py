@@ -34,7 +34,9 @@ def read_ssp(
     parameter_sets: Sequence[str] = (),
     units: Literal["convert", "ignore"] = "convert",
     step_size: float | None = None,
+    start_time: float | None = None,
     stop_time: float | None = None,
+    duration: float | None = None,
 ) -> ReadSystem:
     """Read an SSP.
 
@@ -52,9 +54,11 @@ def read_ssp(
         Convert values where both ends have a unit, or take all numbers as they are.
     step_size : float, optional
         Communication step (s) in place of that of the SSP; components that have steps of their own keep them.
-    stop_time : float, optional
-        Stop time (s) in place of that of the SSP. Where neither says one, the latest of the default experiments of its
-        FMUs is taken, with a note.
+    start_time, stop_time : float, optional
+        Times (s) in place of those of the SSP. Where neither says a stop time, the latest of the default experiments of
+        its FMUs is taken, with a note.
+    duration : float, optional
+        How long the run is (s) where they say none either; by default there is no stop time then.
 
     Returns
     -------
@@ -76,7 +80,7 @@ def read_ssp(
         values = _Values(files)
         values.bind(root)
         values.add_files(root)
-        times = times_of(document, root, stop_time)
+        times = times_of(document, root, start_time, stop_time, duration)
         step = step_size_of(document, root, times) if step_size is None else step_size
         system = _system(root, flow, values.found, step, findings)
         if not system.components:

@@ -19,6 +19,9 @@ _MOST_NOTES = 3
 #: Communication steps where neither options nor files say how long one is.
 STEPS = 500
 
+#: How long a run is (s) where neither options nor files say when it stops: as in FMPy, OMSimulator and OSP's cosim.
+DURATION = 1.0
+
 #: This many problems are shown in one message.
 _MOST_PROBLEMS = 20
 
@@ -128,6 +131,14 @@ def longest_experiment(fmus: Iterable[ModelDescription], start_time: float) -> f
     experiments = [fmu.defaultExperiment for fmu in fmus if fmu.defaultExperiment is not None]
     stops = [float(e.stopTime) for e in experiments if e.stopTime is not None]
     return max((stop for stop in stops if math.isfinite(stop) and stop > start_time), default=None)
+
+
+def assumed_stop_time(where: str, start_time: float, duration: float) -> str:
+    """The note on a run (times in s) whose stop time nothing says."""
+    return (
+        f"{where}: neither it nor its FMUs say when to stop; {start_time + duration:g} s is taken, {duration:g} s "
+        "after the start (--stop)"
+    )
 
 
 def multiple_of_step(step: float, communication_step: float | None, what: str, findings: Findings) -> int:

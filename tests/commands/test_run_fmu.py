@@ -100,9 +100,12 @@ def test_names_to_record_need_not_name_the_only_component(capsys: pytest.Capture
 
 
 @pytest.mark.usefixtures("here")
-def test_an_fmu_that_says_no_step_is_run_in_500(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["run", "probe.fmu"]) == 1
-    assert "probe.fmu has no default stop time; give one with --stop" in error_line(capsys)
+def test_an_fmu_that_says_no_times_is_run_for_a_second_in_500_steps(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", "probe.fmu", "--start", "1"]) == 0
+    said = "probe.fmu has no default stop time; it is 2 s here, 1 s after the start (--stop)"
+    assert f"note: {said}\n" in capsys.readouterr().out
+    assert results("probe").time[[0, -1]].tolist() == [1.0, 2.0]
+    assert said in json.loads(Path("results/probe/summary.json").read_text())["notes"]
     assert main(["run", "probe.fmu", "--stop", "2"]) == 0
     assert "note: probe.fmu has no default step; it is 0.004 s here" in capsys.readouterr().out
     assert len(results("probe").time) == 501

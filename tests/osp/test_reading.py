@@ -163,6 +163,13 @@ def test_times_that_are_not_said(fmus: Path, tmp_path: Path) -> None:
         "algorithm 'ecco' is not supported; the step is fixed, 0.1 s",
         "has no EndTime; 1 s is taken, the latest of its FMUs' default experiments in whole steps",
     ]
+    times = "<StartTime>2.0</StartTime><BaseStepSize>0.3</BaseStepSize>"  # the experiments of the FMUs end before
+    late = configuration(tmp_path / "late", fmus, SIMULATORS, LOOP, times=times)
+    assert (read_osp(late).stop_time, read_osp(late).notes) == (None, ())
+    found = read_osp(late, duration=1.0)
+    assert found.stop_time == pytest.approx(3.2)
+    assert "say when to stop; 3.2 s is taken, 1.2 s after the start (--stop)" in found.notes[0]
+    assert read_osp(late, start_time=0.5).stop_time == pytest.approx(1.1)
 
 
 # Functions

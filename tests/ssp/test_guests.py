@@ -848,15 +848,22 @@ def test_another_tools_ssp_without_times_is_run_and_drawn_in_one_command(
     )
 
 
-def test_where_nothing_says_how_long_the_user_does(
+def test_where_nothing_says_how_long_it_is_a_second_and_said_so(
     fmus: dict[str, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
     archive(Path("s.ssp"), description(elements(component("p", "probe", "output y")), experiment=""), fmus)
     found = read_ssp("s.ssp", "unpacked")
     assert (found.stop_time, found.step_size, found.notes) == (None, None, ())
-    assert main(["run", "s.ssp"]) == 1
-    assert "neither s.ssp nor its FMUs have a default stop time; give one with --stop" in capsys.readouterr().err
+    assert main(["run", "s.ssp", "--start", "3", "--report"]) == 0
+    said = "neither it nor its FMUs say when to stop; 4 s is taken, 1 s after the start (--stop)"
+    shown = capsys.readouterr().out
+    assert said in shown
+    assert "neither it nor its FMUs have a default step; 0.002 s is taken" in shown
+    results = Results.from_csv("results/s/results.csv")
+    assert (results.time[0], results.time[-1], len(results.time)) == (3.0, 4.0, 501)
+    assert said in json.loads(Path("results/s/summary.json").read_text())["notes"][0]
+    assert said in Path("results/s/report.html").read_text(encoding="utf-8")
     found = read_ssp("s.ssp", "unpacked", stop_time=2.0)
     assert (found.stop_time, found.step_size) == (2.0, 0.004)
     assert "neither it nor its FMUs have a default step; 0.004 s is taken, 500 steps in all" in found.notes[0]

@@ -361,7 +361,7 @@ def test_what_makes_no_sense_is_one_line(here, capsys, arguments, says):
     assert list(Path().rglob("part-*")) == []
 
 
-def test_an_ssp_that_does_not_say_how_long_is_one_line(here, capsys):
+def test_an_ssp_that_does_not_say_how_long_is_as_long_as_its_fmus_or_a_second(here, capsys):
     archive(Path("short.ssp"), description(elements(component("a", "Gain")), experiment=""), {"Gain": Path("Gain.fmu")})
     rows = swept("short.ssp", "--vary", "a.K=1,2", "--vary", "a.u[2]=3")  # as long as the FMU says
     assert "has no stop time; 1 s is taken" in capsys.readouterr().out
@@ -369,8 +369,8 @@ def test_an_ssp_that_does_not_say_how_long_is_one_line(here, capsys):
     shutil.rmtree("out")
     probe = description(elements(component("p", "probe")), experiment="")
     archive(Path("short.ssp"), probe, {"probe": Path("probe.fmu")})
-    assert main(["sweep", "short.ssp", "--vary", "p.e=off,on"]) == 1
-    assert "neither short.ssp nor its FMUs have a default stop time; give one with --stop" in capsys.readouterr().err
+    assert len(swept("short.ssp", "--vary", "p.e=off,on")) == 2
+    assert "say when to stop; 1 s is taken, 1 s after the start (--stop)" in capsys.readouterr().out
 
 
 def test_steps_of_components_are_multiples_of_the_step_of_a_sweep(here, capsys):
