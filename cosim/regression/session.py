@@ -53,9 +53,14 @@ def select(names: list[str]) -> Selection:
         elif path.is_file() and path.suffix != ".fmu":
             selection.troubles.append(f"--fmu {name}: the name of an FMU file ends with .fmu")
         else:
-            selection.fmus += [fmu.absolute() for fmu in found if fmu.absolute() not in selection.fmus]
-            selection.named += [] if path.is_dir() else [path.absolute()]
+            selection.fmus += [where for fmu in found if (where := _without_dots(fmu)) not in selection.fmus]
+            selection.named += [] if path.is_dir() else [_without_dots(path)]
     return selection
+
+
+def _without_dots(path: Path) -> Path:
+    """An absolute path, as pytest has those that it collects."""
+    return Path(os.path.abspath(path))  # noqa: PTH100 - pathlib leaves `..` in it
 
 
 def configure(config: pytest.Config) -> None:
@@ -79,7 +84,7 @@ def configure(config: pytest.Config) -> None:
         config.pluginmanager.register(_Written(), "cosim_fmu_written")
     if config.getoption("cosim_fmu"):  # also in a worker of pytest-xdist, which reads the command line anew
         given = config.args if config.args_source == config.ArgsSource.ARGS else []
-        chosen = {Path(argument.partition("::")[0]).absolute() for argument in given}  # single tests of an FMU
+        chosen = {_without_dots(Path(argument.partition("::")[0])) for argument in given}  # single tests of an FMU
         config.args = [*given, *(str(fmu) for fmu in selection.fmus if fmu not in chosen)]
     if not worker and (path := config.getoption("cosim_fmu_report")):
         config.pluginmanager.register(_Page(Path(path)), "cosim_fmu_report")

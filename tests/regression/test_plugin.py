@@ -98,6 +98,12 @@ def test_a_folder_is_run_by_all_interfaces_and_reported(session, pytester):
     assert "2 of 4 runs failed" in page
 
 
+def test_an_fmu_above_the_working_folder_is_run(session, pytester):
+    dahlquist(pytester.path / "reference")
+    done = session("--fmu", f"../{pytester.path.name}/fmus/Dahlquist.fmu", "--fmu-in-process")
+    done.assert_outcomes(passed=2)
+
+
 @pytest.mark.slow
 def test_in_parallel_the_same(session, pytester):
     dahlquist(pytester.path / "reference", factor=1.001)
