@@ -18,47 +18,6 @@ _SECONDS = ("", "s", "sec", "second", "seconds")
 #: Units that a column of times may have, as far as they are recognised.
 TIME_UNITS = (*_SECONDS[1:], "ns", "us", "µs", "ms", "min", "h", "d")
 
-#: What many write for the unit one.
-_ONES = ("-", "–", "—")
-
-_UNIT = re.compile(r"(?P<name>.*\S)(?:\s*\[(?P<bracket>[^\[\]\s]+)\]|\s+\((?P<parenthesis>[^()\s]+)\))")
-
-#: What a unit has and indices, slices and the like do not: a letter, or the sign of one. One letter alone is an index
-#: too, but for those that are units.
-_CAN_BE_UNIT = re.compile(r"(?!(?![msghdltAKNVWJCFHTSL])[a-zA-Z]$).*([^\W\d_]|[%°‰])")
-
-
-def name_and_unit(text: str, *, apart: bool = False) -> tuple[str, str]:
-    """A name, and the unit that stands behind it in brackets; empty where there is none.
-
-    With `apart` there has to be a space between them: in files of ours, say, whose names may end in brackets.
-
-    >>> name_and_unit("motor.tau [N.m]")
-    ('motor.tau', 'N.m')
-    >>> name_and_unit("motor.tau[2]")
-    ('motor.tau[2]', '')
-    >>> name_and_unit("motor.tau[k]")
-    ('motor.tau[k]', '')
-    >>> name_and_unit("motor.tau[m]"), name_and_unit("motor.tau[m]", apart=True)
-    (('motor.tau', 'm'), ('motor.tau[m]', ''))
-    >>> name_and_unit("motor.ratio [1]")
-    ('motor.ratio', '1')
-    >>> name_and_unit("motor.ratio [-]")
-    ('motor.ratio', '1')
-    """
-    found = _UNIT.fullmatch(text)
-    unit = (found["bracket"] or found["parenthesis"]) if found else ""
-    one = unit in _ONES or text.endswith(" [1]")  # [1] behind a space is the unit one
-    if not found or not (one or _CAN_BE_UNIT.match(unit)) or (apart and text[len(found["name"])] != " "):
-        return text, ""
-    return found["name"], "1" if one else unit
-
-
-def unit_of(text: str) -> str:
-    """A unit by the text for it, alone or in brackets."""
-    unit = re.sub(r"^[\[(](.*)[\])]$", r"\1", text.strip())
-    return "1" if unit in _ONES else unit
-
 
 def is_time(text: str) -> bool:
     """Whether a column of this name has the time: `time` in any case, or `t`, with or without a unit."""

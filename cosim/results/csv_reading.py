@@ -24,11 +24,10 @@ from cosim.results.assembly import (
     check_once,
     check_seconds,
     is_time,
-    name_and_unit,
     time_unit,
-    unit_of,
 )
 from cosim.results.formats import TIME, Contents
+from cosim.results.headings import name_and_unit, unit_of
 from cosim.results.unfinished import whole_lines
 
 _SEPARATORS = (",", ";", "\t")

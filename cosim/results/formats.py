@@ -95,7 +95,7 @@ def schema(
     """Schema of a table of real numbers and of other `types`; the metadata of a field has its unit."""
     import pyarrow as pa
 
-    known = {TIME: "s", **units} if units else {}
+    known = {TIME: "s", **(units or {})}
     types = types or {}
     return pa.schema(
         pa.field(

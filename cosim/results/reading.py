@@ -15,9 +15,10 @@ import numpy as np
 from cosim.errors import ResultsError
 from cosim.files.kinds import no_table
 from cosim.files.whole import is_part, whole_of
-from cosim.results.assembly import assembled, check_seconds, is_time, name_and_unit, time_unit
+from cosim.results.assembly import assembled, check_seconds, is_time, time_unit
 from cosim.results.csv_reading import read_csv
 from cosim.results.formats import Contents
+from cosim.results.headings import name_and_unit
 from cosim.results.mat_reading import read_mat
 from cosim.results.unfinished import open_parquet
 
@@ -53,7 +54,7 @@ def _with_time(path: Path, columns: Mapping[str, np.ndarray], units: Mapping[str
         raise ResultsError(f"{path}: has {'no column' if not times else 'several columns'} 'time'; write one, in s")
     check_seconds(path, units.get(times[0], "") or time_unit(times[0]))
     # who says the units beside the names has none in them
-    parts = {name: name_and_unit(name, apart=bool(units)) for name in columns if name != times[0]}
+    parts = {name: (name, "") if units else name_and_unit(name) for name in columns if name != times[0]}
     units = {known: units.get(name) or unit for name, (known, unit) in parts.items() if units.get(name) or unit}
     time = columns[times[0]]
     for name in parts:
@@ -143,7 +144,7 @@ def _read_npz(path: Path) -> Contents:
         table, texts = arrays.pop("values"), arrays.pop("units", np.full(len(names), ""))
         if table.shape != (len(arrays["time"]), len(names)) or len(texts) != len(names):
             raise ResultsError(f"{path}: names, units and values don't fit each other")
-        units = {name: unit for name, unit in zip(names, texts.tolist(), strict=True) if unit}
+        units = {"time": "s", **{name: unit for name, unit in zip(names, texts.tolist(), strict=True) if unit}}
         arrays = {"time": arrays["time"]} | {n: arrays.get(n, table[:, i]) for i, n in enumerate(names)}
     whole = {n: a.astype(np.int64) if a.dtype.kind == "i" else a for n, a in arrays.items()}
     columns = {n: a.astype(np.uint64) if a.dtype.kind == "u" else a for n, a in whole.items()}

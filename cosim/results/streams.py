@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from cosim.errors import ResultsError
+from cosim.results.headings import heading
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -54,6 +55,7 @@ class CsvStream:
         self._binary = [i for i, kind in enumerate(schema.types) if pa.types.is_binary(kind)]
         for i in self._binary:
             schema = schema.set(i, schema.field(i).with_type(pa.string()))
+        schema = pa.schema(field.with_name(heading(field.name)) for field in schema)
         self._schema = schema
         self._has_texts = any(pa.types.is_string(kind) for kind in schema.types)
         self._file = pa.OSFile(str(path), "wb")
@@ -74,7 +76,7 @@ class CsvStream:
         columns = batch.columns
         for i in self._binary:
             columns[i] = pa.array([value.hex() for value in columns[i].to_pylist()], pa.string())
-        self._writer.write(pa.record_batch(columns, schema=self._schema) if self._binary else batch)
+        self._writer.write(pa.record_batch(columns, schema=self._schema))
         self._end = self._file.tell()
 
     def close(self) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import math
 import re
 import struct
@@ -14,7 +15,6 @@ from hypothesis import strategies as st
 
 from cosim import CosimError, Results
 from cosim.errors import ResultsError
-from cosim.results.assembly import name_and_unit
 
 ANY_FLOAT = st.floats(allow_nan=True, allow_infinity=True, allow_subnormal=True)
 SPECIAL = [0.0, -0.0, 5e-324, -2.2250738585072009e-308, 1.7976931348623157e308, math.inf, -math.inf, math.nan, 0.1]
@@ -50,20 +50,40 @@ def test_special_values_round_trip_and_the_comparison_can_fail(tmp_path):
     assert bits(np.nextafter(back, 1.0)) != bits(back)
 
 
-def without_unit(name):
-    """What ends as `x (A)` does is a name with a unit, as in files of others."""
-    return name_and_unit(name, apart=True) == (name, "")
-
-
-NAMES = st.text(st.characters(exclude_categories=["Cs", "Cc"]), min_size=1).filter(without_unit)
+#: Names, some of which end as with a unit.
+NAMES = st.builds(
+    "{}{}".format,
+    st.text(st.characters(exclude_categories=["Cs", "Cc"]), min_size=1),
+    st.sampled_from(["", "", " (A)", " [m]", "[m]", " []", " [1]", " (A) []", " (A) [m]"]),
+)
 
 
 @settings(deadline=None)
-@given(st.lists(NAMES, unique=True, max_size=5))
-def test_any_name_survives_the_header(tmp_path_factory, names):
+@given(st.lists(NAMES, unique=True, max_size=5), st.booleans())
+def test_any_name_survives_the_header(tmp_path_factory, names, units_row):
     path = tmp_path_factory.getbasetemp() / "names.csv"
-    results(names).to_csv(path)
+    results(names).to_csv(path, units_row=units_row)
     assert Results.from_csv(path).names == names
+
+
+@pytest.mark.parametrize("ending", [".csv", ".parquet", ".npz", ".json", ".mat"])
+@pytest.mark.parametrize("units", [{}, {"a.x (A)": "mA", "a.y": "m"}])
+def test_names_that_end_as_with_a_unit_are_whole_in_each_format(tmp_path, ending, units):
+    names = ["a.x (A)", "a.y", "a.y [m]", "a.[s]"]
+    made = dataclasses.replace(results(names), info={"units": units})
+    made.save(tmp_path / f"r{ending}")
+    back = Results.read(tmp_path / f"r{ending}")
+    assert back.names == names
+    assert back.units == ({} if ending == ".csv" else units)
+    made.to_csv(tmp_path / "u.csv", units_row=True)
+    again = Results.read(tmp_path / "u.csv")
+    assert (again.names, again.units) == (names, units)
+
+
+def test_what_others_write_behind_a_name_is_still_its_unit(tmp_path):
+    (tmp_path / "r.csv").write_text('"time","a.x (A)","a.y (A) []"\n0,1,2\n', encoding="utf-8")
+    back = Results.from_csv(tmp_path / "r.csv")
+    assert (back.names, back.units) == (["a.x", "a.y (A)"], {"a.x": "A"})
 
 
 def test_header_is_one_line_of_quoted_names(tmp_path):
