@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from cosim.errors import CosimError
+from cosim.errors import CosimError, MissingExtra
 
 _EXAMPLES = """\
 examples:
@@ -39,6 +39,8 @@ def run(args: argparse.Namespace) -> int:
         try:
             found = verify(path, args.key)
             print(f"{path}: signed with {found.key} ({found.fingerprint}), unchanged, {found.members} members")
+        except MissingExtra:
+            raise
         except (CosimError, OSError) as error:
             wrong = True
             print(error if isinstance(error, CosimError) else f"{path}: can't be read: {error.strerror or error}")

@@ -81,10 +81,10 @@ def no_case(fmu: Path, config: pytest.Config) -> str:
     folder = reference_folder(config)
     renewed = config.getoption("cosim_fmu_rebaseline")
     where = folder if folder is not None else f"{fmu.parent}, or 'reference' in it or here"
-    if folder is not None and not folder.is_dir():
-        return f"--fmu-reference {folder}: there is no such folder"
     if renewed:
         return f"--fmu-rebaseline {renewed}: no such case of {fmu.name} in {where}; a new one is named '{fmu.stem}'"
+    if folder is not None and not folder.is_dir():
+        return f"--fmu-reference {folder}: there is no such folder"
     return f"{fmu.name}: no reference of it in {where}; make one with --fmu-rebaseline {fmu.stem}"
 
 

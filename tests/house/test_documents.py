@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import runpy
+import shlex
 import subprocess
 import sys
 import tomllib
@@ -12,7 +13,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cosim.__main__ import commands
+from cosim.__main__ import command_line, commands
+from cosim.sweep.points import design, parse_factor
 from parallel_robot.models import MODELS
 from tests.support import some
 from tests.support.native_fmus import DEFAULT_FLAVOUR
@@ -126,6 +128,29 @@ def test_links_of_the_documents_lead_somewhere() -> None:
 
 def test_readme_names_only_commands_that_exist() -> None:
     assert set(re.findall(r"`cosim ([a-z]+)", README)) <= set(commands())
+
+
+def _lines_of_commands() -> list[str]:
+    """What blocks of README and pages tell to type, and README's sentences, without what stands for something."""
+    pages = [page.read_text(encoding="utf-8") for page in some(sorted((ROOT / "docs").glob("*.md")))]
+    found = [line for text in (README, *pages) for line in re.findall(r"^cosim [a-z].*$", text, re.MULTILINE)]
+    lines = {line.partition(" #")[0].strip() for line in [*found, *re.findall(r"`(cosim [a-z][^`]*)`", README)]}
+    return sorted(line for line in lines if not re.search(r"\.\.\. |\[[A-Z]|[A-Z]\.\.\.|--help", line))
+
+
+def test_commands_of_the_documents_can_be_given() -> None:
+    parser = command_line()
+    for line in some(_lines_of_commands()):
+        _, *given = shlex.split(line)
+        if len(given) == 1 or given[0] not in commands():  # the name of a command, or of what another tool calls so
+            continue
+        try:
+            options = parser.parse_args(given)
+        except SystemExit:
+            pytest.fail(line)
+        if given[0] == "sweep" and options.vary:
+            points = design(options.design, [parse_factor(text) for text in options.vary], options.points, 0)
+            assert len(points) > 1, line
 
 
 @pytest.mark.parametrize("name", ["Dockerfile", ".github/workflows/wheels.yml"])
