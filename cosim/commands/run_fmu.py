@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import math
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -24,10 +25,10 @@ from cosim.commands.execution import (
 from cosim.errors import nearest
 from cosim.fmi.fmu_file import load
 from cosim.results.figure_process import DRAWING
-from cosim.results.flat_arrays import with_names_of
+from cosim.results.flat_arrays import with_names_of, with_other_names
 from cosim.results.results import Results
 from cosim.scenario.signals import interpolated
-from cosim.system.read import DURATION, STEPS
+from cosim.system.read import DURATION, STEPS, fitting_step
 from cosim.system.system import Signal, System
 from cosim.system.variables import Element, Ports
 
@@ -78,24 +79,29 @@ def _plan(
 
     Names to record need not name the component, as those of start values.
     """
-    default = description.defaultExperiment
-    times = {
-        name: float(text)
-        for name in ("startTime", "stopTime", "stepSize")
-        if (text := getattr(default, name, None)) is not None
-    }
-    start_time = times.get("startTime", 0.0) if args.start is None else args.start
-    stop_time = times.get("stopTime") if args.stop is None else args.stop
-    notes = []
+    notes: list[str] = []
+    start_time = args.start
+    if start_time is None:
+        start_time = _default(description, path, "startTime", notes) or 0.0
+    stop_time = args.stop
+    if stop_time is None:
+        stop_time = _default(description, path, "stopTime", notes, after=start_time)
     if stop_time is None:
         stop_time = start_time + DURATION
         notes.append(
             f"{path} has no default stop time; it is {stop_time:g} s here, {DURATION:g} s after the start (--stop)"
         )
-    step_size = times.get("stepSize") if args.step is None else args.step
+    step_size = args.step
     if step_size is None:
-        step_size = (stop_time - start_time) / STEPS
-        notes.append(f"{path} has no default step; it is {step_size:g} s here, {STEPS} steps in all (--step)")
+        asked = _default(description, path, "stepSize", notes, after=0.0)
+        step_size = (stop_time - start_time) / STEPS if asked is None else fitting_step(stop_time - start_time, asked)
+        if asked is None:
+            notes.append(f"{path} has no default step; it is {step_size:g} s here, {STEPS} steps in all (--step)")
+        elif step_size != asked:
+            notes.append(
+                f"{path} asks for steps of {asked:g} s, of which the run is not a whole number; it is {step_size:g} s "
+                "here (--step)"
+            )
     for note in notes:
         print(f"note: {note}")
     plan = Plan.from_options(args, stop_time, step_size, start_time)
@@ -105,10 +111,23 @@ def _plan(
     return dataclasses.replace(plan, record=whole), notes
 
 
+def _default(
+    description: ModelDescription, path: Path, name: str, notes: list[str], after: float = -math.inf
+) -> float | None:
+    """A time (s) of the default experiment; None where it has none, or one that is not after another."""
+    text = getattr(description.defaultExperiment, name, None)
+    if text is None:
+        return None
+    if float(text) > after:
+        return float(text)
+    notes.append(f'{path} has {name}="{text}" in its default experiment, which makes no sense and is left out')
+    return None
+
+
 def _driven(ports: Ports, path: Path, plan: Plan) -> list[Signal]:
     """A signal for each column of a table: linear between rows for continuous real inputs, held for others."""
     inputs = {element.name: element for element in ports.of_causality("input")}
-    table = _of_inputs(with_names_of(Results.read(path), inputs), path, inputs)
+    table = _of_inputs(Results.read(path), path, ports.component, inputs)
     if not len(table.time):
         raise UsageError(f"{path}: has no rows")
     texts = [name for name in table.names if name in table.typed and table.typed[name].is_text]
@@ -149,9 +168,12 @@ def _driven(ports: Ports, path: Path, plan: Plan) -> list[Signal]:
     return signals
 
 
-def _of_inputs(table: Results, path: Path, inputs: Mapping[str, Element]) -> Results:
-    """A table; of a trajectory, which has all variables of a model, the inputs only."""
-    if path.suffix.lower() != ".mat" or not inputs.keys() & set(table.names):
+def _of_inputs(table: Results, path: Path, component: str, inputs: Mapping[str, Element]) -> Results:
+    """A table; of a trajectory or of results of a run, which have outputs too, the inputs only."""
+    prefix = f"{component}."
+    own = {n: n.removeprefix(prefix) for n in table.names if n.startswith(prefix) and n not in inputs}
+    table = with_names_of(with_other_names(table, own), inputs)
+    if not (own or path.suffix.lower() == ".mat") or not inputs.keys() & set(table.names):
         return table
     kept = [i for i, name in enumerate(table.names) if name in inputs]
     if others := len(table.names) - len(kept):

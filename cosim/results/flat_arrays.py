@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 
 from cosim.results.names import grouped, vectors
 from cosim.results.results import Results
@@ -23,8 +23,11 @@ def with_names_of(table: Results, known: Collection[str]) -> Results:
         found = known_vectors.get(stem, [])
         if [table.names[i] for i in positions] == flat and len(found) == len(flat):
             renamed |= zip(flat, (names[i] for i in found), strict=True)
-    if not renamed:
-        return table
+    return with_other_names(table, renamed) if renamed else table
+
+
+def with_other_names(table: Results, renamed: Mapping[str, str]) -> Results:
+    """A table with other names for some columns."""
     return dataclasses.replace(
         table,
         names=[renamed.get(name, name) for name in table.names],

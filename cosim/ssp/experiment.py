@@ -11,7 +11,7 @@ from cosim.ssp.errors import SSPError
 from cosim.ssp.format.description import TOOL
 from cosim.ssp.format.document import Document
 from cosim.ssp.format.structure import Part
-from cosim.system.read import STEPS, assumed_stop_time, longest_experiment, multiple_of_step
+from cosim.system.read import STEPS, assumed_stop_time, fitting_step, longest_experiment, multiple_of_step
 
 if TYPE_CHECKING:
     from xmlschema import DataElement
@@ -91,10 +91,9 @@ def step_size_of(document: Document, root: Part, times: tuple[float, float | Non
     if stop_time is None:
         return smallest
     if smallest is not None:
-        number = (stop_time - start_time) / smallest
-        if not (math.isfinite(number) and number > 0) or math.isclose(number, round(number), rel_tol=1e-9):
+        step = fitting_step(stop_time - start_time, smallest)
+        if step == smallest:
             return smallest
-        step = (stop_time - start_time) / math.ceil(number)
         document.findings.note(
             f"{document.where}: the run is not a whole number of steps of {smallest:g} s, the smallest that an FMU "
             f"asks for; {step:g} s is taken"

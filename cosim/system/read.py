@@ -133,6 +133,14 @@ def longest_experiment(fmus: Iterable[ModelDescription], start_time: float) -> f
     return max((stop for stop in stops if math.isfinite(stop) and stop > start_time), default=None)
 
 
+def fitting_step(duration: float, step: float) -> float:
+    """The longest step (s) that is not longer than another one and of which a duration (s) is a whole number."""
+    number = duration / step
+    if not (math.isfinite(number) and number > 0) or math.isclose(number, round(number), rel_tol=1e-9):
+        return step
+    return duration / math.ceil(number)
+
+
 def assumed_stop_time(where: str, start_time: float, duration: float) -> str:
     """The note on a run (times in s) whose stop time nothing says."""
     return (

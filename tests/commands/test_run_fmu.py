@@ -111,6 +111,39 @@ def test_an_fmu_that_says_no_times_is_run_for_a_second_in_500_steps(capsys: pyte
     assert len(results("probe").time) == 501
 
 
+@pytest.mark.parametrize(
+    ("attributes", "end", "rows", "said"),
+    [
+        ('stopTime="0" stepSize="0.1"', 1.0, 11, 'has stopTime="0" in its default experiment, which makes no sense'),
+        ('startTime="2" stopTime="1" stepSize="0.5"', 3.0, 3, 'has stopTime="1" in its default experiment, which'),
+        ('stopTime="2" stepSize="0"', 2.0, 501, 'has stepSize="0" in its default experiment, which makes no sense'),
+        ('stopTime="1" stepSize="0.3"', 1.0, 5, "asks for steps of 0.3 s, of which the run is not a whole number; it"),
+        ('stopTime="1" stepSize="10"', 1.0, 2, "asks for steps of 10 s, of which the run is not a whole number; it is"),
+    ],
+)
+def test_a_default_experiment_that_makes_no_sense_is_said_and_run_otherwise(
+    here: Path, capsys: pytest.CaptureFixture[str], attributes: str, end: float, rows: int, said: str
+) -> None:
+    redescribed(
+        here / "probe.fmu", here / "odd.fmu", {"<ModelVariables>": f"<DefaultExperiment {attributes}/><ModelVariables>"}
+    )
+    assert main(["run", "odd.fmu"]) == 0
+    assert f"note: odd.fmu {said}" in capsys.readouterr().out
+    found = results("odd").time
+    assert (len(found), found[-1]) == (rows, pytest.approx(end, abs=1e-12))
+    assert any(said in note for note in summary("odd")["notes"])
+
+
+@pytest.mark.usefixtures("here")
+def test_results_of_a_run_drive_the_next_one(capsys: pytest.CaptureFixture[str]) -> None:
+    Path("in.csv").write_text("time,Tank.a,b\n0,1,2\n1,3,4\n", encoding="utf-8")
+    assert main(["run", "Tank.fmu", "--input", "in.csv", "--out", "first"]) == 0
+    capsys.readouterr()
+    assert main(["run", "Tank.fmu", "--input", "first/results.csv", "--out", "second"]) == 0
+    assert "results.csv has 1 more columns, which are not inputs of the FMU" in capsys.readouterr().out
+    assert Path("second/results.csv").read_bytes() == Path("first/results.csv").read_bytes()
+
+
 @pytest.mark.usefixtures("here")
 def test_values_of_every_type_are_read_by_the_type_of_their_variable() -> None:
     values = ["u=1.5", "n=-3", "e=on", "b=true", "journal=5"]  # a text of digits is a text where the variable is one
