@@ -10,6 +10,7 @@ import difflib
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from itertools import islice
+from numbers import Integral
 
 #: So many known names, and so many characters of a wrong one, are compared: all of a large model would take minutes.
 _MOST_NAMES, _LONGEST_NAME = 2000, 200
@@ -69,6 +70,13 @@ def needs(extra: str) -> Iterator[None]:
         yield
     except ModuleNotFoundError as error:
         raise MissingExtra(extra, (error.name or "a package").partition(".")[0]) from error
+
+
+def positive_whole(number: object) -> int | None:
+    """A positive whole number, NumPy's included, as Python's own; None for all else, Booleans included."""
+    if isinstance(number, bool) or not isinstance(number, Integral) or number < 1:
+        return None
+    return int(number)
 
 
 def nearest(name: str, known: Iterable[str]) -> str:

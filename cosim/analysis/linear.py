@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from cosim.errors import SetupError, nearest
+from cosim.errors import SetupError, nearest, positive_whole
 from cosim.system.levels import AlgebraicLoop, levels
 
 #: A variable of the system: (component, variable).
@@ -133,7 +133,7 @@ class LinearSystem:
         for component, every in self.every.items():
             if component not in self.components:
                 raise SetupError(f"every: there is no component '{component}'; {nearest(component, self.components)}")
-            if isinstance(every, bool) or not isinstance(every, int) or every < 1:
+            if positive_whole(every) is None:
                 raise SetupError(f"component '{component}': every = {every!r} must be a positive whole number of steps")
         _ = self.sources  # connections are checked at once
 

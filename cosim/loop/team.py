@@ -8,7 +8,7 @@ import weakref
 from collections.abc import Sequence
 from typing import Literal
 
-from cosim.errors import SetupError
+from cosim.errors import SetupError, positive_whole
 from cosim.loop.binding import loop_library
 
 #: Number of threads, or: as many as pay.
@@ -27,9 +27,10 @@ def checked_threads(threads: object) -> Threads:
     """
     if threads == "auto":
         return "auto"
-    if isinstance(threads, bool) or not isinstance(threads, int) or not 1 <= threads <= _MOST_THREADS:
+    number = positive_whole(threads)
+    if number is None or number > _MOST_THREADS:
         raise SetupError(f"threads = {threads!r} must be a whole number from 1 to {_MOST_THREADS}, or 'auto'")
-    return threads
+    return number
 
 
 def cores() -> int:

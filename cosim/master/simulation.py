@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 
-from cosim.errors import SetupError, nearest
+from cosim.errors import SetupError, nearest, positive_whole
 from cosim.fmi.fmu_file import LoadedFMU, load
 from cosim.fmi.instance import INITIALIZING, CallFailed, ExperimentSetup
 from cosim.fmi.interfaces import AUTO_INTERFACE, INTERFACES, MODEL_EXCHANGE, is_model_exchange, used_interface
@@ -580,6 +580,7 @@ class Simulation:
         SimulationInterrupted
             Ctrl-C; its `results` hold what had been recorded.
         """
+        record_every = _checked_record_every(record_every)
         if step_size == VARIABLE:
             once = {"realtime": realtime, "checkpoint": checkpoint, "observe": observe, "steering": steering}
             _refuse(once | {"profile": self._profile or None}, "step_size = 'variable': {} needs a fixed step")
@@ -621,7 +622,7 @@ class Simulation:
             ).found()
         began, names = clock.perf_counter(), self.names
         grid = Grid(start_time, step_size, number_of_steps(start_time, stop_time, step_size), stop_time)
-        samples, starts = self._prepared(grid, start or {}, signals, record_every)
+        samples, starts = self._prepared(grid, start or {}, signals)
         experiments = self._experiments(grid, tolerance)
         if nonfinite not in get_args(NonFinite):
             raise SetupError(f"nonfinite = {nonfinite!r} must be one of {', '.join(map(repr, get_args(NonFinite)))}")
@@ -687,7 +688,7 @@ class Simulation:
             record_every,
             partial(self._new_samples, drives, most=_FEW_SAMPLES),
         )
-        samples, starts = self._prepared(plan.first_grid(), start, signals, record_every)
+        samples, starts = self._prepared(plan.first_grid(), start, signals)
         whole = Grid(start_time, stop_time - start_time, 1, stop_time)
         compared = self._compared()
         with (
@@ -777,11 +778,12 @@ class Simulation:
         ...     print(f"{run.time:g} s, {len(run['plant.theta_a'])} angles")
         0.01 s, 3 angles
         """
+        record_every = _checked_record_every(record_every)
         last = _MOST_POINTS if stop_time is None else number_of_steps(start_time, stop_time, step_size)
         if stop_time is None:
             number_of_steps(start_time, start_time + step_size, step_size)  # a step that makes sense
         grid = Grid(start_time, step_size, last, stop_time)
-        samples, starts = self._prepared(grid, start or {}, signals, record_every)
+        samples, starts = self._prepared(grid, start or {}, signals)
         experiments = self._experiments(grid, tolerance)
         with self._stepping(grid, samples, starts, record_every, experiments) as (run, _, _):
             yield run
@@ -869,17 +871,13 @@ class Simulation:
                 raise SetupError(f"component '{name}': {fmu.path} {error}; run without checkpoints") from error
 
     def _prepared(
-        self, grid: Grid, start: Mapping[str, Any], signals: Sequence[Signal], record_every: int
+        self, grid: Grid, start: Mapping[str, Any], signals: Sequence[Signal]
     ) -> tuple[Samples, list[StartValue]]:
         """Samples of the signals and start values of a run."""
         if not self._components.is_open:
             raise SetupError("the simulation is not open; use it in a with statement")
         if self._occupied_by:
             raise SetupError(f"{self._occupied_by}; end it first, or make another simulation")
-        if isinstance(record_every, bool) or not isinstance(record_every, int) or record_every < 1:
-            raise SetupError(f"record_every = {record_every!r} must be a positive whole number of steps")
-        if record_every >= _MOST_STEPS:
-            raise SetupError(f"record_every must be below {_MOST_STEPS:g} steps; no run has so many")
         if any(port.is_model_exchange for port in self._ports.values()):
             self._solver.steps_in(grid.step_size)
         extra = self._extra_starts(start)
@@ -1323,6 +1321,15 @@ def _refuse(options: Mapping[str, object], why: str) -> None:
     for name, value in options.items():
         if value is not None:
             raise SetupError(f"{why.format(name)}; leave out one of them")
+
+
+def _checked_record_every(record_every: object) -> int:
+    steps = positive_whole(record_every)
+    if steps is None:
+        raise SetupError(f"record_every = {record_every!r} must be a positive whole number of steps")
+    if steps >= _MOST_STEPS:
+        raise SetupError(f"record_every must be below {_MOST_STEPS:g} steps; no run has so many")
+    return steps
 
 
 def number_of_steps(start_time: float, stop_time: float, step_size: float) -> int:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping, Sequence, Set
+from numbers import Real
 from typing import Any
 
 import numpy as np
 
-from cosim.errors import SetupError
+from cosim.errors import SetupError, positive_whole
 from cosim.fmi.event_mode import EventBuffer, EventInstance
 from cosim.fmi.instance import CallFailed, Instance
 from cosim.fmi.model_exchange import ModelExchangeInstance
@@ -239,12 +240,16 @@ class SteppedRun:
             Ctrl-C came since the last step; its `results` hold what had been recorded.
         """
         self._check_running()
-        if isinstance(n, bool) or not isinstance(n, int) or n < 1:
+        steps = positive_whole(n)
+        if steps is None:
             raise SetupError(f"step({n!r}): must be a positive whole number of steps")
-        end = self._point + n
+        end = self._point + steps
         if end > self._grid.last_point:
-            stop_time = self._grid.time(self._grid.last_point)
-            raise SetupError(f"step({n}) at t = {self.time:.9g} s: goes beyond the stop time {stop_time:.9g} s")
+            raise SetupError(f"step({n}) at t = {self.time:.9g} s: goes beyond the stop time {self._stop_time:.9g} s")
+        self._go_on_to(end)
+
+    def _go_on_to(self, end: int) -> None:
+        """Step to a communication point ahead."""
         self._exchange_again()
         try:
             self._point = self._run.advance(self._recorder, self._point, end, self._record_every)
@@ -262,12 +267,15 @@ class SteppedRun:
         Raises
         ------
         SetupError
-            The time lies before this communication point, or is none.
+            The time lies before this communication point or beyond the stop time, or is not one of a communication
+            point.
         SimulationError, SimulationInterrupted
             As `step`.
         """
-        exact = (time - self.time) / self.step_size
-        if not math.isfinite(exact) or exact < -_STEP_TOLERANCE:
+        if not isinstance(time, Real) or not math.isfinite(time):
+            raise SetupError(f"advance_to({time!r}): must be a finite time (s)")
+        exact = (float(time) - self.time) / self.step_size
+        if exact < -_STEP_TOLERANCE:
             raise SetupError(
                 f"advance_to({time!r}): the run is at t = {self.time:.9g} s already; restore a saved state to go back"
             )
@@ -278,8 +286,12 @@ class SteppedRun:
                 f"{self._grid.time(self._point + math.floor(exact)):.9g} s and "
                 f"{self._grid.time(self._point + math.ceil(exact)):.9g} s"
             )
-        if n:
-            self.step(n)
+        if n == 0:
+            return
+        self._check_running()
+        if self._point + n > self._grid.last_point:
+            raise SetupError(f"advance_to({time!r}): lies beyond the stop time {self._stop_time:.9g} s")
+        self._go_on_to(self._point + n)
 
     def save(self) -> RunState:
         """The state of the run at this communication point, its recorded rows included.
@@ -317,6 +329,8 @@ class SteppedRun:
             take it.
         """
         self._check_running()
+        if not isinstance(state, RunState):
+            raise SetupError(f"restore({type(state).__name__}): give a RunState, from save() or RunState.read")
         if differs := state.differences(self._made_with()):
             other = "; other ".join(differs)
             raise SetupError(f"the state is that of another run (other {other}); start the run as that one was started")
@@ -333,6 +347,10 @@ class SteppedRun:
         self._point = state.point
         self._recorder.replace(state.recorded)
         self._run.stand_at(state.point, state.values, state.history)
+
+    @property
+    def _stop_time(self) -> float:
+        return self._grid.time(self._grid.last_point)
 
     def _made_with(self) -> dict[str, Any]:
         info = self._results.info
@@ -366,7 +384,7 @@ class SteppedRun:
             why = "" if by is None else f": the FMU of '{by.component}' ended the simulation at t = {by.time:.9g} s"
             raise SetupError(f"the run has ended{why}; start another one")
         if self._interrupt.at_once:
-            raise SetupError("the run is in the middle of a step; a function that is called there has its inputs only")
+            raise SetupError("the run is in the middle of a step; a function called there can use its inputs only")
 
     def _failing(self, component: str) -> Failing:
         return Failing(component, self.time, self._instances[component])
@@ -386,6 +404,8 @@ class SteppedRun:
 
     def _quantity(self, name: str) -> _Quantity:
         if name not in self._quantities:
+            if not isinstance(name, str):
+                raise SetupError(f"{name!r} is not the name of a variable; write 'component.variable'")
             port, variable = split(name, self._system.ports)
             named = port.find(variable)
             elements = [port.original(element) for element in named]

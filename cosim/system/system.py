@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from os import PathLike
 from pathlib import Path
 from typing import Any, Literal, Protocol, cast
 
-from cosim.errors import SetupError, nearest
+from cosim.errors import SetupError, nearest, positive_whole
 from cosim.fmi.interfaces import INTERFACES
 from cosim.system.function import PythonFunction, VariableSpecs
 
@@ -215,16 +215,16 @@ class System:
         self._add(Component(name, None, dict(start or {}), every, made))
 
     def _add(self, component: Component) -> None:
-        name, every = component.name, component.every
+        name, given, every = component.name, component.every, positive_whole(component.every)
         if not name or "." in name:
             raise SetupError(f"component name {name!r} must be a non-empty text without a dot")
         if name in self.components:
             raise SetupError(f"there are two components named '{name}'; give each its own name")
-        if isinstance(every, bool) or not isinstance(every, int) or every < 1:
-            raise SetupError(f"component '{name}': every = {every!r} must be a positive whole number of steps")
+        if every is None:
+            raise SetupError(f"component '{name}': every = {given!r} must be a positive whole number of steps")
         if every > _LONGEST:
             raise SetupError(f"component '{name}': every must be at most {_LONGEST}; no run has so many steps")
-        self.components[name] = component
+        self.components[name] = replace(component, every=every)
 
     def connect(
         self,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import signal
 from pathlib import Path
 
@@ -148,7 +149,11 @@ def test_a_value_that_does_not_fit_is_refused_and_the_run_goes_on(tiny: Path, va
         (lambda run: run.step(4), "beyond the stop time 0.3 s"),
         (lambda run: run.advance_to(0.15), r"around it are at 0.1 s and 0.2 s"),
         (lambda run: run.advance_to(-0.1), "restore a saved state to go back"),
-        (lambda run: run.advance_to(float("nan")), "restore a saved state to go back"),
+        (lambda run: run.advance_to(float("nan")), "must be a finite time"),
+        (lambda run: run.advance_to("0.1"), "must be a finite time"),
+        (lambda run: run.advance_to(0.4), r"advance_to\(0.4\): lies beyond the stop time 0.3 s"),
+        (lambda run: run.restore(None), r"restore\(NoneType\): give a RunState"),
+        (lambda run: run[3], "3 is not the name of a variable"),
     ],
 )
 def test_steps_that_make_no_sense_are_refused(tiny: Path, act, message: str) -> None:
@@ -192,11 +197,27 @@ def test_what_is_neither_exchanged_nor_recorded_is_read_from_the_fmu(tiny: Path)
         assert run["a.y"].tolist() == [-4.0, 20.0]
 
 
+def test_whole_numbers_may_be_those_of_numpy(tiny: Path) -> None:
+    def recorded(whole: type) -> list[float]:
+        system = System()
+        system.add("i", tiny / "Integrator.fmu", start={"u": 1.0}, every=whole(2))
+        with (
+            Simulation(system, threads=whole(1)) as simulation,
+            simulation.start(step_size=STEP, record_every=whole(2)) as run,
+        ):
+            run.step(whole(4))
+            assert json.dumps(run.results.info)
+            times: list[float] = run.results.time.tolist()
+            return times + run.results["i.x"].tolist()
+
+    assert recorded(np.int64) == recorded(int) == pytest.approx([0.0, 2 * STEP, 4 * STEP, 0.0, 2 * STEP, 4 * STEP])
+
+
 def test_a_time_may_be_rounded_by_a_millionth_for_each_step(tiny: Path) -> None:
     system = System()
     system.add("a", tiny / "Gain.fmu", start={"u": 1.0})
     with Simulation(system) as simulation, simulation.start(step_size=1 / 3) as run:
-        run.advance_to(33.33333)
+        run.advance_to(np.float32(33.33333))
         assert run.time == pytest.approx(100 / 3, rel=1e-15)
         with pytest.raises(SetupError, match="no communication point"):
             run.advance_to(66.666)

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from cosim.errors import SetupError
+from cosim.errors import SetupError, positive_whole
 
 #: Operations of one kind by level: sets[level] feed inputs, gets[level] read outputs; see `cosim.system.levels`.
 Levelled = Mapping[int, Sequence[Any]]
@@ -378,9 +378,9 @@ def most_iterations(iterations: int | str | None) -> int:
         return 0
     if iterations in (AUTO, LOOPS):
         return MOST_ITERATIONS
-    if isinstance(iterations, bool) or not isinstance(iterations, int) or iterations < 1:
+    if (number := positive_whole(iterations)) is None:
         raise SetupError(f"iterations = {iterations!r} must be a positive whole number, or '{AUTO}' or '{LOOPS}'")
-    return iterations
+    return number
 
 
 def fixed(step_size: float | str, who: str) -> float:
