@@ -270,8 +270,19 @@ toolchain.OPTIMISATION = "-O0"
 """
 
 
+#: Pages whose code takes longer, or needs packages that are not small.
+_OTHERS = (
+    *("models.md", "coupling.md", "errors.md", "extending.md", "importing_fmus.md", "isolation.md", "mechanism.md"),
+    *("optimisation.md", "packing.md", "python_control.md", "stability.md"),
+)
+
+
 @pytest.mark.parametrize(
-    "page", ["tutorial.md", "results.md", "couple_fmus.md", pytest.param("models.md", marks=pytest.mark.slow)]
+    "page",
+    [
+        *("tutorial.md", "results.md", "couple_fmus.md"),
+        *(pytest.param(page, marks=pytest.mark.slow) for page in _OTHERS),
+    ],
 )
 def test_code_of_a_page_runs(folder: Path, page: str) -> None:
     code = blocks(page, "python")
