@@ -283,8 +283,9 @@ def architecture() -> str:
     drawing.words(92, 142, "the master; it knows no robot")
     for row, (name, about) in enumerate(ROOMS):
         drawing.panel(40, 156 + 64 * row, 334, 54, "active", 1.2)
-        drawing.words(52, 179 + 64 * row, name, "plain bold")
-        drawing.words(52, 199 + 64 * row, about, "plain bold" if "\u00b7" in about else "plain small")
+        names = "\u00b7" in about  # so many that they need both lines
+        drawing.words(52, 179 + 64 * row, name, "plain bold small" if names else "plain bold")
+        drawing.words(52, 199 + 64 * row, about, "plain bold small" if names else "plain small")
     drawing.words(40, 630, "errors, files, terminal, signing: below all", "plain small", "faint")
     drawing.words(40, 656, "Every room may import those below it.", "plain small", "faint")
     drawing.panel(430, 116, 186, 92, "passive", 2.2)

@@ -22,7 +22,7 @@ RUNS = GAINS[::2]
 #: Order, extrapolation, and the colour and label of the curve.
 ALGORITHMS = (
     ("sequential", "hold", "#0072B2", "Gauss-Seidel, zero-order hold"),
-    ("sequential", "linear", "#D55E00", "Gauss-Seidel, linear (default)"),
+    ("sequential", "linear", "#D55E00", "Gauss-Seidel, linear (the default falls back to it)"),
     ("parallel", "hold", "#009E73", "Jacobi, zero-order hold"),
     ("parallel", "linear", "#CC79A7", "Jacobi, linear"),
 )
