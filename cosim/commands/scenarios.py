@@ -9,7 +9,7 @@ from typing import Any
 
 from cosim.errors import CosimError, nearest
 from cosim.files.whole import write_whole
-from cosim.scenario.family import families, named
+from cosim.scenario.family import families, family_name, named
 
 _EXAMPLES = """\
 examples:
@@ -69,6 +69,16 @@ def _copied(name: str, target: Path) -> Path:
         raise CosimError(f"there is no scenario '{name}'; {nearest(name, known)}")
     if target.exists():
         raise CosimError(f"{target} already exists; give another name by --to, or remove it")
-    content = found[1].read_bytes()
+    family, path = found
+    content = _naming_its_system(path.read_bytes(), family_name(family))
     write_whole(target, lambda part: part.write_bytes(content))
     return target
+
+
+def _naming_its_system(content: bytes, system: str) -> bytes:
+    """A scenario file with a line `system`, without which it runs only where no other family is installed."""
+    if "system" in tomllib.loads(content.decode("utf-8")):
+        return content
+    lines = content.splitlines(keepends=True)
+    first = next((i for i, line in enumerate(lines) if line.strip() and not line.startswith(b"#")), len(lines))
+    return b"".join([*lines[:first], f'system = "{system}"\n'.encode(), *lines[first:]])

@@ -202,6 +202,6 @@ def family_of(system: str | None, *, own: bool) -> ScenarioFamily | None:
     if own:
         return None
     if len(known) != 1:
-        which = f"of {', '.join(known)}" if known else "(no package that knows one is installed)"
-        raise ScenarioError(f"needs [components] with their FMUs, or system = the name of a family {which}")
+        which = " or ".join(f'"{name}"' for name in known) or "NAME (no package that knows a system is installed)"
+        raise ScenarioError(f"needs [components] with their FMUs, or a line system = {which}")
     return next(iter(known.values()))

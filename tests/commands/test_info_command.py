@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -68,9 +69,11 @@ def test_scenarios_are_listed_and_copied(
         for name in family.scenario_names():
             assert f"\n  {name} " in out
     assert out.count("(default)") == 1
-    name = next(name for family in families().values() for name in family.scenario_names())
+    system, name = next((system, name) for system, family in families().items() for name in family.scenario_names())
     assert main(["scenarios", "--copy", name]) == 0
     assert (tmp_path / f"{name}.toml").read_text().count("[run]") == 1
+    copy = tomllib.loads((tmp_path / f"{name}.toml").read_text())  # names its system, whatever else is installed
+    assert copy == {"system": system, **tomllib.loads((families()[system].folder / f"{name}.toml").read_text())}
     assert main(["scenarios", "--copy", name]) == 1
     assert "already exists" in capsys.readouterr().err
     assert main(["scenarios", "--copy", name, "--to", "mine.toml"]) == 0

@@ -401,11 +401,11 @@ def test_what_a_family_can_t_have_is_refused() -> None:
 @pytest.mark.usefixtures("here")
 def test_among_several_families_a_file_says_which(loops: dict[str, ScenarioFamily]) -> None:
     loops["others"] = ScenarioFamily()
-    with pytest.raises(ScenarioError, match="system = the name of a family of loops, others"):
+    with pytest.raises(ScenarioError, match=r'a line system = "loops" or "others"$'):
         load_scenario(written(RUN))
     assert "lag" in load_scenario(written('system = "loops"\n' + RUN)).components
     loops.clear()
-    with pytest.raises(ScenarioError, match="no package that knows one is installed"):
+    with pytest.raises(ScenarioError, match="no package that knows a system is installed"):
         load_scenario(written(RUN))
 
 
