@@ -1,7 +1,7 @@
-"""What belongs to the process, or its thread, and FMUs change: working folder, locale, arithmetic, standard streams.
+"""What belongs to the process, or its thread, and FMUs change: working folder, locale, arithmetic, streams, signals.
 
 Libraries that are compiled for speed flush small numbers to zero from the moment when they are loaded; others have
-divisions by zero end the process, go to the folder of their files, or close the standard output.
+divisions by zero end the process, go to the folder of their files, close the standard output, or take Ctrl-C.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 import ctypes
 import locale
 import os
+import signal
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -17,8 +18,11 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-#: At least the size of C's `fenv_t` on all platforms.
-_SIZE_OF_FENV = 256
+#: At least the sizes of C's `fenv_t` and `struct sigaction` on all platforms.
+_SIZE_OF_FENV = _SIZE_OF_SIGACTION = 256
+
+#: Signals that end a run, where a C library can be asked what they do.
+_ENDING = () if sys.platform == "win32" else (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 @cache
@@ -84,6 +88,31 @@ class _StandardStreams:
                 os.close(copy)
 
 
+class _EndingSignals:
+    """What the signals do that end a run, as far as C knows: runtimes of some languages ignore them, or exit."""
+
+    def __init__(self) -> None:
+        self._actions = {number: _action(number) for number in _ENDING}
+
+    def are_again(self) -> None:
+        """Have those do what they did that do something else."""
+        for number, action in self._actions.items():
+            if _handler(_action(number)) != _handler(action):
+                ctypes.pythonapi.sigaction(number, action, None)
+
+
+def _action(number: int) -> ctypes.Array[ctypes.c_char]:
+    """What a signal does, as the C library has it."""
+    action = ctypes.create_string_buffer(_SIZE_OF_SIGACTION)
+    ctypes.pythonapi.sigaction(number, None, action)
+    return action
+
+
+def _handler(action: ctypes.Array[ctypes.c_char]) -> bytes:
+    """Its handler, which comes first; what follows is not all defined."""
+    return action.raw[: ctypes.sizeof(ctypes.c_void_p)]
+
+
 def _file(number: int) -> tuple[int, int]:
     found = os.fstat(number)
     return found.st_dev, found.st_ino
@@ -94,13 +123,13 @@ class KeptProcess:
 
     def __init__(self) -> None:
         self._of_fmus: _Process | None = None
-        self._streams: _StandardStreams | None = None
+        self._kept: tuple[_StandardStreams, _EndingSignals] | None = None
 
     @contextmanager
     def while_fmus_are_called(self) -> Iterator[None]:
         """Context in which folder and locale are those to which FMUs have gone; after it all is as it was before."""
-        before, streams = _Process.now(), _StandardStreams()
-        self._streams = streams
+        before, streams, signals = _Process.now(), _StandardStreams(), _EndingSignals()
+        self._kept = streams, signals
         if self._of_fmus is not None:
             self._of_fmus.is_again(before)
         try:
@@ -110,11 +139,12 @@ class KeptProcess:
             before.is_again(after)
             streams.are_again()
             streams.close()
-            self._streams = None
+            signals.are_again()
+            self._kept = None
             _mathematics().fesetenv(before.arithmetic)
             self._of_fmus = after if after != before else None
 
-    def restore_streams(self) -> None:
-        """Have standard streams that FMUs have closed be open, within the context: something may be printed."""
-        if self._streams is not None:
-            self._streams.are_again()
+    def restore(self) -> None:
+        """Within the context, have standard streams be open, and the signals do what they did, that end a run."""
+        for each in self._kept or ():
+            each.are_again()

@@ -128,9 +128,9 @@ class Run:
         profile: bool = False,
         nonfinite: NonFinite = "mark",
         postpone: Callable[[Callable[[], None], Callable[[], None]], None] | None = None,
-        restore_streams: Callable[[], None] = lambda: None,
+        restore_process: Callable[[], None] = lambda: None,
     ) -> None:
-        self._restore_streams = restore_streams
+        self._restore_process = restore_process
         self._columns = columns
         self._postpone = postpone  # telling FMUs that the run is over; at once by default
         self._ends_at_nonfinite = nonfinite == "error"
@@ -615,7 +615,7 @@ class Run:
         """Step in the compiled loop; whether all went well."""
         with self._where() if end - first >= _LONG else nullcontext():
             done = self._call(loop_library().loop_run, first, end, exchanged)
-        self._restore_streams()
+        self._restore_process()
         return done
 
     def _recorded_until(self, recorder: Recorder, rows: np.ndarray, begin: int, end: int) -> int:

@@ -938,7 +938,7 @@ class Simulation:
                 profile=self._profile,
                 nonfinite=nonfinite,
                 postpone=self._components.postpone if self._terminate_late else None,
-                restore_streams=self._components.process.restore_streams,
+                restore_process=self._components.process.restore,
             )
             try:
                 run.initialize(starts, experiments)

@@ -216,6 +216,20 @@ def test_signals_reach_the_run(tmp_path: Path, number: signal.Signals, to_group:
     assert "what was recorded is in o" in said
 
 
+@pytest.mark.slow
+def test_an_fmu_that_ignores_ctrl_c_from_a_step_on_is_ended_by_it(tmp_path: Path) -> None:
+    ender(tmp_path / "f.fmu", "STEPPING", "IGNORING")
+    command = [sys.executable, "-m", "cosim", "run", "f.fmu", "--step", "0.1", "--stop", "1e4", "--realtime", "10"]
+    with subprocess.Popen([*command, "--log", "info", "--out", "o"], cwd=tmp_path, stderr=subprocess.PIPE) as program:
+        log = tmp_path / "o/.unfinished/new/messages.log"
+        wait_for(lambda: log.exists() or program.poll() is not None)
+        time.sleep(0.5)
+        program.send_signal(signal.SIGINT)
+        _, said = program.communicate(timeout=PATIENCE)
+    assert program.returncode == 130
+    assert b"what was recorded is in o" in said
+
+
 def test_the_run_does_not_outlive_the_program(tmp_path: Path) -> None:
     tank(tmp_path / "tank.fmu")
     command = [sys.executable, "-m", "cosim", "run", "tank.fmu", "--step", "0.01", "--stop", "1e4", "--realtime", "1"]

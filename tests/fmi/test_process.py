@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import ctypes
 import locale
 import math
 import os
@@ -153,10 +154,15 @@ def test_an_fmu_that_cannot_be_made_leaves_the_process_as_it_was(fmus: Path, tmp
 def test_what_an_fmu_changes_of_the_process_is_so_in_its_calls_only(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The FMU goes to another folder, and finds itself there again; it changes locale and rounding."""
+    """The FMU goes to another folder, and finds itself there again; it changes locale, rounding and two signals."""
 
     def process() -> tuple[object, ...]:
-        return Path.cwd(), locale.setlocale(locale.LC_ALL), one + math.ulp(1.0) / 4 == 1.0
+        handlers = []
+        for number in (signal.SIGINT, signal.SIGTERM):
+            ctypes.CDLL(None).sigaction(number, None, action := (ctypes.c_void_p * 32)())
+            handlers.append(action[0])
+        rounding = one + math.ulp(1.0) / 4 == 1.0
+        return Path.cwd(), locale.setlocale(locale.LC_ALL), handlers, rounding
 
     one = 1.0
     monkeypatch.chdir(tmp_path)

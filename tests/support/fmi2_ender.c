@@ -27,7 +27,8 @@ enum {
     IN_CHILD,
     FOREVER,
     MEMORY,
-    CLOSING /* the standard streams, and then it writes to one */
+    CLOSING, /* the standard streams, and then it writes to one */
+    IGNORING /* Ctrl-C, from then on */
 };
 
 static volatile int zero;
@@ -87,6 +88,9 @@ static void at(int where) {
         case CLOSING:
             for (int i = 0; i < 3; i++) close(i);
             if (write(1, "nowhere", 7) == 7) abort(); /* something else has been opened in its place */
+            break;
+        case IGNORING:
+            if (!zero++) signal(SIGINT, SIG_IGN);
             break;
         default:
             break;

@@ -12,6 +12,7 @@ to the process, and must find its folder again. */
 #ifdef MEDDLES
 #include <fenv.h>
 #include <locale.h>
+#include <signal.h>
 #include <unistd.h>
 #endif
 
@@ -83,6 +84,8 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
 #endif
 #ifdef MEDDLES
     if (chdir("/") || !setlocale(LC_ALL, "C") || fesetround(FE_UPWARD)) return NULL;
+    signal(SIGINT, SIG_IGN);
+    signal(SIGTERM, exit);
 #endif
     Model *m = calloc(1, sizeof *m);
     m->scale = 1.0;
