@@ -226,7 +226,8 @@ class _Whole:
                     f"the signal that feeds '{drive.component}.{drive.targets[0].name}' is sampled every "
                     f"{step_size:g} s up to {times[1]:g} s, and keeps its last value afterwards"
                 )
-        extrapolated = extrapolated_inputs(self.resolved, dataclasses.replace(chosen, demanded=False), orders=orders)
+        outside = {(component, element.name) for component, element in own_inputs}
+        extrapolated = extrapolated_inputs(self.resolved, chosen, orders=orders, outside=outside)
         exchanged = [(component, element) for component, element in own_outputs if not element.type.is_text]
         layout = ValueLayout(self.resolved, exchanged, extrapolated)
         self.interface = interface_of(

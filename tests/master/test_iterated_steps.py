@@ -110,6 +110,20 @@ def test_iteration_gives_stability_and_not_accuracy(fmus: Path, split: Oscillato
     assert 13.0 < falls["hermite", "auto"] < 19.0
 
 
+def test_a_run_that_goes_on_from_a_state_counts_on(fmus: Path) -> None:
+    made = system(fmus, LIGHT, 0.01)
+    with Simulation(made, extrapolation="quadratic", iterations=2) as simulation:
+        expected = simulation.run(1.0, 0.1)
+        with simulation.start(0.1) as begun:
+            begun.step(4)
+            state = begun.save()
+    with Simulation(made, extrapolation="quadratic", iterations=2) as simulation, simulation.start(0.1) as resumed:
+        resumed.restore(state)
+        resumed.step(6)
+        assert resumed.results.info["iterated_steps"] == expected.info["iterated_steps"]
+        np.testing.assert_array_equal(resumed.results.values[-1], expected.values[-1])
+
+
 def test_one_iteration_does_nearly_all(fmus: Path) -> None:
     one, all_ = (error(run(fmus, HEAVY, 0.1, "linear", iterations, 10), HEAVY) for iterations in (1, "auto"))
     assert one == pytest.approx(all_, rel=0.3)

@@ -46,6 +46,19 @@ def test_a_loop_that_is_not_linear_is_solved_with_few_exchanges() -> None:
     assert results.info["iterations"]["exchanges"] < 4 * 101
 
 
+def test_a_run_that_goes_on_from_a_state_counts_on() -> None:
+    system = loop(lambda t, u: np.cos(u), lambda t, u: u + t)
+    with Simulation(system, iterations="auto") as simulation:
+        expected = simulation.run(1.0, 0.1)
+        with simulation.start(0.1) as begun:
+            begun.step(4)
+            state = begun.save()
+    with Simulation(system, iterations="auto") as simulation, simulation.start(0.1) as resumed:
+        resumed.restore(state)
+        resumed.step(6)
+        assert resumed.results.info["iterations"] == expected.info["iterations"]
+
+
 @pytest.mark.parametrize("n", range(3, 13, 3))
 def test_vectors_are_solved(n: int) -> None:
     rng = np.random.default_rng(n)

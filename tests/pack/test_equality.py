@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from cosim import System, simulate
+from cosim.master.coupling.algorithm import EXTRAPOLATIONS
 from cosim.pack import pack
 from cosim.scenario.signals import CsvColumn, Multisine, PulseTrain, Ramp, Shape, ShapedSignal, Step
 from tests.support.packed_fmus import VERSIONS, columns, initialized, instance_of, robot, run_in_fmpy, small_loop
@@ -87,6 +88,21 @@ def test_a_sampled_signal_is_sampled_inside_the_steps_too(
         found, wanted = run_in_fmpy(packed.path, 3.0, 0.1, packed.outputs), columns(expected, packed.outputs)
         assert np.array_equal(found, wanted) or function is on_grid
         np.testing.assert_allclose(found, wanted, rtol=1e-12)  # polynomials through points of a line, but for rounding
+
+
+@pytest.mark.parametrize("name", sorted(EXTRAPOLATIONS))
+def test_a_named_polynomial_is_followed_where_only_signals_feed(tmp_path: Path, name: str) -> None:
+    """Of two tanks in a row one gets nothing but signals; an input of the packed FMU stands open beside them."""
+    build(tmp_path, "fmi2", TANK)
+    system = System()
+    system.add("first", tmp_path / "Tank.fmu", start={"x_start": 1.0})
+    system.add("second", tmp_path / "Tank.fmu")
+    system.drive("first.a", math.sin)
+    system.connect("first.x", "second.a", factor=-0.7)
+    expected = simulate(system, 2.0, 0.1, extrapolation=name)
+    packed = pack(system, tmp_path / "W.fmu", 0.1, extrapolation=name, stop_time=2.0)
+    assert set(packed.inputs) == {"first.b", "second.b"}
+    assert np.array_equal(run_in_fmpy(packed.path, 2.0, 0.1, packed.outputs), columns(expected, packed.outputs))
 
 
 @pytest.mark.parametrize("name", ["hermite", "adaptive"])

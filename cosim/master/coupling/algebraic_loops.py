@@ -26,6 +26,9 @@ from cosim.system.resolution import Link
 #: Relative residual at which a loop is solved.
 _TOLERANCE = 1e-10
 
+#: What is counted over a run.
+_COUNTS = ("n_points", "n_iterations", "n_exchanges")
+
 
 class TornExchange:
     """Solves the algebraic loops of one exchange.
@@ -136,6 +139,8 @@ class TornExchange:
             float(self._loop.is_directed),
             *jacobian,
             *self._values[list(self._assumed)].tolist(),
+            *(float(getattr(self._loop, name)) for name in _COUNTS),
+            self._loop.largest_residual,
         ]
 
     def restore(self, numbers: list[float]) -> None:
@@ -145,6 +150,9 @@ class TornExchange:
             self._loop.jacobian[i] = numbers.pop(0)
         for position in self._assumed:
             self._values[position] = numbers.pop(0)
+        for name in _COUNTS:
+            setattr(self._loop, name, int(numbers.pop(0)))
+        self._loop.largest_residual = numbers.pop(0)
 
     def summary(self) -> dict[str, Any]:
         """For people: what was torn, and what it took."""

@@ -85,6 +85,7 @@ def extrapolated_inputs(
     algorithm: Algorithm,
     refusing: Collection[str] = (),
     orders: Mapping[str, int] | None = None,
+    outside: Collection[Key] = (),
 ) -> ExtrapolatedInputs:
     """Decide for every fed input.
 
@@ -100,6 +101,9 @@ def extrapolated_inputs(
     orders : mapping, optional
         Component -> up to which order its FMU is known to take derivatives of its inputs, of FMI 1.0 and 2.0; where an
         extrapolation is not demanded, others are extrapolated linearly.
+    outside : collection of Key
+        Inputs that stand open, and will be set from outside: those that can only be held are held, and what depends on
+        them directly goes straight where its derivative would be needed, also if an extrapolation is demanded.
 
     Raises
     ------
@@ -109,7 +113,7 @@ def extrapolated_inputs(
     moving: dict[Key, Extrapolation] = {}
     held: list[str] = []
     curved: set[str] = set()
-    chosen: list[tuple[Key, Key]] = []  # elements and their variables whose extrapolation nobody has demanded
+    chosen: list[tuple[Key, Key]] = []  # elements and their variables whose extrapolation may be another one
     added = {(d.component, e.name) for d in system.drives if d.added for e in d.targets}
     rated = _Rated(system)
     for component, element, every, link in _fed(system):
@@ -118,7 +122,8 @@ def extrapolated_inputs(
         obstacle = "a sampled signal is added to it" if key in added else _obstacle(system, component, element, every)
         if component in refusing:
             obstacle = "its FMU refuses derivatives of inputs"
-        if extrapolation.degree == 0 or ((obstacle or _jumps(system, link)) and not demanded):
+        is_held = (obstacle or _jumps(system, link)) and not demanded
+        if extrapolation.degree == 0 or is_held or (obstacle and key in outside):
             held.append(name)
             continue
         if not demanded and extrapolation.degree > _order_of(system, component, orders or {}):
@@ -130,7 +135,7 @@ def extrapolated_inputs(
                 f"extrapolation '{extrapolation.name}': input '{name}' can only be held, for {obstacle}; use '{AUTO}'"
             )
         unknown = rated.obstacle(link) if extrapolation.uses_rates and link is not None else None
-        if unknown and not demanded:
+        if unknown and (outside or not demanded):
             extrapolation = EXTRAPOLATIONS["linear"]
         elif unknown:
             raise SetupError(
@@ -140,7 +145,7 @@ def extrapolated_inputs(
         moving[key] = extrapolation
         if extrapolation.degree > 1:
             curved.add(component)
-        if not demanded:
+        if outside or not demanded:
             chosen.append((key, (component, element.variable.name)))
     _agree(moving, chosen)
     by_variable: dict[Key, Extrapolation] = {}

@@ -37,6 +37,9 @@ _MOST_COLUMNS = 24
 #: Degree of polynomials from which on they go to a rate at the end of the step, too.
 _WITH_RATE = 3
 
+#: What is counted over a run.
+_COUNTS = ("n_points", "n_iterations", "n_unsolved", "most_taken")
+
 #: Statuses of a step that has not come to its end.
 _UNFINISHED = {2: "discards a step", 5: "computes a step by itself (pending)"} | {
     WANTS_TO_END: "ends the simulation",
@@ -216,7 +219,8 @@ class IteratedSteps:
         """What of it belongs to the state of a run."""
         step, n = self._step, self._step.n
         sizes, learnt = (step.sizes[i] for i in range(n)), (step.differences[i] for i in range(self._columns * 2 * n))
-        return [float(step.n_columns), *sizes, *learnt]
+        counts = (float(getattr(step, name)) for name in _COUNTS)
+        return [float(step.n_columns), *sizes, *learnt, *counts, step.largest_residual]
 
     def restore(self, numbers: list[float]) -> None:
         """Take what `numbers` gave, and more, from the front of a list."""
@@ -225,6 +229,9 @@ class IteratedSteps:
         for array, length in ((step.sizes, n), (step.differences, self._columns * 2 * n)):
             for i in range(length):
                 array[i] = numbers.pop(0)
+        for name in _COUNTS:
+            setattr(step, name, int(numbers.pop(0)))
+        step.largest_residual = numbers.pop(0)
 
     def summary(self) -> dict[str, Any]:
         """For people: what was iterated, and what it took."""
