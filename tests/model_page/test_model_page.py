@@ -119,6 +119,13 @@ def value(tab: Any, panel: int) -> str:
     return str(tab.inner_text(f'[data-panel="{panel}"] .plot-legend output'))
 
 
+def near(tab: Any) -> list[str]:
+    """Controls that are seen at the foot of the window."""
+    shown = "[...document.querySelectorAll('[data-name]')].filter((e) => e.checkVisibility())"
+    inside = "e.getBoundingClientRect().top > innerHeight / 2 && e.getBoundingClientRect().bottom <= innerHeight"
+    return list(tab.evaluate(f"{shown}.filter((e) => {inside}).map((e) => e.dataset.name)"))
+
+
 def test_it_computes_and_complains_in_a_browser(tabs: Tabs, page: Path, swing: WasmModel) -> None:
     tab = tabs.open(page)
     computed(tab, 1)
@@ -137,15 +144,11 @@ def test_it_computes_and_complains_in_a_browser(tabs: Tabs, page: Path, swing: W
     until(tab, "document.querySelector('.model').dataset.state === 'shown'")
     assert tab.locator(".trouble").is_hidden()
     assert value(tab, 0) == before
+    tab.set_viewport_size({"width": 390, "height": 844})
+    until(tab, lambda: sorted(near(tab)) == ["length", "push"])  # what was used last
 
 
-def near(tab: Any) -> list[str]:
-    """Controls that are seen at the foot of the window."""
-    shown = "[...document.querySelectorAll('[data-name]')].filter((e) => e.checkVisibility())"
-    inside = "e.getBoundingClientRect().top > innerHeight / 2 && e.getBoundingClientRect().bottom <= innerHeight"
-    return list(tab.evaluate(f"{shown}.filter((e) => {inside}).map((e) => e.dataset.name)"))
-
-
+@pytest.mark.slow
 def test_a_narrow_window_keeps_what_was_used_last_in_reach(tabs: Tabs, page: Path) -> None:
     tab = tabs.open(page, width=390, height=844)
     computed(tab, 1)
