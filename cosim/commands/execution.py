@@ -565,7 +565,7 @@ def _write_page(results: Results | StoredResults, summary: Mapping[str, Any], wh
     except OSError:
         raise
     except Exception as error:  # the run has its results
-        print(f"note: there is no {REPORT}, for {_in_one_line(error)}")
+        print(f"note: there is no {REPORT}, because {_in_one_line(error)}")
 
 
 def _drawn(
@@ -578,7 +578,7 @@ def _drawn(
     except OSError:
         raise
     except Exception as error:
-        print(f"note: there are no figures, for {_in_one_line(error)}")
+        print(f"note: there are no figures, because {_in_one_line(error)}")
         return ()
 
 
@@ -623,7 +623,7 @@ def _metrics(prepared: PreparedRun, results: Results | StoredResults) -> dict[st
         try:
             further = prepared.further_metrics(results)
         except Exception as error:  # of another package; the run has its results
-            print(f"note: metrics are missing, for {_in_one_line(error)}")
+            print(f"note: metrics are missing, because {_in_one_line(error)}")
     return {**further, **measured(prepared.metrics, results)}
 
 
@@ -719,14 +719,14 @@ def _profile(summary: Mapping[str, Any]) -> list[str]:
             f"{c['exchange_s']:>10.3g} s{c['steps']:>10}{c['steps_repeated']:>10}"
             for total, name, c in sorted(rows, key=lambda row: -row[0])
         ),
-        *_foretold(summary["profile"].get("connections", ())),
+        *_predicted(summary["profile"].get("connections", ())),
     ]
 
 
-def _foretold(connections: Sequence[Mapping[str, Any]]) -> list[str]:
+def _predicted(connections: Sequence[Mapping[str, Any]]) -> list[str]:
     """Which connections are coupled worst, in a line."""
     worst = [f"{c['source']} -> {c['target']} {c['error']:.1e}" for c in connections[:_MOST_RANKED] if c["error"] > 0.0]
-    return [f"worst coupled (what inputs were foretold, rms): {', '.join(worst)}"] if worst else []
+    return [f"worst coupled (what inputs were predicted, rms): {', '.join(worst)}"] if worst else []
 
 
 #: Order of accuracy of a coupling by extrapolation of degree 0, 1, 2, 3.
@@ -748,9 +748,8 @@ def _extrapolation(found: dict[str, Any]) -> str:
     main, *others = names
     if not held and not others:
         return f"inputs {main} between communication points ({accuracy})"
-    exceptions = [f"{len(found[name])} that are {name}" for name in others] + [f"{len(held)} that are held"] * bool(
-        held
-    )
+    counts = [(len(found[name]), name) for name in others] + [(len(held), "held")]
+    exceptions = [f"{count} that {'is' if count == 1 else 'are'} {name}" for count, name in counts if count]
     return f"inputs {main} between communication points, except {' and '.join(exceptions)} (see summary.json)"
 
 

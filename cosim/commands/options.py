@@ -70,7 +70,7 @@ def step_of(text: str) -> float | str:
     try:
         return float(text)
     except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is no number (s), nor '{VARIABLE}'") from None
+        raise argparse.ArgumentTypeError(f"{text!r} is neither a number (s) nor '{VARIABLE}'") from None
 
 
 def _iterations(text: str) -> int | str:

@@ -287,7 +287,7 @@ def _read(args: argparse.Namespace, steps: Levels | None, unpacked: Path) -> _Sy
     family = next(iter(of.values()))
     for text, other in of.items():
         if family_name(other) != family_name(family):
-            raise SweepError(f"{text}: its system is another one than that of {args.scenario[0]}; sweep them apart")
+            raise SweepError(f"{text}: its system is not that of {args.scenario[0]}; sweep them separately")
     for name, options in args.family_options.items():
         if name != family_name(family):
             for option, dest in options.items():
@@ -314,10 +314,10 @@ def _of_description(
         unpacked.mkdir()
         found = read_ssp(path, unpacked, step_size=step_size, stop_time=args.stop, duration=DURATION)
     if functions := [name for name, component in found.system.components.items() if component.fmu is None]:
-        raise SweepError(f"{path}: '{functions[0]}' maps or sums values, which sweeps can't have yet; use cosim run")
+        raise SweepError(f"{path}: '{functions[0]}' maps or sums values, which sweeps can't do yet; use cosim run")
     own = [name for name, component in found.system.components.items() if component.every > 1]
     if own and steps is not None and len(steps.values) > 1:
-        raise SweepError(f"{path}: '{own[0]}' has steps of its own, which no sweep over --step keeps; give one step")
+        raise SweepError(f"{path}: '{own[0]}' has a step of its own; give one --step")
     for note in found.notes:
         print(f"note: {note}")
     assert found.stop_time is not None  # which is assumed, if nothing says it

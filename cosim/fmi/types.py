@@ -132,7 +132,7 @@ class FmiType:
             if not isinstance(value, str if self.kind == "string" else (bytes, bytearray, memoryview)):
                 raise wrong
             if isinstance(value, str) and not _can_be_passed(value):
-                raise ArgumentError(f"{value!r} has a character that no FMU can be told, NUL or a lone surrogate")
+                raise ArgumentError(f"{value!r} has a character that no FMU can take: NUL or a lone surrogate")
             return value if isinstance(value, str) else bytes(value)
         if not isinstance(value, (int, float)) or (self.kind == "real" and isinstance(value, bool)):
             raise wrong

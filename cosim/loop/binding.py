@@ -133,8 +133,8 @@ class Operation(ctypes.Structure):
     )
 
 
-class Foretold(ctypes.Structure):
-    """What inputs were foretold to be, against what they are; see loop.h."""
+class Predicted(ctypes.Structure):
+    """What inputs were predicted to be, against what they are; see loop.h."""
 
     _fields_ = (
         ("steps", POINTER(Operation)),
@@ -146,7 +146,7 @@ class Foretold(ctypes.Structure):
         ("n_values", c_int64),
         ("n_points", c_int64),
         ("n", c_int64),
-        ("is_foretold", c_int64),
+        ("is_predicted", c_int64),
     )
 
 
@@ -159,7 +159,7 @@ class Profile(ctypes.Structure):
         ("at_step", POINTER(c_int64)),
         ("n_points", c_int64),
         ("n_steps", c_int64),
-        ("foretold", POINTER(Foretold)),
+        ("predicted", POINTER(Predicted)),
     )
 
 
@@ -268,7 +268,7 @@ def loop_library() -> ctypes.CDLL:
     library.loop_hash.restype = c_char_p
     if library.loop_hash().decode() != source_hash():
         raise LoopLibraryError(f"the compiled loop {LIBRARY} belongs to another version of its source; {_REMEDY}")
-    check_layout(library.loop_layout, (Cell, Extrapolated, Rates, Conversion, Operation, Foretold, Profile, Loop))
+    check_layout(library.loop_layout, (Cell, Extrapolated, Rates, Conversion, Operation, Predicted, Profile, Loop))
     library.loop_perform.argtypes = [POINTER(Loop), POINTER(Operation), POINTER(c_uint32), c_int64, c_int64]
     library.loop_run.argtypes = [POINTER(Loop), c_int64, c_int64, c_bool]
     for function in (library.cells_get, library.cells_set):

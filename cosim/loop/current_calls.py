@@ -184,7 +184,7 @@ def _check_layout(library: ctypes.CDLL) -> None:
     while (entry := numbers[len(there)]).name:
         there[entry.name.decode()] = entry.number
     if here != there:
-        raise LoopLibraryError(f"the compiled loop lays calls out otherwise than current_calls.py: {there}")
+        raise LoopLibraryError(f"the compiled loop lays calls out differently from current_calls.py: {there}")
 
 
 class _Place(threading.local):

@@ -204,14 +204,14 @@ static void go_on(const Extrapolated *in, const double *restrict now, const doub
 #define FORGETTING 0.95
 #define BETTER 0.25
 
-/* How wrong was what was foretold for this point; at the start and after a jump, with less to go by, nothing counts. */
+/* How wrong was what was predicted for this point; at the start and after a jump, with less to go by, nothing counts. */
 static void look_back(const Extrapolated *in, const double *restrict now, int32_t n, bool counts) {
-    const double *restrict foretold = in->watched;
+    const double *restrict predicted = in->watched;
     double *restrict errors = in->watched + 2 * n;
     if (!counts) memset(errors, 0, 2 * (size_t)n * sizeof *errors);
-    for (int32_t which = 0; counts && which < 2; which++, foretold += n, errors += n)
+    for (int32_t which = 0; counts && which < 2; which++, predicted += n, errors += n)
         for (int32_t i = 0; i < n; i++) {
-            double error = fabs(foretold[i] - now[i]), before = FORGETTING * errors[i];
+            double error = fabs(predicted[i] - now[i]), before = FORGETTING * errors[i];
             errors[i] = error > before ? error : before;
         }
 }
@@ -219,16 +219,16 @@ static void look_back(const Extrapolated *in, const double *restrict now, int32_
 /* Foretell the values at the end of a step, and let inputs go straight whose polynomials have been no better than lines. */
 static void choose(const Extrapolated *in, const double *restrict now, double step, double per_second, int32_t n) {
     const double *restrict before = in->history + n, *errors = in->watched + 2 * n;
-    double *restrict foretold = in->watched, *restrict derivatives = in->derivatives;
-    for (int32_t i = 0; i < n; i++) foretold[i] = 0.0;
+    double *restrict predicted = in->watched, *restrict derivatives = in->derivatives;
+    for (int32_t i = 0; i < n; i++) predicted[i] = 0.0;
     for (int32_t d = in->degree; d >= 1; d--) {
         double part = step / d;
-        for (int32_t i = 0; i < n; i++) foretold[i] = (derivatives[(d - 1) * n + i] + foretold[i]) * part;
+        for (int32_t i = 0; i < n; i++) predicted[i] = (derivatives[(d - 1) * n + i] + predicted[i]) * part;
     }
     for (int32_t i = 0; i < n; i++) {
         double slope = in->known > 1 ? now[i] - before[i] : 0.0;
-        foretold[i] = now[i] + foretold[i];
-        foretold[n + i] = now[i] + slope;
+        predicted[i] = now[i] + predicted[i];
+        predicted[n + i] = now[i] + slope;
         if (errors[i] <= BETTER * errors[n + i]) continue;
         for (int32_t d = 1; d < in->degree; d++) derivatives[d * n + i] = 0.0;
         derivatives[i] = slope * per_second;
@@ -525,8 +525,8 @@ static bool perform_measured(Loop *loop, const Operation operations[], const uin
 static bool is_measured(const Loop *loop, int64_t point) { return loop->profile && point % loop->profile->every == 0; }
 
 /* Foretell all values for the point after this one: inputs are extrapolated, and the others are held. */
-static void foretell(const Loop *loop, Foretold *told, int64_t point) {
-    told->is_foretold = !loop_jumps_within(loop, point, point + 1);
+static void predict_inputs(const Loop *loop, Predicted *told, int64_t point) {
+    told->is_predicted = !loop_jumps_within(loop, point, point + 1);
     memcpy(told->values, loop->values, (size_t)told->n_values * sizeof *told->values);
     for (int64_t k = 0; k < told->n_steps; k++) {
         const Operation *op = &told->steps[k];
@@ -537,9 +537,9 @@ static void foretell(const Loop *loop, Foretold *told, int64_t point) {
     }
 }
 
-static void compare_with_foretold(const Loop *loop, Foretold *told) {
-    if (!told->is_foretold) return;
-    told->is_foretold = false;
+static void compare_with_predicted(const Loop *loop, Predicted *told) {
+    if (!told->is_predicted) return;
+    told->is_predicted = false;
     told->n_points++;
     for (int64_t i = 0; i < told->n; i++) {
         double value = loop->values[told->positions[i]], error = value - told->values[told->positions[i]];
@@ -554,7 +554,7 @@ static bool exchange(Loop *loop, int64_t point) {
     loop->profile->n_points++;
     bool done = perform_measured(loop, loop->at_point, loop->codes_at_point, loop->n_at_point, point, false,
                                  loop->profile->at_point);
-    if (done && loop->profile->foretold) compare_with_foretold(loop, loop->profile->foretold);
+    if (done && loop->profile->predicted) compare_with_predicted(loop, loop->profile->predicted);
     return done;
 }
 
@@ -639,24 +639,24 @@ static const Field layout[] = {
     FIELD(Operation, first),
     FIELD(Operation, n),
     FIELD(Operation, n_targets),
-    STRUCT(Foretold),
-    FIELD(Foretold, steps),
-    FIELD(Foretold, n_steps),
-    FIELD(Foretold, positions),
-    FIELD(Foretold, values),
-    FIELD(Foretold, squares),
-    FIELD(Foretold, sizes),
-    FIELD(Foretold, n_values),
-    FIELD(Foretold, n_points),
-    FIELD(Foretold, n),
-    FIELD(Foretold, is_foretold),
+    STRUCT(Predicted),
+    FIELD(Predicted, steps),
+    FIELD(Predicted, n_steps),
+    FIELD(Predicted, positions),
+    FIELD(Predicted, values),
+    FIELD(Predicted, squares),
+    FIELD(Predicted, sizes),
+    FIELD(Predicted, n_values),
+    FIELD(Predicted, n_points),
+    FIELD(Predicted, n),
+    FIELD(Predicted, is_predicted),
     STRUCT(Profile),
     FIELD(Profile, every),
     FIELD(Profile, at_point),
     FIELD(Profile, at_step),
     FIELD(Profile, n_points),
     FIELD(Profile, n_steps),
-    FIELD(Profile, foretold),
+    FIELD(Profile, predicted),
     STRUCT(Loop),
     FIELD(Loop, start_time),
     FIELD(Loop, step_size),
@@ -723,8 +723,8 @@ static bool go_through(Loop *loop, int64_t first, int64_t end, bool exchanged) {
         }
         if (point >= loop->last_point) continue;
         if (!step(loop, point)) return false;
-        if (loop->profile && loop->profile->foretold && is_measured(loop, point + 1))
-            foretell(loop, loop->profile->foretold, point);
+        if (loop->profile && loop->profile->predicted && is_measured(loop, point + 1))
+            predict_inputs(loop, loop->profile->predicted, point);
     }
     return true;
 }

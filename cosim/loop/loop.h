@@ -31,7 +31,7 @@ typedef struct {
     double *rates; /* the same of their rates, times the step; NULL where none are used */
     double *derivatives; /* degree rows of n: by time, the first, the second, ... */
     double
-        *watched; /* four rows of n: what was foretold for this point, by the polynomials and by lines through the last
+        *watched; /* four rows of n: what was predicted for this point, by the polynomials and by lines through the last
                         two values, and how wrong both have been lately; NULL where polynomials are used however that is */
     double *buffer; /* FMI 3.0: n values during the step */
     double
@@ -85,23 +85,23 @@ typedef struct {
     int32_t n_references, first, n, n_targets; /* first, n: the values that it gets or sets, contiguous */
 } Operation; /* 64 bytes: with many FMUs the loop is as fast as the processor's cache */
 
-/* What connected inputs were foretold to be at a point that is measured, against what they are there. */
+/* What connected inputs were predicted to be at a point that is measured, against what they are there. */
 typedef struct {
     const Operation *steps; /* those that extrapolate inputs are among them */
     int64_t n_steps;
     const int32_t *positions; /* of n inputs */
-    double *values; /* all n_values: what is foretold */
+    double *values; /* all n_values: what is predicted */
     double *squares, *sizes; /* n sums of the squares of errors, and n largest magnitudes */
     int64_t n_values, n_points, n;
-    int64_t is_foretold; /* whether something is foretold for the point ahead */
-} Foretold;
+    int64_t is_predicted; /* whether something is predicted for the point ahead */
+} Predicted;
 
 /* How long operations take: measured at one point in so many, in ns since then, of each one. */
 typedef struct {
     int64_t every;
     int64_t *at_point, *at_step;
     int64_t n_points, n_steps; /* that were measured */
-    Foretold *foretold; /* NULL: nothing is */
+    Predicted *predicted; /* NULL: nothing is */
 } Profile;
 
 struct Team;

@@ -104,7 +104,7 @@ class Checkpoint:
                 f"{self.folder} is the checkpoint of a run that has not ended; resume that run, or remove the folder"
             )
         if every is None and not resume:
-            raise SetupError("a checkpoint needs to know after how many simulated seconds it is renewed (every)")
+            raise SetupError("checkpoints need the interval at which they are written, in simulated seconds (every)")
 
     def warn(self, line: str) -> None:
         """Pass on a line about a checkpoint that could not be written."""

@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from cosim.loop.binding import Foretold, Operation, OperationKind, Profile
+from cosim.loop.binding import Operation, OperationKind, Predicted, Profile
 from cosim.master.operations import Exchange, NamedOperation
 
 #: One point in so many is measured: rare enough to cost nothing, and a prime number, so that components with a
@@ -44,9 +44,9 @@ class ComponentTimes:
         self._exchange = exchange
         self._at_point = (ctypes.c_int64 * max(1, len(exchange.at_point)))()
         self._at_step = (ctypes.c_int64 * max(1, len(exchange.at_step)))()
-        self._foretold = _Foretold(exchange)
+        self._predicted = _Predicted(exchange)
         self.profile = Profile(
-            max(1, min(_ONE_IN, n_points // _AT_LEAST)), self._at_point, self._at_step, 0, 0, self._foretold.pointer
+            max(1, min(_ONE_IN, n_points // _AT_LEAST)), self._at_point, self._at_step, 0, 0, self._predicted.pointer
         )
 
     def summary(self, n_points: int, repeated: Mapping[str, int]) -> dict[str, Any]:
@@ -64,7 +64,7 @@ class ComponentTimes:
         dict
             "measured_points", and "components": for each "steps", "steps_s", "exchange_s", "steps_repeated". And
             "connections", the worst first: "source", "target", and "error", by how much the target was not what it was
-            foretold to be a step before (rms, relative to its largest magnitude).
+            predicted to be a step before (rms, relative to its largest magnitude).
         """
         every = {name: component.every for name, component in self._exchange.components.items()}
         found: dict[str, dict[str, Any]] = {
@@ -84,11 +84,11 @@ class ComponentTimes:
         return {
             "measured_points": self.profile.n_points,
             "components": found,
-            "connections": self._foretold.summary(),
+            "connections": self._predicted.summary(),
         }
 
 
-class _Foretold:
+class _Predicted:
     """How well inputs go to what comes out: predictor against corrector, at the points that are measured.
 
     It ranks connections, and does not measure the coupling error: a torque that is wrong by a per mille may move a
@@ -96,13 +96,13 @@ class _Foretold:
     """
 
     def __init__(self, exchange: Exchange) -> None:
-        self._links = exchange.foretold_links()
+        self._links = exchange.predicted_links()
         n = len(self._links)
         positions = (ctypes.c_int32 * max(1, n))(*(position for _, position in self._links))
         self._values = (ctypes.c_double * max(1, len(exchange.values)))()
         self._squares, self._sizes = (ctypes.c_double * max(1, n))(), (ctypes.c_double * max(1, n))()
         steps = ctypes.cast(exchange.steps.operations, ctypes.POINTER(Operation))
-        self._told = Foretold(
+        self._told = Predicted(
             *(steps, len(exchange.steps), positions, self._values, self._squares, self._sizes),
             *(len(exchange.values), 0, n, 0),
         )

@@ -507,7 +507,7 @@ class Exchange:
             iterated, self._instances, tables, self._layout.size, asked, self._arena, demanded=self.demanded
         )
 
-    def foretold_links(self) -> list[tuple[Link, int]]:
+    def predicted_links(self) -> list[tuple[Link, int]]:
         """Links that go on during a step of one communication step, and positions of their inputs; none if iterated."""
         if self._iterated is not None:
             return []

@@ -97,7 +97,7 @@ def _text(path: str | PathLike[str]) -> tuple[str, int]:
     except UnicodeDecodeError as error:
         raise ResultsError(f"{path}: can't be read as CSV: {error}; save it as UTF-8") from error
     except OSError as error:
-        raise ResultsError(f"{path}: can't be read as CSV: {error}") from error
+        raise ResultsError(f"{path}: can't be read: {error.strerror or error}; check the path") from error
     before = 0
     while text:
         line, _, rest = text.partition("\n")

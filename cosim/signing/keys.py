@@ -108,7 +108,7 @@ def public_key(path: Path) -> Ed25519PublicKey:
 
     pem = _read(path)
     if b"PRIVATE KEY" in pem:
-        raise SignatureError(f"{path}: is a private key, which belongs nowhere but to the signer; give {path}.pub")
+        raise SignatureError(f"{path}: is a private key, which only the signer should have; give {path}.pub")
     try:
         key = serialization.load_pem_public_key(pem)
     except (ValueError, TypeError) as error:

@@ -49,7 +49,7 @@ def connect(scheduler: str | None = None, workers: int | None = None) -> Iterato
                     client = started.enter_context(Client(cluster, set_as_default=False))
                 except TimeoutError as error:
                     raise SweepError(
-                        "worker processes did not start in time, for this machine has much to do; try again, or with "
+                        "worker processes did not start in time, because this machine is busy; try again, or with "
                         "fewer of them (--workers)"
                     ) from error
                 yield client
@@ -134,7 +134,7 @@ def deliver(client: Client, data: bytes) -> str:
     try:
         client.register_plugin(parcel)
     except TimeoutError as error:
-        raise SweepError("the workers do not answer; look after them, and go on by the same command") from error
+        raise SweepError("the workers do not answer; check them, and continue with the same command") from error
     except OSError as error:
         raise SweepError(f"a worker can't store a file: {error}; free some space there") from error
     return parcel.sha256

@@ -91,7 +91,7 @@ def _write_report(content: Reproduction, folder: Path, study: tuple[Robustness, 
     try:
         live = live_section(fmus)
     except BuildError as error:
-        print(f"note: the report has no gains to turn, for {error}")
+        print(f"note: the report has no gains to turn, because {error}")
         live = None
     write_report(content, folder, study, live)
 

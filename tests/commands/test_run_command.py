@@ -616,7 +616,7 @@ def test_a_failed_run_whose_figures_fail_too_says_both(here, capsys, monkeypatch
     shown = capsys.readouterr()
     assert "mass matrix is not positive definite" in shown.err
     assert "what was recorded is in results/mine" in shown.err
-    assert "note: there are no figures, for the process that draws figures ended" in shown.out
+    assert "note: there are no figures, because the process that draws figures ended" in shown.out
     assert len(Results.from_csv("results/mine/results.csv").time) > 1
 
 
@@ -818,4 +818,4 @@ def test_the_coupling_is_said_and_can_be_demanded(here, no_figures, capsys):
         assert words in capsys.readouterr().out
         assert summary_of()["extrapolation"]["mode"] == coupling
     assert main(["run", "--stop", "0.01", "--coupling", "linear", "--flavour", "pythonfmu"]) == 1
-    assert "can only be held, for its FMU can't interpolate inputs" in error_line(capsys)
+    assert "can only be held, because its FMU can't interpolate inputs" in error_line(capsys)

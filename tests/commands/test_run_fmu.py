@@ -303,7 +303,7 @@ def test_outside_of_the_rows_the_first_and_the_last_hold_and_it_is_said(capsys: 
         ("time,a\n1,0\n0,0\n", "in.csv: values must be finite numbers, and times must not descend"),
         ("time,a\n0,inf\n", "in.csv: values must be finite numbers"),
         ("time,a\n0,much\n", "column 'a' is text"),
-        (None, "in.csv: can't be read as CSV"),
+        (None, "in.csv: can't be read: No such file"),
     ],
 )
 def test_inputs_that_make_no_sense_are_one_line(

@@ -184,7 +184,7 @@ def test_runs_of_the_base_write_all_but_figures(folder: Path, command: list[str]
     done = process(PROGRAM, folder, *command, "--stop", "0.1", "--out", "out")
     assert done.returncode == 0, done.stderr
     assert {"results.csv", "summary.json"} == {path.name for path in (folder / "out").iterdir()}
-    note = "note: there are no figures, for matplotlib is not installed"
+    note = "note: there are no figures, because matplotlib is not installed"
     assert f'{note}; install it with: pip install "{NAME}[plot]"\n' in done.stdout, done.stdout
     assert done.stdout.endswith("\nresults and summary: out\n")
     assert done.stderr == ""

@@ -190,7 +190,7 @@ def test_files_have_each_type_and_long_runs_give_the_same(types: Path, tmp_path:
 def test_texts_that_c_would_cut_or_can_not_have_are_refused(types: Path, text: str) -> None:
     system = System()
     system.add("a", types, start={"String": text})
-    with pytest.raises(SetupError, match=r"start value of 'a\.String': .* has a character that no FMU can be told"):
+    with pytest.raises(SetupError, match=r"start value of 'a\.String': .* has a character that no FMU can take"):
         Simulation(system)
     system = System()
     system.add("a", types)

@@ -60,7 +60,7 @@ def test_a_short_run_is_measured_more_often(fmus: Path) -> None:
             assert run.results.info["profile"]["components"]["tank"]["steps"] == 3
 
 
-def test_connections_are_ranked_by_what_inputs_were_foretold(fmus: Path) -> None:
+def test_connections_are_ranked_by_what_inputs_were_predicted(fmus: Path) -> None:
     """Two tanks in a loop, x = cos t and v = -sin t, and one that gets 100 t, held."""
     system = System()
     for name, start in (("x", 1.0), ("v", 0.0), ("z", 0.0), ("w", 0.0)):

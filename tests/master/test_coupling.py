@@ -95,7 +95,7 @@ def test_inputs_of_an_fmu_that_cannot_are_held_or_refused(fmus: Path, tmp_path: 
     system = ramp(fmu)
     assert coupled(system, "auto") == {"mode": "auto", "linear": [], "hold": ["i.u"]}
     assert coupled(system, "hold") == {"mode": "hold", "hold": ["i.u"]}
-    message = rf"^extrapolation 'linear': input 'i\.u' can only be held, for {why}; use 'auto'$"
+    message = rf"^extrapolation 'linear': input 'i\.u' can only be held, because {why}; use 'auto'$"
     with pytest.raises(SetupError, match=message):
         Simulation(system, extrapolation="linear")
     # and it is: the rate is not asked for, and the run is that of an FMU that can, with held inputs
@@ -134,7 +134,7 @@ def test_only_reals_of_64_bits_are_linear(gain3c: Path, tmp_path: Path) -> None:
         system = System()
         system.add("c", fmu, start={k: v for k, v in HELD.items() if k != name})
         system.drive(f"c.{name}", lambda t: 0.0)
-        message = rf"input 'c\.{name}' can only be held, for it is of type {kind}; use 'auto'"
+        message = rf"input 'c\.{name}' can only be held, because it is of type {kind}; use 'auto'"
         with pytest.raises(SetupError, match=message):
             Simulation(system, extrapolation="linear")
 
@@ -154,7 +154,7 @@ def test_a_component_that_reads_more_often_than_its_source_gives_is_held(
     assert coupled(system, "auto") == {"mode": "auto", **expected}
     if not linear:
         message = (
-            rf"input 'j\.u' can only be held, for it gets a value every {source} steps only, "
+            rf"input 'j\.u' can only be held, because it gets a value every {source} steps only, "
             rf"and its component needs one every {target}; use 'auto'"
         )
         with pytest.raises(SetupError, match=message):
@@ -171,7 +171,7 @@ def test_discrete_inputs_are_held(fmus: Path, tmp_path: Path, flavour: str) -> N
     other = line.replace('variability="continuous"', 'variability="discrete"')
     system = ramp(redescribed(fmu, tmp_path / "other.fmu", {line: other}))
     assert coupled(system, "auto") == {"mode": "auto", "linear": [], "hold": ["i.u"]}
-    message = r"input 'i\.u' can only be held, for it is discrete and changes at communication points only"
+    message = r"input 'i\.u' can only be held, because it is discrete and changes at communication points only"
     with pytest.raises(SetupError, match=message):
         Simulation(system, extrapolation="linear")
 
@@ -225,7 +225,7 @@ def test_an_input_to_which_a_signal_is_added_is_held(fmus: Path) -> None:
     r = simulate(system, 1.0, h)
     assert r.info["extrapolation"] == {"mode": "auto", "linear": ["g.u[1]"], "hold": ["i.u"]}
     assert r["i.x"] == pytest.approx(1.5 * r.time * (r.time - h), abs=1e-14)
-    message = r"input 'i\.u' can only be held, for a sampled signal is added to it; use 'auto'$"
+    message = r"input 'i\.u' can only be held, because a sampled signal is added to it; use 'auto'$"
     with pytest.raises(SetupError, match=message):
         Simulation(system, extrapolation="linear")
 

@@ -399,7 +399,9 @@ def test_rates_that_are_not_known_are_refused(fmus: Path, tmp_path: Path, change
     again.add("g", other, start={"K": 2.0, "u[2]": 0.0})
     again.add("j", fmus / "fmi2" / "Integrator.fmu")
     again.connections, again.signals = system.connections, system.signals
-    message = rf"^extrapolation 'hermite': the derivative of 'j\.u' is not known, for {why}.*; use 'cubic' or one of"
+    message = (
+        rf"^extrapolation 'hermite': the derivative of 'j\.u' is not known, because {why}.*; use 'cubic' or one of"
+    )
     with pytest.raises(SetupError, match=message):
         Simulation(again, extrapolation="hermite")
 

@@ -423,7 +423,7 @@ def test_a_missing_file_of_tolerances_is_refused(files, capsys):
 @pytest.mark.parametrize(("result", "reference"), [("nowhere.csv", "reference.csv"), ("result.csv", "nowhere.csv")])
 def test_a_missing_file_is_named(files, capsys, result, reference):
     assert main(["compare", result, reference]) == 1
-    assert "nowhere.csv: can't be read as CSV" in one_line(capsys)
+    assert "nowhere.csv: can't be read: No such file" in one_line(capsys)
 
 
 @pytest.mark.parametrize("text", ["", "\n", '"x"\n1.0\n', '"time","a"\n0.0\n', '"time","a"\n0.0,x\n1.0,2\n'])

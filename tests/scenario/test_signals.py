@@ -376,7 +376,7 @@ def test_a_table_goes_where_its_file_does_not_and_knows_its_content(csv):
         ("time,u\n0,nan\n", ("u",), "needs rows of finite numbers"),
         ("time,u\n1,0\n0,0\n", ("u",), "the times must not descend"),
         ("u,time\n1,0\n", ("u",), "the first column must be 'time'"),
-        (None, ("u",), "can't be read as CSV"),
+        (None, ("u",), "can't be read: No such file"),
     ],
 )
 def test_a_table_that_makes_no_sense_is_refused(tmp_path, text, options, says):

@@ -290,7 +290,7 @@ def test_start_values_are_checked_as_those_of_fmus(start: dict[str, Any], messag
 def test_linear_extrapolation_can_not_be_demanded_for_its_inputs() -> None:
     system = added(inputs=["u"], outputs=["y"])
     system.drive("c.u", lambda t: t)
-    message = r"'c\.u' can only be held, for it is discrete and changes at communication points only; use 'auto'"
+    message = r"'c\.u' can only be held, because it is discrete and changes at communication points only; use 'auto'"
     with pytest.raises(SetupError, match=message):
         Simulation(system, extrapolation="linear")
     assert simulate(system, 0.2, 0.1)["c.u"].tolist() == [0.0, 0.1, 0.2]

@@ -59,7 +59,7 @@ class Hosts:
         scheduler = scheduler or dask.config.get("scheduler-address", None)
         if not scheduler:
             raise SetupError(
-                "no scheduler is known, whose workers are places for FMUs; give its address with --scheduler "
+                "FMUs with a place need a scheduler, whose workers run them; give its address with --scheduler "
                 "(in Python: scheduler=)"
             )
         self._quiet = quiet()

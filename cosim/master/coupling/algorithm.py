@@ -173,7 +173,7 @@ def _check_weights(entry: Extrapolation) -> None:
     if needs_start and EXTRAPOLATIONS[entry.start].degree > entry.degree:
         raise SetupError(f"extrapolation '{entry.name}': start must name a registered one of no higher degree")
     if entry.is_watched and entry.points < 3:
-        raise SetupError(f"extrapolation '{entry.name}': one that is watched goes by at least 3 values")
+        raise SetupError(f"extrapolation '{entry.name}': one that is watched needs at least 3 values")
     if needs_start and EXTRAPOLATIONS[entry.start].uses_rates and not entry.uses_rates:
         raise SetupError(f"extrapolation '{entry.name}': start must name a registered one that uses no derivatives")
 

@@ -132,15 +132,16 @@ def extrapolated_inputs(
             extrapolation = min(extrapolation, EXTRAPOLATIONS["linear"], key=lambda e: e.degree)
         if obstacle:
             raise SetupError(
-                f"extrapolation '{extrapolation.name}': input '{name}' can only be held, for {obstacle}; use '{AUTO}'"
+                f"extrapolation '{extrapolation.name}': input '{name}' can only be held, because {obstacle}; use "
+                f"'{AUTO}'"
             )
         unknown = rated.obstacle(link) if extrapolation.uses_rates and link is not None else None
         if unknown and (outside or not demanded):
             extrapolation = EXTRAPOLATIONS["linear"]
         elif unknown:
             raise SetupError(
-                f"extrapolation '{extrapolation.name}': the derivative of '{name}' is not known, for {unknown}; use "
-                "'cubic' or one of lower degree"
+                f"extrapolation '{extrapolation.name}': the derivative of '{name}' is not known, because {unknown}; "
+                "use 'cubic' or one of lower degree"
             )
         moving[key] = extrapolation
         if extrapolation.degree > 1:
