@@ -11,18 +11,21 @@ import locale
 import os
 import signal
 import sys
+import time as clock
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import cache
-from pathlib import Path
 from typing import Any
 
-#: At least the sizes of C's `fenv_t` and `struct sigaction` on all platforms.
-_SIZE_OF_FENV = _SIZE_OF_SIGACTION = 256
+#: At least the size of C's `fenv_t` on all platforms.
+_SIZE_OF_FENV = 256
+
+#: Within the context the process is looked at after this time (s).
+_LOOK = 0.02
 
 #: Signals that end a run, where a C library can be asked what they do.
-_ENDING = () if sys.platform == "win32" else (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+_ENDING = () if sys.platform == "win32" else tuple(map(int, (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)))
 
 
 @cache
@@ -45,7 +48,7 @@ class _Process:
         _mathematics().fegetenv(arithmetic)
         folder = None
         with suppress(OSError):  # it has been removed
-            folder = str(Path.cwd())
+            folder = os.getcwd()  # noqa: PTH109 - pathlib takes a while, and each run comes here
         return cls(folder, locale.setlocale(locale.LC_ALL), arithmetic)
 
     def is_again(self, instead_of: _Process) -> None:
@@ -65,57 +68,65 @@ class _StandardStreams:
     """
 
     def __init__(self) -> None:
-        self._copies: dict[int, tuple[int, tuple[int, int]]] = {}
-        for number in (0, 1, 2):
-            with suppress(OSError):  # the user has closed it
-                self._copies[number] = os.dup(number), _file(number)
+        self._files = [(number, _file(number), _copy(number)) for number in (0, 1, 2)]
 
     def are_again(self) -> None:
         """Have those that were closed, or lead elsewhere, be as they were."""
-        for number, (copy, file) in self._copies.items():
-            try:
-                if _file(number) == file:
-                    continue
-            except OSError:
-                pass
-            with suppress(OSError):  # the copy is gone, too
-                os.dup2(copy, number)
+        for number, file, copy in self._files:
+            if copy is not None and _file(number) != file:
+                with suppress(OSError):  # the copy is gone, too
+                    os.dup2(copy, number)
 
     def close(self) -> None:
         """Close the copies."""
-        for copy, _ in self._copies.values():
-            with suppress(OSError):
-                os.close(copy)
+        for _, _, copy in self._files:
+            if copy is not None:
+                _close(copy)
+
+
+def _file(number: int) -> tuple[int, int] | None:
+    """Device and number of a file, None of one that is closed."""
+    try:
+        found = os.fstat(number)
+    except OSError:
+        return None
+    return found.st_dev, found.st_ino
+
+
+def _copy(number: int) -> int | None:
+    try:
+        return os.dup(number)
+    except OSError:
+        return None
+
+
+def _close(number: int) -> None:
+    with suppress(OSError):  # an FMU has closed it
+        os.close(number)
 
 
 class _EndingSignals:
     """What the signals do that end a run, as far as C knows: runtimes of some languages ignore them, or exit."""
 
     def __init__(self) -> None:
-        self._actions = {number: _action(number) for number in _ENDING}
+        self._actions = [(number, _action(number)) for number in _ENDING]
 
     def are_again(self) -> None:
-        """Have those do what they did that do something else."""
-        for number, action in self._actions.items():
-            if _handler(_action(number)) != _handler(action):
+        """Have those do what they did that do something else; handlers come first, not all after them is defined."""
+        for number, action in self._actions:
+            if _action(number)[0] != action[0]:
                 ctypes.pythonapi.sigaction(number, action, None)
 
 
-def _action(number: int) -> ctypes.Array[ctypes.c_char]:
+#: At least as large as C's `struct sigaction` on all platforms.
+_SigAction = ctypes.c_void_p * 32
+
+
+def _action(number: int) -> ctypes.Array[ctypes.c_void_p]:
     """What a signal does, as the C library has it."""
-    action = ctypes.create_string_buffer(_SIZE_OF_SIGACTION)
+    action = _SigAction()
     ctypes.pythonapi.sigaction(number, None, action)
     return action
-
-
-def _handler(action: ctypes.Array[ctypes.c_char]) -> bytes:
-    """Its handler, which comes first; what follows is not all defined."""
-    return action.raw[: ctypes.sizeof(ctypes.c_void_p)]
-
-
-def _file(number: int) -> tuple[int, int]:
-    found = os.fstat(number)
-    return found.st_dev, found.st_ino
 
 
 class KeptProcess:
@@ -124,12 +135,13 @@ class KeptProcess:
     def __init__(self) -> None:
         self._of_fmus: _Process | None = None
         self._kept: tuple[_StandardStreams, _EndingSignals] | None = None
+        self._looked = 0.0  # when (s)
 
     @contextmanager
     def while_fmus_are_called(self) -> Iterator[None]:
         """Context in which folder and locale are those to which FMUs have gone; after it all is as it was before."""
         before, streams, signals = _Process.now(), _StandardStreams(), _EndingSignals()
-        self._kept = streams, signals
+        self._kept, self._looked = (streams, signals), clock.monotonic()
         if self._of_fmus is not None:
             self._of_fmus.is_again(before)
         try:
@@ -145,6 +157,8 @@ class KeptProcess:
             self._of_fmus = after if after != before else None
 
     def restore(self) -> None:
-        """Within the context, have standard streams be open, and the signals do what they did, that end a run."""
-        for each in self._kept or ():
-            each.are_again()
+        """Within the context, now and then, have streams be open and signals do what they did: a user may need both."""
+        if self._kept is not None and clock.monotonic() - self._looked > _LOOK:
+            for each in self._kept:
+                each.are_again()
+            self._looked = clock.monotonic()
