@@ -99,6 +99,9 @@ typedef struct {
 
 enum { MESSAGES_SIZE = 1 << 18, MOST_ARGUMENTS = 48 };
 
+/* What `asked` is first: the worker is to load its FMU. */
+enum { ASKED_TO_LOAD = 1 };
+
 /* A message of the FMU in the ring; then the category and the text, without ends. */
 typedef struct {
     int32_t status;
@@ -107,7 +110,7 @@ typedef struct {
 } Message;
 
 typedef struct {
-    uint32_t asked; /* changes when there are calls to make */
+    uint32_t asked; /* changes when there are calls to make; ASKED_TO_LOAD from the beginning */
     uint32_t worker_sleeps;
     uint8_t apart0[56];
     uint32_t answered; /* becomes `asked` when they are made */

@@ -16,6 +16,9 @@ from cosim.loop.binding import loop_library
 #: are too large.
 LOST, FAILED_BEFORE, TOO_LARGE = 110, 111, 112
 
+#: Number of what a worker is asked for first: to load its FMU (as in channel.h).
+ASKED_TO_LOAD = 1
+
 #: Called while a call takes long, with its seconds so far; whether the worker is to be given up.
 GivesUp = ctypes.CFUNCTYPE(c_int, c_double)
 
@@ -55,6 +58,7 @@ _RELAYING: dict[str, tuple[Any, ...]] = {
 def channel_library() -> ctypes.CDLL:
     """The library of the loop, with the functions of channels declared."""
     library = loop_library()
+    library.channel_make.argtypes, library.channel_make.restype = [c_void_p], None
     library.channel_begin.argtypes = [c_void_p, c_uint64, GivesUp, Takes, WarnedOf]
     library.channel_begin.restype = c_void_p
     library.channel_spin.argtypes = [c_void_p, c_uint32, c_uint32]
@@ -77,6 +81,11 @@ def channel_library() -> ctypes.CDLL:
         function = getattr(library, f"isolated_{name}")
         function.argtypes, function.restype = arguments, c_void_p
     return library
+
+
+def make_channel(memory: mmap) -> None:
+    """Make new memory a channel, before the other side is started."""
+    channel_library().channel_make(ctypes.addressof(ctypes.c_char.from_buffer(memory)))
 
 
 @cache

@@ -414,7 +414,14 @@ static int take_reading(Remote *r, Reading reading) {
                               .size = (bytes), \
                               .values = values})
 
-/* Begin to use memory of this size as a channel, for a worker that asks to be told when its FMU is loaded. */
+/* Make new memory, all zeros, a channel: its worker is asked to load the FMU. To be done before the worker is started,
+ * which may be the quicker one. */
+EXPORT void channel_make(Channel *channel) {
+    channel->asked = ASKED_TO_LOAD;
+    channel->core = -1;
+}
+
+/* Begin to call over a channel, in memory of this size. */
 EXPORT Remote *channel_begin(void *memory, uint64_t size, GiveUp *gives_up, Take *take, WarnedOf *warned) {
     Remote *r = calloc(1, sizeof *r);
     if (!r) return NULL;
@@ -423,8 +430,7 @@ EXPORT Remote *channel_begin(void *memory, uint64_t size, GiveUp *gives_up, Take
     r->gives_up = gives_up;
     r->take = take;
     r->warned = warned;
-    r->asked = r->channel->asked = 1;
-    r->channel->core = -1;
+    r->asked = ASKED_TO_LOAD;
     r->heard = UINT32_MAX;
     return r;
 }

@@ -323,9 +323,10 @@ EXPORT void channel_serve(Channel *own, uint64_t size, void *const functions_of_
     log_to(pass_on);
     pthread_atfork(NULL, NULL, note_copy);
     uint32_t before = channel->asked;
-    Patience patience = {.longest = channel->spin};
+    Patience patience = {0};
     channel_answer(channel);
     for (;;) {
+        patience.longest = channel->spin; /* the master may say so after this has begun */
         if (!changes_soon(&channel->asked, before, &patience)) {
             __atomic_store_n(&channel->worker_sleeps, 1, __ATOMIC_SEQ_CST);
             while (seen(&channel->asked) == before) sleep_at(&channel->asked, before, (int64_t)1000000000);

@@ -23,6 +23,8 @@ from cosim import Log, Results, SetupError, Simulation, SimulationError, Simulat
 from cosim.__main__ import command_line
 from cosim.commands.options import IsolationOptions, take_from_isolated
 from cosim.fmi.isolation.limits import Limits, parse_bytes
+from cosim.fmi.isolation.process import WorkerProcess
+from cosim.loop.channel import channel_library, functions
 from cosim.scenario import ScenarioError, load_scenario
 from cosim.ssp import Experiment, read_ssp, write_ssp
 from parallel_robot.scenario import load_scenario as load_robot_scenario
@@ -286,6 +288,20 @@ def test_runs_after_the_first_one_and_threads(tmp_path: Path) -> None:
             assert simulation.run(1.0, 0.1).values.tobytes() == first.values.tobytes()
 
 
+def test_a_process_may_be_ready_before_its_master_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    # as where the master is held up, by other programs or the collection of its garbage, while the FMU is loaded
+    start = WorkerProcess.__init__
+
+    def start_and_be_held_up(process: WorkerProcess, *arguments: Any) -> None:
+        start(process, *arguments)
+        area = channel_library().channel_area()
+        wait_for(lambda: any(process.memory[area + 8 : area + 8 + len(functions())]))
+
+    system = one(tank(tmp_path / "tank.fmu"), {"u": 1.0})
+    monkeypatch.setattr(WorkerProcess, "__init__", start_and_be_held_up)
+    both(system)
+
+
 @pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="threads can't be kept on a core here")
 def test_on_one_core_by_turns_and_afterwards_on_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     fmu, before = tank(tmp_path / "tank.fmu"), os.sched_getaffinity(0)
@@ -423,7 +439,6 @@ def test_ctrl_c_ends_a_run_whose_fmu_never_returns(tmp_path: Path, threads: int)
         assert len(caught.value.results.time) == 5
 
 
-@pytest.mark.slow  # the Ctrl-C in a step is tried always
 def test_ctrl_c_while_an_fmu_is_instantiated(tmp_path: Path) -> None:
     system = one(ender(tmp_path / "f.fmu", "INSTANTIATING", "FOREVER"))
     thread = ctrl_c_when_it_never_returns()

@@ -20,7 +20,7 @@ from cosim.fmi.isolation.limits import Limits
 from cosim.fmi.isolation.process import Ending, WorkerProcess
 from cosim.fmi.shared_library import library_path
 from cosim.fmi.unpacking import folder_for_fmus
-from cosim.loop.channel import RelayToWorker, channel_library, functions
+from cosim.loop.channel import ASKED_TO_LOAD, RelayToWorker, channel_library, functions
 from cosim.versions import package_version
 
 with needs("sweep"):
@@ -124,8 +124,7 @@ class Host:
     def _load(self) -> Answer:
         self._process = WorkerProcess(self._library, self._identifier, self._limits)
         self._stack.callback(self._process.kill)
-        asked = RelayToWorker(self._process.memory).ask(0, b"")  # loading is what a worker is asked for first
-        answer = self._answer(self._process, asked, loads=True)
+        answer = self._answer(self._process, ASKED_TO_LOAD, loads=True)
         if answer.ending is not None:
             return answer
         area: int = channel_library().channel_area()

@@ -20,7 +20,7 @@ from cosim.fmi.fmu_file import LoadedFMU
 from cosim.fmi.interfaces import CO_SIMULATION, MODEL_EXCHANGE, is_model_exchange
 from cosim.fmi.isolation.limits import Limits
 from cosim.fmi.isolation.process import CHANNEL_SIZE, Ending, check_platform
-from cosim.loop.channel import RelayToMaster
+from cosim.loop.channel import ASKED_TO_LOAD, RelayToMaster, make_channel
 from cosim.versions import package_version
 
 if TYPE_CHECKING:
@@ -166,6 +166,7 @@ class PlacedProcess:
         self, hosts: Hosts, place: str, fmu: LoadedFMU, component: str, *, build: bool, limits: Limits
     ) -> None:
         self.memory = mmap.mmap(-1, CHANNEL_SIZE)
+        make_channel(self.memory)
         self.folder = ""
         self._hosts, self._place, self._fmu, self._component, self._build = hosts, place, fmu, component, build
         self._limits = dataclasses.replace(limits, output=None)
@@ -223,7 +224,7 @@ class PlacedProcess:
                 self._actor = actor = self._made()
                 if actor is None or not self._is_loaded(actor):
                     return
-                before, asked = 1, 1
+                before, asked = ASKED_TO_LOAD, ASKED_TO_LOAD
                 while not self._is_over.is_set():
                     before, asked = asked, self._relay.asked(asked, _LOOK_NS)
                     if asked != before and not self._is_answered(
@@ -252,7 +253,7 @@ class PlacedProcess:
             raise SetupError("was changed while it was read; run it again")
         order = Order(data, self._component, interface, self._build, self._limits, package_version())
         self.folder = actor.prepare(order).result()
-        return self._is_answered(1, actor.load().result())
+        return self._is_answered(ASKED_TO_LOAD, actor.load().result())
 
     def _is_answered(self, asked: int, answer: Answer) -> bool:
         """Put an answer where the master finds it; false where there is none, and there will be no more."""
@@ -273,7 +274,7 @@ class PlacedProcess:
         """Say why the FMU can't be loaded."""
         text = f"can't be run on {self._place}: {why}".encode()
         self._relay.write(len(text).to_bytes(8, sys.byteorder) + text)
-        self._relay.answer(1)
+        self._relay.answer(ASKED_TO_LOAD)
 
     def _lost(self, why: str) -> Ending:
         self._is_lost = True

@@ -17,7 +17,7 @@ from pathlib import Path
 from cosim.errors import SetupError
 from cosim.fmi.isolation.limits import Limits
 from cosim.fmi.isolation.worker import LOADING
-from cosim.loop.channel import channel_library
+from cosim.loop.channel import channel_library, make_channel
 
 #: Size (bytes) of the memory of a channel; of it only what is used takes room.
 CHANNEL_SIZE = 1 << 28
@@ -105,6 +105,7 @@ class WorkerProcess:
         file = _unnamed_file(CHANNEL_SIZE)
         try:
             self.memory = mmap.mmap(file, CHANNEL_SIZE)
+            make_channel(self.memory)
             life, self._life = os.pipe()
             command = [sys.executable, "-P", str(_SCRIPT), str(file), str(life)]
             try:
