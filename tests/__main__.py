@@ -1,7 +1,7 @@
 """The checks that must pass: style, types, tests.
 
 `python -m tests` leaves out the tests that are marked slow; `--all` runs them too. `--fast` runs a choice in less
-than a minute; `--coverage` measures which lines are run.
+than half of the time; `--coverage` measures which lines are run.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests", description=__doc__)
     extent = parser.add_mutually_exclusive_group()
     extent.add_argument("--all", action="store_true", help="run the slow tests too")
-    extent.add_argument("--fast", action="store_true", help="run a choice of tests, in less than a minute")
+    extent.add_argument("--fast", action="store_true", help="run a choice of tests, in less than half of the time")
     parser.add_argument("--coverage", action="store_true", help="measure coverage; takes a third longer")
     options = parser.parse_args()
     # tests start hundreds of interpreters: without byte code, each compiles the packages anew
