@@ -162,9 +162,11 @@ def test_an_fmu_that_ends_the_process_after_the_run_costs_nothing(
         assert hashlib.sha256((tmp_path / "o" / name).read_bytes()).hexdigest() == sha256
     table = next(name for name in summary["files"] if name.startswith("results.") and not name.endswith(".png"))
     assert Results.read(tmp_path / "o" / table).time == pytest.approx([n / 10 for n in range(11)])
-    assert ended(command, tmp_path)[0] == 0  # whose files may take the place of those
+    if where != "TERMINATING":  # and its files may make room for others
+        assert ended(command, tmp_path)[0] == 0
 
 
+@pytest.mark.slow
 def test_what_a_failed_run_had_recorded_outlasts_a_crash_when_the_fmu_is_freed(tmp_path: Path) -> None:
     ender(tmp_path / "f.fmu", "FREEING", "ABORT", "FAILS")
     command = [sys.executable, "-m", "cosim", "run", "f.fmu", "--step", "0.1", "--stop", "1", "--out", "o"]

@@ -182,9 +182,24 @@ def test_what_an_fmu_changes_of_the_process_is_so_in_its_calls_only(
     assert process() == before
 
 
-@pytest.mark.parametrize(
-    "where", ["STEPPING", *(pytest.param(w, marks=pytest.mark.slow) for w in ("LOADING", "GETTING", "UNLOADING"))]
-)
+@pytest.mark.skipif(sys.platform == "win32", reason="the FMU is one for POSIX")
+def test_standard_streams_that_are_closed_are_open_again() -> None:
+    code = """
+import os
+from cosim.fmi.process_kept import KeptProcess
+with KeptProcess().while_fmus_are_called():
+    os.closerange(0, 3)
+    assert os.open(os.devnull, os.O_RDONLY) == 0
+os.write(1, b"out"), os.write(2, b"err")
+try: os.fstat(3)
+except OSError: print("no more files", flush=True)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=PATIENCE, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "outno more files\n", "err")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("where", ["LOADING", "GETTING", "STEPPING", "UNLOADING"])
 @pytest.mark.skipif(sys.platform == "win32", reason="the FMU is one for POSIX")
 def test_standard_streams_that_an_fmu_closes_are_open_again(tmp_path: Path, where: str) -> None:
     """And no file that is opened in their place gets what the FMU writes."""
