@@ -106,16 +106,25 @@ def _close(number: int) -> None:
 
 
 class _EndingSignals:
-    """What the signals do that end a run, as far as C knows: runtimes of some languages ignore them, or exit."""
+    """What the signals do that end a run, as far as C knows: runtimes of some languages ignore them, or exit.
+
+    What a program changes meanwhile, in another thread, it changes by Python, which knows of it: that stays.
+    """
 
     def __init__(self) -> None:
-        self._actions = [(number, _action(number)) for number in _ENDING]
+        self._actions = [(number, _kind(number), _action(number)) for number in _ENDING]
 
     def are_again(self) -> None:
         """Have those do what they did that do something else; handlers come first, not all after them is defined."""
-        for number, action in self._actions:
-            if _action(number)[0] != action[0]:
+        for number, kind, action in self._actions:
+            if _action(number)[0] != action[0] and _kind(number) == kind:
                 ctypes.pythonapi.sigaction(number, action, None)
+
+
+def _kind(number: int) -> Any:
+    """What Python has a signal do: one thing for all handlers in Python."""
+    handler = signal.getsignal(number)
+    return callable if callable(handler) else handler
 
 
 #: At least as large as C's `struct sigaction` on all platforms.

@@ -21,6 +21,7 @@ from pathlib import Path
 import pytest
 
 from cosim import SetupError, Simulation, System, simulate
+from cosim.fmi.process_kept import KeptProcess
 from cosim.regression.run import run as run_alone
 from cosim.regression.tolerances import Interface
 from tests.support.c_fmus import ender, tank
@@ -182,10 +183,23 @@ def test_what_an_fmu_changes_of_the_process_is_so_in_its_calls_only(
     assert process() == before
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="there FMUs can't set what signals do")
+def test_what_a_program_has_a_signal_do_during_a_run_stays() -> None:
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    try:
+        with KeptProcess().while_fmus_are_called():
+            signal.signal(signal.SIGHUP, signal.SIG_IGN)
+        ctypes.CDLL(None).sigaction(signal.SIGHUP, None, action := (ctypes.c_void_p * 32)())
+        assert action[0] == signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="the FMU is one for POSIX")
 def test_standard_streams_that_are_closed_are_open_again() -> None:
     code = """
 import os
+from cosim.fmi.process_kept import KeptProcess
 from cosim.fmi.process_kept import KeptProcess
 with KeptProcess().while_fmus_are_called():
     os.closerange(0, 3)
