@@ -150,7 +150,7 @@ def test_what_an_fmu_does_ends_its_process_only(tmp_path: Path, nodes: Cluster) 
 
 def test_what_can_not_be_placed_is_refused(tmp_path: Path, nodes: Cluster) -> None:
     fmu = tank(tmp_path / "tank.fmu")
-    with pytest.raises(SetupError, match=r"no scheduler is known.*give its address with --scheduler"):
+    with pytest.raises(SetupError, match=r"FMUs with a place need a scheduler.*give its address with --scheduler"):
         simulate(one(fmu), 1.0, 0.1)
     with pytest.raises(
         SetupError, match=r"^component 'm': tcp:.* has no worker at the address 'license', nor one with"
