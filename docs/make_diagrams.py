@@ -287,7 +287,7 @@ def architecture() -> str:
         drawing.words(52, 179 + 64 * row, name, "plain bold small" if names else "plain bold")
         drawing.words(52, 199 + 64 * row, about, "plain bold small" if names else "plain small")
     drawing.words(40, 630, "errors, files, terminal, signing: below all", "plain small", "faint")
-    drawing.words(40, 656, "Every room may import those below it.", "plain small", "faint")
+    drawing.words(40, 656, "Every room may import those beside and below it.", "plain small", "faint")
     drawing.panel(430, 116, 186, 92, "passive", 2.2)
     for row, name in enumerate(("plant_fmu", "controller_fmu", "trajectory_fmu")):
         drawing.words(446, 142 + 24 * row, name, "plain bold", "passive")

@@ -89,8 +89,8 @@ def add_iterations_option(parser: argparse._ActionsContainer) -> None:
         type=_iterations,
         metavar="N|auto|loops",
         help="solve algebraic loops at the start and at each communication point, and repeat each step until inputs "
-        "go to what comes out at its end, by N iterations at most (auto: 50; loops: no step is repeated); by default a "
-        "system with an algebraic loop is refused",
+        "agree with the outputs at its end, by N iterations at most (auto: 50; loops: no step is repeated); by default "
+        "a system with an algebraic loop is refused",
     )
 
 

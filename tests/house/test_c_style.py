@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 from pathlib import Path
 
@@ -19,12 +20,25 @@ def unformatted(*files: Path) -> list[str]:
     return [line for line in done.stderr.splitlines() if "[-Wclang-format-violations]" in line]
 
 
-def test_c_is_formatted() -> None:
+def formatted() -> list[Path]:
     files = [p for folder in ("cosim", "fmu_export", "interop") for p in sorted((CHECKOUT / folder).rglob("*.[ch]"))]
     ours = {"libm.h", "acosh_domain.c"}  # the other elementary functions are musl's, as they are
-    files = [p for p in files if p.parent.name != "libm" or p.name in ours]
-    assert len(files) > 5
-    assert unformatted(*files) == []
+    return [p for p in files if p.parent.name != "libm" or p.name in ours]
+
+
+def test_c_is_formatted() -> None:
+    assert len(formatted()) > 5
+    assert unformatted(*formatted()) == []
+
+
+def test_the_hook_formats_the_same_files() -> None:
+    hook = (CHECKOUT / ".pre-commit-config.yaml").read_text(encoding="utf-8").partition("id: clang-format")[2]
+    exclude = re.search(r"^ +exclude: (.+)$", hook, re.MULTILINE)
+    assert exclude is not None
+    rooms = [CHECKOUT / folder for folder in ("cosim", "fmu_export", "interop", "tests")]
+    names = {p.relative_to(CHECKOUT).as_posix() for room in rooms for p in room.rglob("*.[ch]")}
+    chosen = {name for name in names if not re.search(exclude[1], name)}
+    assert chosen == {p.relative_to(CHECKOUT).as_posix() for p in formatted()} != names
 
 
 def test_what_is_not_formatted_is_noticed(tmp_path: Path) -> None:
