@@ -14,6 +14,7 @@ from cosim.__main__ import main
 from cosim.results.columns import TypedColumn
 from cosim.results.plot_file import write_plot
 from cosim.results.results import Results
+from tests.support.quirks import Quirk, quirky
 from tests.support.small_fmus import TANK, build, compiled, redescribed
 
 
@@ -132,6 +133,25 @@ def test_a_default_experiment_that_makes_no_sense_is_said_and_run_otherwise(
     found = results("odd").time
     assert (len(found), found[-1]) == (rows, pytest.approx(end, abs=1e-12))
     assert any(said in note for note in summary("odd")["notes"])
+
+
+@pytest.mark.usefixtures("no_figures")
+def test_what_an_fmu_does_when_it_is_told_that_the_run_is_over_is_in_the_summary_and_on_the_page(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Though all was written before."""
+    fmu = quirky(tmp_path, Quirk.FAILS_TO_TERMINATE, experiment='stopTime="1" stepSize="0.5"')
+    command = ["run", str(fmu), "--out", str(tmp_path / "o"), "--log", "info", "--report"]
+    for _ in range(2):  # the second one takes the place of the first
+        assert main(command) == 0
+        said = f"{fmu.stem} failed at t = 1 s: fmi2Terminate returned error"
+        assert capsys.readouterr().out.splitlines()[-1] == f"note: {said}"
+        about = json.loads((tmp_path / "o/summary.json").read_text(encoding="utf-8"))
+        assert (about["status"], about["not_terminated"]) == ("completed", {fmu.stem: said})
+        assert set(about["files"]) == {"messages.log", "report.html", "results.csv"}
+        for name, sha256 in about["files"].items():
+            assert hashlib.sha256((tmp_path / "o" / name).read_bytes()).hexdigest() == sha256
+        assert said in (tmp_path / "o/report.html").read_text(encoding="utf-8")
 
 
 @pytest.mark.usefixtures("here")
