@@ -407,7 +407,7 @@ def test_a_warning_that_the_terminal_cannot_show_ends_no_run(tmp_path: Path, mon
 def test_a_log_goes_on_where_its_file_was_moved_to_also_one_that_is_full(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("cosim.fmi.message_log.MOST_LOG_BYTES", 40)
+    monkeypatch.setattr("cosim.fmi.message_log.MOST_LOG_BYTES", 30)
     here, there = tmp_path / "here.log", tmp_path / "there.log"
     writer = cosim.fmi.message_log.LogWriter(Log("info", file=here))
     writer.open()
@@ -417,7 +417,7 @@ def test_a_log_goes_on_where_its_file_was_moved_to_also_one_that_is_full(
         here.rename(there)
     writer.write(2.0, "a", 0, "ok", "", "three")
     writer.close()
-    full = "--- 0 messages are left out here: the log reached 40 bytes ---"
+    full = "--- 0 messages are left out here: the log reached 30 bytes ---"
     lines = ["t = 1 s: a: ok: one", full, "t = 1 s: a: ok: two", full, "t = 2 s: a: ok: three"]
     assert there.read_text().splitlines() == lines
     assert not here.exists()
