@@ -45,6 +45,7 @@ _MODULES = {
     "TableWriter": "cosim.results.stored",
     "Units": "cosim.system.system",
     "VariableSpecs": "cosim.system.function",
+    "register": "cosim.master.coupling.algorithm",
     "simulate": "cosim.master.simulation",
 }
 
@@ -79,6 +80,7 @@ __all__ = [
     "Units",
     "VariableSpecs",
     "__version__",
+    "register",
     "simulate",
 ]
 
@@ -88,7 +90,7 @@ if TYPE_CHECKING:
     from cosim.fmi.isolation.limits import Limits
     from cosim.fmi.message_log import Log
     from cosim.master.checkpoint import Checkpoint
-    from cosim.master.coupling.algorithm import Extrapolation, Order
+    from cosim.master.coupling.algorithm import Extrapolation, Order, register
     from cosim.master.failures import SimulationError, SimulationInterrupted
     from cosim.master.recording import Sink
     from cosim.master.simulation import Simulation, simulate

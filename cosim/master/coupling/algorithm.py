@@ -144,6 +144,11 @@ MOST_DEGREE = 3
 def register(entry: Order | Extrapolation) -> None:
     """Add an order or an extrapolation to those that can be named.
 
+    Parameters
+    ----------
+    entry : Order or Extrapolation
+        Its name must be new.
+
     Raises
     ------
     SetupError
