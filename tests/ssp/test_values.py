@@ -187,7 +187,7 @@ def test_texts_that_a_table_lacks_stay(probe: dict[str, Path], tmp_path: Path) -
 
 
 def test_an_item_for_what_is_no_enumeration(probe: dict[str, Path], tmp_path: Path) -> None:
-    with pytest.raises(SSPError, match=r"'p\.n' can't become 'on'; known are: it is not an enumeration$"):
+    with pytest.raises(SSPError, match=r"'p\.n' can't become 'on'; it is not an enumeration$"):
         mapped(tmp_path, probe, "x Enumeration on", "")
 
 

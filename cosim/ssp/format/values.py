@@ -134,8 +134,8 @@ class Value:
             return self.items[text]
         if items and re.fullmatch(r"[+-]?\d+", text) and float(text) in items.values():
             return float(text)
-        known = ", ".join(items) or "it is not an enumeration"
-        raise SSPError(f"{self.origin}: '{target}' can't become '{text}'; known are: {known}")
+        why = f"known are: {', '.join(items)}" if items else "it is not an enumeration"
+        raise SSPError(f"{self.origin}: '{target}' can't become '{text}'; {why}")
 
     def _conversion(
         self, target: str, unit: Unit | None, relative: bool, findings: Findings | None
