@@ -16,7 +16,7 @@ from cosim.errors import SetupError
 from cosim.files.whole import write_whole
 
 #: Version of the files; another one is not read.
-_FORMAT = 1
+_FORMAT = 2
 
 
 #: Names in messages for properties of a run.

@@ -295,7 +295,7 @@ def test_what_makes_no_sense_is_one_line(tiny: Path, tmp_path: Path) -> None:
     for every in (0.0, -1.0, math.nan, math.inf, True, "1"):
         with pytest.raises(SetupError, match="must be a positive number"):
             Checkpoint(tmp_path, every)  # type: ignore[arg-type]
-    with pytest.raises(SetupError, match="after how many simulated seconds"):
+    with pytest.raises(SetupError, match="the interval at which they are written, in simulated seconds"):
         Checkpoint(tmp_path)
     with pytest.raises(SetupError, match="no checkpoint to resume"):
         Checkpoint(tmp_path, resume=True)
