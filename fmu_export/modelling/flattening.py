@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+import traceback
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from fmu_export.errors import ArgumentError
+from fmu_export.errors import ArgumentError, ModelError
 from fmu_export.modelling.declarations import (
     KINDS,
     Declaration,
@@ -21,6 +24,9 @@ from fmu_export.modelling.declarations import (
 )
 from fmu_export.modelling.model import DefaultExperiment, Event, Model, Requirement, Sampled, Solver
 from fmu_export.modelling.variables import Array, Layout, Variable
+
+#: Frames of the traceback that lie here are none of the model's.
+_PACKAGE = Path(__file__).parents[1]
 
 
 @dataclass(frozen=True)
@@ -75,7 +81,7 @@ class _Flattening:
     def _initial_names(self, parameters: Layout) -> set[str]:
         """The states whose start `initial` computes."""
         m = self._new("initial", vars(parameters.unpack(parameters.starts)))
-        with np.errstate(all="ignore"):
+        with np.errstate(all="ignore"), self._running("initial"):
             returned = m.initial()
         return set(returned) if isinstance(returned, Mapping) else set()
 
@@ -177,6 +183,22 @@ class _Flattening:
             )
         return value * 1.0 if kind == "b" else value
 
+    @contextmanager
+    def _running(self, method: str) -> Iterator[None]:
+        """Context in which a method runs with the start values: what Python raises there becomes one line."""
+        try:
+            yield
+        except ModelError:
+            raise
+        except Exception as error:
+            said = " ".join(f"{type(error).__name__}: {error}".split())
+            own = [f for f in traceback.extract_tb(error.__traceback__) if _PACKAGE not in Path(f.filename).parents]
+            line = f" ({Path(own[0].filename).name}, line {own[0].lineno})" if own else ""
+            raise ArgumentError(
+                f"{self.cls.__name__}.{method}: with the start values it fails{line}: {said}; correct the method, or "
+                "the start values"
+            ) from error
+
     # The flat model
 
     def model(self) -> Model:
@@ -276,15 +298,18 @@ class _Flattening:
         """The values at the start; all methods run once, so that what is wrong with their names is found now."""
         p, u, t = model.parameters.starts, model.inputs.starts, model.default_experiment.start_time
         with np.errstate(all="ignore"):
-            x, z = model.initial_state(p), model.initial_discrete_state(p)
+            with self._running("initial"):
+                x, z = model.initial_state(p), model.initial_discrete_state(p)
             now = (t, x, z, u, p) if len(z) else (t, x, u, p)
-            for f in (
-                *(model.derivatives, model.output_values),
-                *(r.margin for r in model.requirements),
-                *(f for e in model.events for f in (e.indicator, e.reset)),
-                *(s.update for s in model.sampled),
+            requirements = [name for name, k in self.marked.items() if isinstance(k, RequireMark)]
+            for method, f in (
+                *(("derivatives", model.derivatives), ("outputs", model.output_values)),
+                *((name, r.margin) for name, r in zip(requirements, model.requirements, strict=True)),
+                *((e.name, f) for e in model.events for f in (e.indicator, e.reset)),
+                *((s.name, s.update) for s in model.sampled),
             ):
-                f(*now)
+                with self._running(method):
+                    f(*now)
         return dict(vars(self.namespace("", p, (t, x, z, u))))
 
 

@@ -380,6 +380,32 @@ def test_what_does_not_fit_is_refused_in_one_line(wrong: Any, message: str) -> N
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        (variant(derivatives=lambda m: {"q": m.q + None}), "Variant.derivatives: with the start values it fails"),
+        (variant(derivatives=lambda m: {"q": m.q + None}), ": TypeError: unsupported operand type(s) for +"),
+        (variant(outputs=lambda m: {"total": 1.0 / 0}), ": ZeroDivisionError: "),
+        (variant(outputs=lambda m: {"total": [1.0][5]}), "Variant.outputs: with the start values it fails"),
+        (variant(initial=lambda m: {"q": m.L.nothing}), "Variant.initial: with the start values it fails"),
+        (variant(good=require("speed")(lambda m: {}["w"])), "Variant.good: with the start values it fails"),
+        (
+            variant(derivatives=lambda m: {"q": [[1.0], [1.0, 2.0]]}),
+            "Variant.derivatives: with the start values it fails:",
+        ),
+        (
+            variant(derivatives=lambda m: np.zeros(2) @ np.zeros(3)),
+            "it fails (test_model_class.py, line ",
+        ),
+    ],
+)
+def test_a_method_that_fails_with_numbers_is_named_in_one_line(wrong: Any, message: str) -> None:
+    with pytest.raises(ArgumentError, match=re.escape(message)) as caught:
+        wrong()
+    assert "\n" not in str(caught.value)
+    assert isinstance(caught.value.__cause__, Exception)  # which has the whole traceback
+
+
 def test_names_stand_in_a_class_once() -> None:
     """Python would let the last one win, and events vanish."""
     for body in (
