@@ -10,14 +10,14 @@ import hashlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import cache
 from importlib.resources import files
+from importlib.util import find_spec
 from os import PathLike
 from pathlib import Path
 from typing import Literal
 
-import fmpy
-
-from fmu_export.errors import ArgumentError
+from fmu_export.errors import ArgumentError, MissingExtra
 from fmu_export.modelling.model import Solver
 from fmu_export.modelling.model_class import AnyModel, flat_model
 from fmu_export.native.adjoint_source import adjoint_source
@@ -242,13 +242,22 @@ def _model_sources(traced: TracedModel, interface: Interface, flavour: str, guid
 def _adapter_sources(
     flavour: str, solver: Solver = "rk4", *, hybrid: bool = False, tables: bool = False
 ) -> dict[str, bytes]:
-    headers = Path(fmpy.__file__).parent / "c-code"
+    headers = _headers()
     own = (*_FILES, *_TABLE_FILES * tables, *_FACES[flavour])
     return (
         core_sources(solver, hybrid=hybrid, tables=tables)
         | {name: _adapter_source(name) for name in own}
         | {name: (headers / name).read_bytes() for name in _HEADERS[flavour]}
     )
+
+
+@cache
+def _headers() -> Path:
+    """Folder of the headers of the standard, which FMPy brings along; it takes a while to import, and need not be."""
+    found = find_spec("fmpy")
+    if found is None or found.origin is None:
+        raise MissingExtra("export", "fmpy")
+    return Path(found.origin).parent / "c-code"
 
 
 def _units(code: Mapping[str, bytes], flavour: str) -> list[Unit]:

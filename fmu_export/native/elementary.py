@@ -13,6 +13,7 @@ from importlib.resources import files
 
 from fmu_export.errors import needs
 from fmu_export.trace.graph import SINES
+from fmu_export.trace.instructions import operations_of
 
 with needs("export"):
     import casadi as ca
@@ -66,7 +67,7 @@ _FOLDER = "libm"
 
 def declarations(functions: Iterable[ca.Function]) -> str:
     """What the C of traced functions has to include and declare."""
-    used = {f.instruction_id(k) for f in functions for k in range(f.n_instructions())}
+    used = set().union(*map(operations_of, functions))
     arguments = {"atan2": "double, double", "hypot": "double, double", "pow": "double, double"}
     names = sorted({FUNCTIONS[operation] for operation in used & FUNCTIONS.keys()})
     lines = ['#include "sines.h"\n'] if used & set(SINES) else []

@@ -96,7 +96,12 @@ class Tables:
         )
 
 
+#: Characters of a C literal: no quote, no backslash, no ? or < of trigraphs and digraphs.
+_PLAIN = re.compile(r"[ !#-;=>@-\[\]-~]*")
+
+
 def c_string(text: str) -> str:
     """A C literal of a text in UTF-8; what is not plain in every C is written by its octal number."""
-    plain = re.compile(r"[ !#-;=>@-\[\]-~]")  # no quote, no backslash, no ? or < of trigraphs and digraphs
-    return '"' + "".join(chr(b) if plain.fullmatch(chr(b)) else f"\\{b:03o}" for b in text.encode()) + '"'
+    if _PLAIN.fullmatch(text):
+        return f'"{text}"'
+    return '"' + "".join(chr(b) if _PLAIN.fullmatch(chr(b)) else f"\\{b:03o}" for b in text.encode()) + '"'

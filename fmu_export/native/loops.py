@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections import Counter, defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from operator import sub
 from typing import NamedTuple, TypeVar
 
 from fmu_export.errors import needs
@@ -171,9 +172,12 @@ class LoopWriter:
     def _tree(self, position: int) -> _Tree:
         """The expression of an operation."""
         node = self.graph.nodes[position]
-        operands = [self._reference(i) for i in node.operands]
-        leaves = tuple(leaf for tree in operands for leaf in tree.leaves)
-        return _Tree(self._shape(node.operation, *(tree.shape for tree in operands)), leaves)
+        shape, leaves = [node.operation], list[int]()
+        for i in node.operands:
+            tree = self._reference(i)
+            shape.append(tree.shape)
+            leaves += tree.leaves
+        return _Tree(self._shape(*shape), tuple(leaves))
 
     def _divide(self, position: int) -> None:
         """Store what makes an expression long: along its longest operands the next one that is made as it is.
@@ -462,7 +466,9 @@ def _loop(name: str, n: int) -> str:
 
 def _difference(a: Sequence[int], b: Sequence[int], over: int = 1) -> tuple[int, ...]:
     """Distances between two lists of places, by the number of steps between them."""
-    return tuple((x - y) // max(over, 1) for x, y in zip(a, b, strict=True))
+    if over <= 1:
+        return tuple(map(sub, a, b))
+    return tuple((x - y) // over for x, y in zip(a, b, strict=True))
 
 
 def _distances(run: list[_Item]) -> tuple[object, ...]:

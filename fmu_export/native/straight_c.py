@@ -72,6 +72,8 @@ class _Writer:
 
 def _batches(graph: Graph) -> list[list[int]]:
     """Angles of which sines and cosines can be taken together: those that depend on none, then on the first, ..."""
+    if not graph.sines:
+        return []
     depths: list[int] = []
     batches: dict[int, list[int]] = {}
     for node in graph.nodes:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Collection
 from dataclasses import dataclass
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 
 from fmu_export.package.description_common import DISTRIBUTION, package_version
@@ -107,6 +108,7 @@ def _component(material: Material) -> dict[str, object]:
     }
 
 
+@cache  # it takes a while to look up
 def _version(package: str) -> str:
     try:
         return version(package)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from xml.etree import ElementTree as ET
 
@@ -15,6 +16,7 @@ from fmu_export.package.interface import Interface, Items, ScalarVariable, text_
 DISTRIBUTION = "closed-chain-cosim"
 
 
+@cache  # it takes a while to look up
 def package_version() -> str:
     """Version of the installed distribution; "0+unknown" in a checkout that was never installed."""
     try:
@@ -122,5 +124,38 @@ def add_texts(parent: ET.Element, v: ScalarVariable) -> None:
 def to_bytes(root: ET.Element) -> bytes:
     """The finished document, UTF-8, indented."""
     ET.indent(root)
-    text: bytes = ET.tostring(root, encoding="utf-8", xml_declaration=True)
-    return text + b"\n"
+    if any("{" in name for element in root.iter() for name in (element.tag, *element.keys())):  # of a namespace
+        text: bytes = ET.tostring(root, encoding="utf-8", xml_declaration=True)
+        return text + b"\n"
+    # many variables are written several times faster so
+    parts = ["<?xml version='1.0' encoding='utf-8'?>\n"]
+    _add_text(parts, root)
+    return ("".join(parts) + "\n").encode("utf-8", "xmlcharrefreplace")
+
+
+#: What attributes and texts can't hold as it is, in the order of replacement.
+_ESCAPED = {"&": "&amp;", "<": "&lt;", ">": "&gt;"}
+_ESCAPED_IN_ATTRIBUTES = {**_ESCAPED, '"': "&quot;", "\r": "&#13;", "\n": "&#10;", "\t": "&#09;"}
+_SPECIAL = re.compile(r"[&<>\"\r\n\t]")
+
+
+def _add_text(parts: list[str], element: ET.Element) -> None:
+    """Append an element without namespaces, with what is in it and what follows it, as ElementTree writes it."""
+    parts.append(f"<{element.tag}")
+    for name, value in element.items():
+        parts.append(f' {name}="{_escaped(value, _ESCAPED_IN_ATTRIBUTES)}"')
+    if element.text or len(element):
+        parts.append(f">{_escaped(element.text or '', _ESCAPED)}")
+        for child in element:
+            _add_text(parts, child)
+        parts.append(f"</{element.tag}>")
+    else:
+        parts.append(" />")
+    parts.append(_escaped(element.tail or "", _ESCAPED))
+
+
+def _escaped(text: str, escaped: Mapping[str, str]) -> str:
+    if _SPECIAL.search(text):
+        for character, written in escaped.items():
+            text = text.replace(character, written)
+    return text

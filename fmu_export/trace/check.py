@@ -19,6 +19,7 @@ import numpy as np
 from fmu_export.errors import TraceError, needs
 from fmu_export.modelling.model import Model
 from fmu_export.modelling.tables import Table
+from fmu_export.trace.instructions import instructions
 from fmu_export.trace.operations import OPERATIONS, call_of
 from fmu_export.trace.symbols.refusal import place_of_function
 
@@ -45,15 +46,7 @@ class Program:
     def __init__(self, f: ca.Function, tables: Sequence[Table] = ()) -> None:
         self.tables = tables
         self.n_work, self.n_out = f.sz_w(), f.numel_out(0)
-        self.instructions = [
-            (
-                operation := f.instruction_id(k),
-                tuple(f.instruction_input(k)),
-                tuple(f.instruction_output(k)),
-                f.instruction_constant(k) if operation == ca.OP_CONST else 0.0,
-            )
-            for k in range(f.n_instructions())
-        ]
+        self.instructions = instructions(f)
 
     @property
     def constants(self) -> list[float]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from fmu_export.errors import needs
+from fmu_export.trace.instructions import instructions
 from fmu_export.trace.operations import is_adjoint
 
 with needs("export"):
@@ -13,6 +14,9 @@ with needs("export"):
 
 #: Operations that are computed for many angles at once, sine and cosine together.
 SINES = (ca.OP_SIN, ca.OP_COS)
+
+
+_LEAVES = (ca.OP_CONST, ca.OP_INPUT)
 
 
 class Node(NamedTuple):
@@ -35,7 +39,7 @@ class Node(NamedTuple):
     @property
     def is_leaf(self) -> bool:
         """Whether nothing has to be computed."""
-        return self.operation in (ca.OP_CONST, ca.OP_INPUT)
+        return self.operation in _LEAVES
 
 
 class Graph:
@@ -63,12 +67,11 @@ class Graph:
                 self.nodes.append(node)
             return position
 
-        for k in range(f.n_instructions()):
-            operation, inputs, targets = f.instruction_id(k), f.instruction_input(k), f.instruction_output(k)
+        for operation, inputs, targets, value in instructions(f):
             if operation == ca.OP_CONST:
-                work[targets[0]] = add(Node(operation, (), f.instruction_constant(k)))
+                work[targets[0]] = add(Node(operation, (), value))
             elif operation == ca.OP_INPUT:
-                work[targets[0]] = add(Node(operation, tuple(inputs)))
+                work[targets[0]] = add(Node(operation, inputs))
             elif operation == ca.OP_OUTPUT:
                 self.results[targets[1]] = work[inputs[0]]
             elif operation == ca.OP_ASSIGN:

@@ -9,6 +9,7 @@ import numpy as np
 
 from fmu_export.errors import TraceError, needs
 from fmu_export.modelling.tables import Table
+from fmu_export.trace.instructions import operations_of
 
 with needs("export"):
     import casadi as ca
@@ -186,5 +187,5 @@ def template(operation: int, function: str, n_operands: int = 0) -> str:
 
 def helpers(functions: Iterable[ca.Function]) -> list[Helper]:
     """Those that functions use."""
-    used = {f.instruction_id(k) for f in functions for k in range(f.n_instructions())}
+    used = set().union(*map(operations_of, functions))
     return [helper for operation, helper in HELPERS.items() if operation in used]

@@ -9,6 +9,7 @@ from typing import Any
 
 from fmu_export.errors import needs
 from fmu_export.modelling.tables import Table
+from fmu_export.trace.instructions import operations_of
 from fmu_export.trace.operations import SELDOM, helpers, template
 
 with needs("export"):
@@ -73,7 +74,7 @@ def python_source(functions: Sequence[tuple[ca.Function, Sequence[str]]], tables
     tables : sequence of Table
         The lookup tables that the functions call.
     """
-    used = {f.instruction_id(k) for f, _ in functions for k in range(f.n_instructions())}
+    used = set().union(*(operations_of(f) for f, _ in functions))
     seldom = sorted(name for operation, name in SELDOM.items() if operation in used)
     header = HEADER + (f"from math import {', '.join(seldom)}\n" if seldom else "")
     own = [helper.python + "\n" for helper in helpers(f for f, _ in functions)]

@@ -324,10 +324,9 @@ def _outputs(model: Model, t: Any, x: Any, z: Any, u: Any, p: Any) -> ca.SX:
     """Outputs and locals; one with the name of a state is the state itself, whatever the model computes for it."""
     values = model.output_values(*model.arguments(t, x, z, u, p))
     returned = column(values, f"{model.name}: output_values", len(model.returned))
-    found = {name: returned[i] for i, name in enumerate(model.returned.names)}
+    found = dict(zip(model.returned.names, ca.vertsplit(returned), strict=True))
     for layout, states in ((model.state_layout, x), (model.discrete, z)):
-        elements = column(states, "states", len(layout))
-        found |= {name: elements[i] for i, name in enumerate(layout.names)}
+        found |= dict(zip(layout.names, ca.vertsplit(column(states, "states", len(layout))), strict=True))
     return ca.vertcat(ca.SX(0, 1), *(found[name] for name in model.computed.names))
 
 
@@ -418,7 +417,7 @@ def _returned(traced: TracedModel) -> ca.Function:
     arguments, names = traced.outputs.sx_in(), traced.model.computed.names
     values = traced.outputs(*arguments)
     wanted = set(traced.model.returned.names)
-    returned = [values[i] for i, name in enumerate(names) if name in wanted]
+    returned = [value for name, value in zip(names, ca.vertsplit(values), strict=True) if name in wanted]
     return ca.Function("outputs", arguments, [ca.vertcat(ca.SX(0, 1), *returned)])
 
 

@@ -241,8 +241,8 @@ def tracing(model: str) -> Iterator[None]:
 def argument(symbols: Any) -> Array:
     """A flat argument, which can't be written."""
     base = np.empty(symbols.numel(), dtype=object)
-    for i in range(symbols.numel()):
-        base[i] = Scalar(symbols[i])
+    for i, symbol in enumerate(ca.vertsplit(symbols)):
+        base[i] = Scalar(symbol)
     base.flags.writeable = False
     return Array(base, FLOAT)
 

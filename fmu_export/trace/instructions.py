@@ -1,0 +1,48 @@
+"""The instructions of a traced function, read from CasADi once, for each takes four calls."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import NamedTuple
+
+from fmu_export.errors import needs
+
+with needs("export"):
+    import casadi as ca
+
+
+class Instruction(NamedTuple):
+    """An operation on places of the work array.
+
+    Parameters
+    ----------
+    operation : int
+        CasADi's number of it.
+    operands, targets : tuple of int
+        Places that are read and written; of `OP_INPUT` the argument and the element that are read, of `OP_OUTPUT` the
+        result and the element that are written.
+    value : float
+        Of a constant.
+    """
+
+    operation: int
+    operands: tuple[int, ...]
+    targets: tuple[int, ...]
+    value: float
+
+
+@lru_cache(64)  # the code writers ask in turn
+def instructions(f: ca.Function) -> tuple[Instruction, ...]:
+    """The instructions of a function of scalar operations (SX), in their order."""
+    found = []
+    for k in range(f.n_instructions()):
+        operation = f.instruction_id(k)
+        value = f.instruction_constant(k) if operation == ca.OP_CONST else 0.0
+        operands = () if operation == ca.OP_CONST else tuple(f.instruction_input(k))
+        found.append(Instruction(operation, operands, tuple(f.instruction_output(k)), value))
+    return tuple(found)
+
+
+def operations_of(f: ca.Function) -> set[int]:
+    """The operations that a function uses."""
+    return {operation for operation, *_ in instructions(f)}
