@@ -108,7 +108,7 @@ def build(
 
 
 def _build_one(model: Model, component: str, folder: Path, flavour: str, all_platforms: bool) -> None:
-    # CasADi and matplotlib take a while to import, and only building needs them
+    # CasADi takes a while to import, and only building needs them
     from fmu_export.native.backend import build_native
     from fmu_export.package.description_common import package_version
     from fmu_export.package.documentation import figures_of

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from io import BytesIO
-from typing import Any
 from xml.etree import ElementTree as ET
 
 from fmu_export.errors import needs
@@ -13,24 +12,27 @@ from fmu_export.modelling.variables import Layout
 from fmu_export.package.description_common import to_bytes
 
 with needs("export"):
-    import matplotlib as mpl
-    from matplotlib.figure import Figure
-    from matplotlib.patches import FancyBboxPatch, Polygon
+    from PIL import Image, ImageDraw, ImageFont
 
 _FACE, _EDGE, _INK = "#eaf1f8", "#1f4e79", "#1f4e79"
 #: Extent of the block; terminals stand on its left and right edge.
 _HALF = 100
+#: Icons are drawn so many times larger, and made smaller, so that their edges are smooth.
+_LARGER = 8
 
 
 def model_icon(model: Model) -> bytes:
     """A block with the capitals of the model's name, PNG, 64 x 64."""
     letters = "".join(c for c in model.name if c.isupper())[:3] or model.name[:1].upper()
 
-    def draw(axes: Any) -> None:
-        box = FancyBboxPatch((0.1, 0.1), 0.8, 0.8, "round,pad=0.04,rounding_size=0.12", fc=_FACE, ec=_EDGE, lw=2.0)
-        axes.add_patch(box)
-        size = 26 if len(letters) < 3 else 19
-        axes.text(0.5, 0.48, letters, size=size, weight="bold", color=_INK, ha="center", va="center")
+    def draw(block: ImageDraw.ImageDraw, n: int) -> None:
+        edge = 0.045 * n, 0.045 * n, 0.955 * n, 0.955 * n
+        block.rounded_rectangle(edge, radius=0.13 * n, fill=_FACE, outline=_EDGE, width=round(0.028 * n))
+        font = ImageFont.load_default((0.42 if len(letters) < 3 else 0.28) * n)
+        bold = round(0.012 * n)
+        left, top, right, bottom = block.textbbox((0, 0), letters, font=font, stroke_width=bold)
+        place = 0.5 * (n - left - right), 0.5 * (n - top - bottom)
+        block.text(place, letters, _INK, font=font, stroke_width=bold)
 
     return _png(draw, pixels=64)
 
@@ -42,9 +44,12 @@ def terminal_icons(model: Model, *, with_terminals: bool = True) -> dict[str, by
     match by order ("sequence"), so vectors of one length can be connected whatever their names are.
     """
 
-    def triangle(face: str) -> Callable[[Any], None]:
-        corners = [(0.08, 0.08), (0.08, 0.92), (0.92, 0.5)]
-        return lambda axes: axes.add_patch(Polygon(corners, fc=face, ec=_EDGE, lw=5.0))
+    def triangle(face: str) -> Callable[[ImageDraw.ImageDraw, int], None]:
+        def draw(port: ImageDraw.ImageDraw, n: int) -> None:
+            corners = [(0.05 * n, 0.05 * n), (0.05 * n, 0.95 * n), (0.95 * n, 0.5 * n)]
+            port.polygon(corners, fill=face, outline=_EDGE, width=round(0.07 * n))
+
+        return draw
 
     root = ET.Element("fmiTerminalsAndIcons", fmiVersion="3.0")
     graphics = ET.SubElement(root, "GraphicalRepresentation")
@@ -77,13 +82,10 @@ def _terminals(parent: ET.Element, layout: Layout, icon: str, x: int) -> None:
         ET.SubElement(terminal, "TerminalGraphicalRepresentation", place, iconBaseName=icon)
 
 
-def _png(draw: Callable[[Any], None], pixels: int) -> bytes:
-    with mpl.rc_context():
-        mpl.rcdefaults()  # the user's settings must not change the bytes
-        figure = Figure(figsize=(1.0, 1.0), dpi=pixels)
-        axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
-        axes.set_axis_off()
-        draw(axes)
-        stream = BytesIO()
-        figure.savefig(stream, format="png", transparent=True, metadata={"Software": None})
+def _png(draw: Callable[[ImageDraw.ImageDraw, int], None], pixels: int) -> bytes:
+    n = _LARGER * pixels
+    image = Image.new("RGBA", (n, n), _EDGE + "00")  # so that edges fade in their own colour
+    draw(ImageDraw.Draw(image), n)
+    stream = BytesIO()
+    image.reduce(_LARGER).save(stream, "PNG")
     return stream.getvalue()

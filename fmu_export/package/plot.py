@@ -6,15 +6,12 @@ its texts stay texts.
 
 from __future__ import annotations
 
+import math
 from html import escape
 
 import numpy as np
 
-from fmu_export.errors import needs
 from fmu_export.modelling.variables import Array, Layout, Variable
-
-with needs("export"):
-    from matplotlib.ticker import MaxNLocator
 
 #: Colours of the elements of a vector, in turns: those that tell most apart, also for the colour-blind.
 _COLOURS = ("#1f77b4", "#ff7f0e", "#2ca02c", "#d62728", "#9467bd", "#8c564b", "#e377c2", "#7f7f7f")
@@ -23,6 +20,9 @@ _COLOURS = ("#1f77b4", "#ff7f0e", "#2ca02c", "#d62728", "#9467bd", "#8c564b", "#
 _COLUMNS, _CELL, _PANEL, _CORNER = 2, (360.0, 118.0), (246.0, 92.0), (66.0, 8.0)
 #: Room for the labels of the time below the last row (px).
 _BELOW = 34.0
+
+#: An axis has no more steps between labels, each of them so often a power of ten.
+_MOST_STEPS, _STEPS = 4, (1.0, 2.0, 2.5, 5.0, 10.0)
 
 _STYLE = (
     "text{font:10px system-ui,sans-serif;fill:#222}"
@@ -107,6 +107,10 @@ def _with_margins(low: float, high: float) -> tuple[float, float]:
 
 def _ticks(low: float, high: float) -> list[tuple[float, str]]:
     """Round numbers between two numbers, with their texts."""
-    found = [float(tick) for tick in MaxNLocator(nbins=4, steps=[1, 2, 2.5, 5, 10]).tick_values(low, high)]
-    step = found[1] - found[0]
-    return [(tick, f"{round(tick / step) * step:.10g}") for tick in found if low <= tick <= high]
+    least = (high - low) / _MOST_STEPS
+    if not 1e-300 < least < math.inf:
+        return []
+    decade = 10.0 ** math.floor(math.log10(least))
+    step = next(factor * decade for factor in _STEPS if factor * decade >= least * (1.0 - 1e-9))
+    ticks = (k * step for k in range(math.ceil(low / step), math.floor(high / step) + 1))
+    return [(tick, f"{tick:.10g}") for tick in ticks if low <= tick <= high]

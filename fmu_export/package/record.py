@@ -15,7 +15,7 @@ from fmu_export.package.archive import replacing
 RECORD = ".built.json"
 
 #: Packages whose version decides what comes out of a build.
-_PACKAGES = ("casadi", "fmpy", "latex2mathml", "markdown", "matplotlib", "numpy", "pythonfmu")
+_PACKAGES = ("casadi", "fmpy", "latex2mathml", "markdown", "numpy", "pillow", "pythonfmu")
 
 
 @dataclass(frozen=True)

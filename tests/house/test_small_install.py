@@ -30,6 +30,10 @@ PACKAGES = ("plant_fmu", "controller_fmu", "trajectory_fmu", "fmu_export", "cosi
 FOR_USERS = ("export", "control", "plot", "sweep", "ssp", "robot", "regression", "live", "shell", "sign", "all")
 
 
+#: Packages that are imported under another name than they are installed by.
+_MODULES = {"pillow": "PIL"}
+
+
 def modules_of(requirements: list[str]) -> set[str]:
     """Names under which the packages of requirements are imported, those of other extras included."""
     found = set()
@@ -39,7 +43,7 @@ def modules_of(requirements: list[str]) -> set[str]:
             for extra in extras.split(","):
                 found |= modules_of(PROJECT["optional-dependencies"][extra])
         else:
-            found.add(name.lower().replace("-", "_"))
+            found.add(_MODULES.get(name, name.lower().replace("-", "_")))
     return found
 
 

@@ -11,7 +11,6 @@ from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 
 import fmpy
-import matplotlib as mpl
 import numpy as np
 import pytest
 from fmpy.util import read_csv
@@ -19,7 +18,6 @@ from lxml import etree
 from scipy.integrate import solve_ivp
 
 import fmu_export.package.metadata as metadata
-from controller_fmu.model import MODEL as CONTROLLER
 from fmu_export.errors import DocumentationError
 from fmu_export.modelling.variables import Layout, Variable
 from fmu_export.package.description_common import package_version
@@ -202,13 +200,6 @@ def test_bytes_do_not_depend_on_the_process():
     ]
     assert digests[0].count("\n") == len(MODELS) * (5 + 8) + 2 * len(FIGURES)
     assert digests[0] == digests[1]
-
-
-def test_bytes_do_not_depend_on_settings_of_matplotlib(members):
-    with mpl.rc_context({"font.size": 30.0, "lines.linewidth": 9.0, "savefig.dpi": 11, "svg.hashsalt": "x"}):
-        again = members_of(CONTROLLER, page_of("RobotController"))
-        assert mpl.rcParams["font.size"] == 30.0
-    assert again == members["RobotController", "fmi3"]
 
 
 def png_size(data):
