@@ -403,7 +403,7 @@ def test_configurations_are_swept(
     ways = signal("s.in[0]", "gain.y[1]") + signal("s.in[1]", "gain.y[2]") + signal("s.out", "tank.u")
     configuration(Path("sum"), fmus, SIMULATORS, ways, '<Sum name="s" inputCount="2"/>')
     assert main(["sweep", "sum", *options]) == 1
-    assert "sum: 's' maps or sums values, which sweeps can't have yet" in capsys.readouterr().err
+    assert "sum: 's' maps or sums values, which sweeps can't do yet" in capsys.readouterr().err
 
 
 def test_of_two_descriptions_one_is_read(fmus: Path, tmp_path: Path) -> None:
