@@ -277,6 +277,7 @@ class Layout:
         check_unique(self.names)
         self.starts = np.array([s for v in self.variables for s in v.starts])
         self._slices: dict[str, slice | int] = {}
+        self._shapes = {v.name: v.shape for v in self.variables if len(v.shape) > 1}
         position = 0
         for v in self.variables:
             end = position + v.n_elements
@@ -289,7 +290,7 @@ class Layout:
     def unpack(self, flat: Array) -> SimpleNamespace:
         """Name the parts of a flat array: scalars, (size,) vectors and arrays of their shape."""
         parts = {name: flat[where] for name, where in self._slices.items()}
-        parts |= {v.name: parts[v.name].reshape(v.shape) for v in self.variables if len(v.shape) > 1}
+        parts |= {name: parts[name].reshape(shape) for name, shape in self._shapes.items()}
         return SimpleNamespace(**parts)
 
     def pack(self, **parts: Array) -> Array:

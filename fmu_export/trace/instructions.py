@@ -34,12 +34,18 @@ class Instruction(NamedTuple):
 @lru_cache(64)  # the code writers ask in turn
 def instructions(f: ca.Function) -> tuple[Instruction, ...]:
     """The instructions of a function of scalar operations (SX), in their order."""
+    operation_of, operands_of, targets_of, constant = (
+        f.instruction_id,
+        f.instruction_input,
+        f.instruction_output,
+        ca.OP_CONST,
+    )
     found = []
     for k in range(f.n_instructions()):
-        operation = f.instruction_id(k)
-        value = f.instruction_constant(k) if operation == ca.OP_CONST else 0.0
-        operands = () if operation == ca.OP_CONST else tuple(f.instruction_input(k))
-        found.append(Instruction(operation, operands, tuple(f.instruction_output(k)), value))
+        if (operation := operation_of(k)) == constant:
+            found.append(Instruction(operation, (), tuple(targets_of(k)), f.instruction_constant(k)))
+        else:
+            found.append(Instruction(operation, tuple(operands_of(k)), tuple(targets_of(k)), 0.0))
     return tuple(found)
 
 
