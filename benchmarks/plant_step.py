@@ -9,6 +9,7 @@ import ctypes
 import statistics
 import tempfile
 import time
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -28,16 +29,24 @@ __declspec(dllexport)
 #else
 __attribute__((visibility("default")))
 #endif
-int steps(int (*do_step)(void *, double, double, int), void *component, double step, long n) {
+int steps(int (*do_step)(void *, double, double, int), void *component, double step, long first, long n) {
     int status = 0;
-    for (long i = 0; i < n && !status; i++) status = do_step(component, i * step, step, 1);
+    for (long i = first; i < first + n && !status; i++) status = do_step(component, i * step, step, 1);
     return status;
 }
 """
 
 
-def plant(fmu: Path, folder: Path) -> FMU2Slave:
-    """An initialised instance under a constant torque."""
+@dataclass
+class Plant:
+    """An initialised instance under a constant torque, and how many steps it has made."""
+
+    instance: FMU2Slave
+    n_steps: int = 0
+
+
+def plant(fmu: Path, folder: Path) -> Plant:
+    """A plant that has made no step yet."""
     description = fmpy.read_model_description(fmu)
     fmpy.extract(fmu, folder)
     instance = FMU2Slave(
@@ -52,33 +61,34 @@ def plant(fmu: Path, folder: Path) -> FMU2Slave:
     instance.setupExperiment(startTime=0.0)
     instance.enterInitializationMode()
     instance.exitInitializationMode()
-    return instance
+    return Plant(instance)
 
 
-def time_per_step(loop: ctypes.CDLL, instance: FMU2Slave, n: int) -> float:
+def time_per_step(loop: ctypes.CDLL, plant: Plant, n: int) -> float:
     """Seconds a step, over n steps from where the instance is."""
+    instance = plant.instance
     do_step = ctypes.cast(instance.dll.fmi2DoStep, ctypes.c_void_p)
     began = time.perf_counter()
-    status = loop.steps(do_step, ctypes.c_void_p(instance.component), ctypes.c_double(1e-3), ctypes.c_long(n))
+    first, count = ctypes.c_long(plant.n_steps), ctypes.c_long(n)
+    status = loop.steps(do_step, ctypes.c_void_p(instance.component), ctypes.c_double(1e-3), first, count)
     seconds = time.perf_counter() - began
     if status:
         raise RuntimeError(f"fmi2DoStep returned {status}")
+    plant.n_steps += n
     return seconds / n
 
 
 def measure_plant_step(fmus: Path) -> Section:
     """One step of the plant in each flavour."""
     with tempfile.TemporaryDirectory() as temporary:
-        instances = {f: plant(fmus / f / "RobotPlant.fmu", Path(temporary) / f) for f in FLAVOURS}
+        plants = {f: plant(fmus / f / "RobotPlant.fmu", Path(temporary) / f) for f in FLAVOURS}
         library = Path(temporary) / f"steps{host_target().suffix}"
         library.write_bytes(compile_library({"steps.c": LOOP}, "steps"))
         loop = ctypes.CDLL(str(library))
-        seconds = interleaved(
-            {f: partial(time_per_step, loop, instance, CALLS[f]) for f, instance in instances.items()}, ROUNDS
-        )
-        for instance in instances.values():
-            instance.terminate()
-            instance.freeInstance()
+        seconds = interleaved({f: partial(time_per_step, loop, each, CALLS[f]) for f, each in plants.items()}, ROUNDS)
+        for each in plants.values():
+            each.instance.terminate()
+            each.instance.freeInstance()
     native, times = statistics.median(seconds["fmi2"]), ratio(seconds["pythonfmu"], seconds["fmi2"])
     return Section(
         "One step of the plant",
