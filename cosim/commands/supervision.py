@@ -156,7 +156,8 @@ def _clear_away(*, parts: bool = True) -> None:
     for place in {place_for_fmus(), Path(tempfile.gettempdir())}:
         clear_abandoned(place)
     if folder := _shared(_folder):
-        for part in clear_unfinished(Path(folder)) * parts:
+        found = clear_unfinished(Path(folder))
+        for part in found if parts else ():
             print(f"cosim: what was recorded until then is in {part}", file=sys.stderr)
 
 

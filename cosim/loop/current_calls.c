@@ -92,16 +92,15 @@ EXPORT size_t say_how_it_ended(const CurrentCalls *calls, const char *what, cons
     return call && !calls->told ? say(calls, call, what, how, text, size) : 0;
 }
 
-/* exit() while a thread is in a call: it comes from the FMU, and is no success whatever status it has. */
 static void end_at_once(void) {
-#ifdef _WIN32
-    TerminateProcess(GetCurrentProcess(),
-                     STATUS_OF_EXIT); /* within the end of the process _exit() would wait for itself */
+#ifdef _WIN32 /* where _exit(), within the end of the process, would wait for itself */
+    TerminateProcess(GetCurrentProcess(), STATUS_OF_EXIT);
 #else
     _exit(STATUS_OF_EXIT);
 #endif
 }
 
+/* exit() while a thread is in a call: it comes from the FMU, and is no success whatever status it has. */
 static void exiting(void) {
     if (all->process != (uint64_t)getpid() || !python_runs()) return; /* a child of the FMU; a usual end */
     const CurrentCall *call = current_call(all, this_thread(), false);

@@ -216,7 +216,7 @@ static void look_back(const Extrapolated *in, const double *restrict now, int32_
         }
 }
 
-/* Foretell the values at the end of a step, and let inputs go straight whose polynomials have been no better than lines. */
+/* Predict the values at the end of a step, and let inputs go straight whose polynomials have been no better than lines. */
 static void choose(const Extrapolated *in, const double *restrict now, double step, double per_second, int32_t n) {
     const double *restrict before = in->history + n, *errors = in->watched + 2 * n;
     double *restrict predicted = in->watched, *restrict derivatives = in->derivatives;
@@ -524,7 +524,7 @@ static bool perform_measured(Loop *loop, const Operation operations[], const uin
 
 static bool is_measured(const Loop *loop, int64_t point) { return loop->profile && point % loop->profile->every == 0; }
 
-/* Foretell all values for the point after this one: inputs are extrapolated, and the others are held. */
+/* Predict all values for the point after this one: inputs are extrapolated, and the others are held. */
 static void predict_inputs(const Loop *loop, Predicted *told, int64_t point) {
     told->is_predicted = !loop_jumps_within(loop, point, point + 1);
     memcpy(told->values, loop->values, (size_t)told->n_values * sizeof *told->values);

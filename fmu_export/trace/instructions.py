@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
+from collections.abc import Iterator
 from typing import NamedTuple
+from weakref import WeakKeyDictionary
 
 from fmu_export.errors import needs
 
@@ -31,22 +32,30 @@ class Instruction(NamedTuple):
     value: float
 
 
-@lru_cache(64)  # the code writers ask in turn
+#: Of the functions that live; the code writers ask in turn.
+_known: WeakKeyDictionary[ca.Function, tuple[Instruction, ...]] = WeakKeyDictionary()
+
+
 def instructions(f: ca.Function) -> tuple[Instruction, ...]:
     """The instructions of a function of scalar operations (SX), in their order."""
+    found = _known.get(f)
+    if found is None:
+        found = _known[f] = tuple(_read(f))
+    return found
+
+
+def _read(f: ca.Function) -> Iterator[Instruction]:
     operation_of, operands_of, targets_of, constant = (
         f.instruction_id,
         f.instruction_input,
         f.instruction_output,
         ca.OP_CONST,
     )
-    found = []
     for k in range(f.n_instructions()):
         if (operation := operation_of(k)) == constant:
-            found.append(Instruction(operation, (), tuple(targets_of(k)), f.instruction_constant(k)))
+            yield Instruction(operation, (), tuple(targets_of(k)), f.instruction_constant(k))
         else:
-            found.append(Instruction(operation, tuple(operands_of(k)), tuple(targets_of(k)), 0.0))
-    return tuple(found)
+            yield Instruction(operation, tuple(operands_of(k)), tuple(targets_of(k)), 0.0)
 
 
 def operations_of(f: ca.Function) -> set[int]:
